@@ -1,0 +1,54 @@
+"""The DOF table of a finite-element model, and points in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+ACOUSTIC_COMPONENT = "PRES"
+
+
+@dataclass(frozen=True)
+class DofTable:
+    """What each row of the matrices stands for.
+
+    Attributes
+    ----------
+    node : (n,) int array
+        Node number of each DOF.
+    component : (n,) str array
+        Label, upper case: ``UX UY UZ ROTX ROTY ROTZ PRES``; ``PRES`` is acoustic, any other label structure.
+    xyz : (n, 3) float array
+        Coordinates in metres.
+    """
+
+    node: NDArray[np.int64]
+    component: NDArray[np.str_]
+    xyz: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Number of DOFs."""
+        return int(self.node.size)
+
+    @property
+    def is_acoustic(self) -> NDArray[np.bool_]:
+        """(n,) mask of the acoustic pressures."""
+        return np.asarray(self.component == ACOUSTIC_COMPONENT)
+
+
+@dataclass(frozen=True)
+class PointTable:
+    """Named points in space, such as bolts.
+
+    Attributes
+    ----------
+    name : tuple of str
+    xyz : (m, 3) float array
+        Coordinates in metres.
+    """
+
+    name: tuple[str, ...]
+    xyz: NDArray[np.float64]
