@@ -1,0 +1,96 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from lrbc_cli.io.common import require_file
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Temporary path beside ``path`` that replaces it when the block ends well.
+
+    The temporary file has the same ending, is flushed to disk before it is renamed, and is removed when
+    the block raises, an interruption from the keyboard included. Missing parent folders are created.
+
+    Parameters
+    ----------
+    path
+        The file to write or replace.
+
+    Yields
+    ------
+    Path
+        A path in the same folder that does not exist yet; the block must create it.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.parent / f".{path.stem[:80]}-{uuid.uuid4().hex[:12]}{path.suffix}"
+    try:
+        yield temporary
+        _flush(temporary)
+        temporary.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+    _flush_folder(path.parent)
+
+
+@contextmanager
+def atomic_write(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
+    r"""File object whose content replaces ``path`` when the block ends well.
+
+    Text is UTF-8 with ``\n`` line ends on every system.
+
+    Parameters
+    ----------
+    path
+        The file to write or replace.
+    mode
+        ``"w"`` for text, ``"wb"`` for bytes.
+    """
+    if mode not in ("w", "wb"):
+        raise ValueError(f"mode must be 'w' or 'wb', not {mode!r}")
+    with atomic_path(path) as temporary:
+        if mode == "w":
+            with temporary.open("x", encoding="utf-8", newline="\n") as text:
+                yield text
+        else:
+            with temporary.open("xb") as binary:
+                yield binary
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's content, as 64 hexadecimal digits.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, empty or unreadable.
+    """
+    require_file(path)
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _flush(path: Path) -> None:
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    # Makes the rename itself durable; Windows cannot open folders.
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

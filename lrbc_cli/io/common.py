@@ -1,0 +1,123 @@
+"""Checks that every reader makes before it trusts a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from lrbc_cli.errors import DataError, LrbcError
+
+#: Deflate cannot compress better than about 1032:1, so a file cannot hold more than this many times its size.
+MAX_COMPRESSION = 1100
+
+#: Arrays below this size need no proof that the file could hold them.
+SMALL_ALLOCATION = 64 * 2**20
+
+
+def require_file(path: Path) -> int:
+    """Size in bytes of a readable, non-empty file.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, a folder, empty or unreadable.
+    """
+    try:
+        if not path.exists():
+            raise DataError("the file does not exist", file=path, hint="check the path; relative paths start at the campaign file's folder")
+        if not path.is_file():
+            raise DataError("this is not a file", file=path, expected="a file", found="a folder" if path.is_dir() else "something else")
+        with path.open("rb") as stream:
+            stream.read(1)
+        size = path.stat().st_size
+    except (OSError, ValueError) as error:
+        raise DataError("the file cannot be opened", file=path, found=str(error), hint="check the path and its permissions") from error
+    if size == 0:
+        raise DataError("the file is empty", file=path, expected="data", found="0 bytes", hint="export it again")
+    return size
+
+
+def head(path: Path, count: int = 1024) -> bytes:
+    """Return the first bytes of a file."""
+    with path.open("rb") as stream:
+        return stream.read(count)
+
+
+def check_allocation(needed: int, file_size: int, path: Path, place: str, *, compressed: bool = False) -> None:
+    """Refuse an array that the file cannot possibly hold.
+
+    Parameters
+    ----------
+    needed
+        Bytes that a header asks for.
+    file_size
+        Bytes that are there.
+    compressed
+        Whether the bytes may be compressed.
+
+    Raises
+    ------
+    DataError
+        If more than the file can hold is asked for.
+    """
+    limit = file_size * MAX_COMPRESSION if compressed else file_size
+    if needed > max(limit, 0):
+        raise DataError(
+            "the header asks for more data than the file holds",
+            file=path,
+            place=place,
+            expected=f"{needed} bytes",
+            found=f"{file_size} bytes",
+            hint="the file is damaged or truncated; export it again",
+        )
+
+
+def check_dimensions(shape: tuple[int, ...], file_size: int, path: Path, place: str) -> None:
+    """Refuse sparse dimensions whose index arrays alone would dwarf the file.
+
+    Raises
+    ------
+    DataError
+        If a dimension is negative or out of all proportion to the file.
+    """
+    if len(shape) != 2 or min(shape) < 0:
+        raise DataError("this is not a matrix", file=path, place=place, expected="two dimensions", found=shape)
+    if 8 * max(shape) > max(file_size * MAX_COMPRESSION, SMALL_ALLOCATION):
+        raise DataError(
+            "the header claims dimensions that do not fit the file",
+            file=path,
+            place=place,
+            expected="dimensions in proportion to the data",
+            found=f"{shape[0]} x {shape[1]} in a file of {file_size} bytes",
+            hint="the file is damaged or truncated; export it again",
+        )
+
+
+@contextmanager
+def damaged(path: Path, what: str, place: str | None = None) -> Iterator[None]:
+    """Turn whatever a library raises on a damaged file into one DataError.
+
+    Libraries answer damage with errors of many kinds (zlib, struct, OverflowError, MemoryError ...), so all
+    are taken here; errors that already speak to the user pass unchanged.
+    """
+    try:
+        yield
+    except LrbcError:
+        raise
+    except Exception as error:
+        found = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        raise DataError(
+            f"this {what} cannot be read",
+            file=path,
+            place=place,
+            expected=f"a valid {what}",
+            found=found,
+            hint="the file is damaged; export it again",
+        ) from error
+
+
+def listing(names: list[str] | tuple[str, ...], limit: int = 20) -> str:
+    """Names for a message, shortened when there are many."""
+    shown = ", ".join(names[:limit])
+    return f"{shown}, ... ({len(names)} in all)" if len(names) > limit else shown or "nothing"

@@ -1,0 +1,182 @@
+"""Sparse and dense matrices in HDF5: CSR/CSC groups, and MATLAB 7.3 files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from scipy.sparse import csr_array
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import atomic_path
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
+
+ENCODING_VERSION = "0.1.0"
+_VERSIONS = ("0.1.0",)
+
+
+def read_hdf5_matrix(path: Path, group: str | None = None) -> MatrixFile:
+    """Read one matrix of an HDF5 or MATLAB 7.3 file.
+
+    Understood are groups ``data, indices, indptr`` with the attributes ``encoding-type`` (``csr_matrix`` or
+    ``csc_matrix``) and ``shape``, or with the older ``h5sparse_format`` and ``h5sparse_shape``; MATLAB's sparse
+    groups ``data, ir, jc`` with the attribute ``MATLAB_sparse``; and two-dimensional datasets, those of MATLAB
+    transposed, as it stores columns first.
+
+    Parameters
+    ----------
+    path
+        The file.
+    group
+        Name of the group or dataset; may be left out where the file holds exactly one matrix.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, the matrix is not there or it is not well formed.
+    """
+    with open_hdf5(path) as file:
+        matlab = _is_matlab(file, path)
+        notes: list[str] = []
+        if not group:
+            group = _only_matrix(file, path)
+            notes.append(f"took {group!r}, the only matrix in the file")
+        try:
+            node = lookup(file, group, path)
+        except KeyError:
+            found = listing(_candidates(file))
+            raise DataError(
+                "the file holds no such matrix",
+                file=path,
+                place=group,
+                expected=repr(group),
+                found=found,
+                hint="name one of these after '#'",
+            ) from None
+        matrix = _read_node(node, group, path, matlab, notes)
+    return MatrixFile(matrix, "mat-v7.3" if matlab else "hdf5", tuple(notes))
+
+
+def write_matrix_hdf5(path: Path, matrices: Mapping[str, Any], *, compression: str | None = "gzip") -> None:
+    """Write matrices as CSR groups, the layout that the tool reads as ``file#name``.
+
+    Parameters
+    ----------
+    path
+        The file, replaced as a whole.
+    matrices
+        Name to sparse or dense matrix, real or complex.
+    compression
+        An HDF5 filter, or None.
+    """
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        for name, matrix in matrices.items():
+            rows = csr_array(matrix)
+            rows.sum_duplicates()
+            node = file.create_group(name)
+            node.attrs["encoding-type"] = "csr_matrix"
+            node.attrs["encoding-version"] = ENCODING_VERSION
+            node.attrs["shape"] = np.asarray(rows.shape, dtype=np.int64)
+            for key in ("data", "indices", "indptr"):
+                values = getattr(rows, key)
+                packed = {"compression": compression, "shuffle": True} if compression and values.size else {}
+                node.create_dataset(key, data=values, track_times=False, **packed)
+
+
+def _is_matlab(file: h5py.File, path: Path) -> bool:
+    if file.userblock_size:
+        with path.open("rb") as stream:
+            if stream.read(10) == b"MATLAB 7.3":
+                return True
+    hard = (file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink))
+    return any("MATLAB_class" in node.attrs or "MATLAB_sparse" in node.attrs for node in hard)
+
+
+def _layout(node: Any) -> str | None:
+    """Kind of matrix that an object holds, or None."""
+    if isinstance(node, h5py.Dataset):
+        return "dense" if len(node.shape or ()) == 2 and (node.dtype.kind in "fiuc" or node.dtype.names == ("real", "imag")) else None
+    if "MATLAB_sparse" in node.attrs and "jc" in node:
+        return "matlab"
+    kind = text_attribute(node, "encoding-type") or ""
+    if kind in ("csr_matrix", "csc_matrix"):
+        return kind[:3]
+    legacy = text_attribute(node, "h5sparse_format") or ""
+    return legacy if legacy in ("csr", "csc") else None
+
+
+def _candidates(file: h5py.File) -> list[str]:
+    names: list[str] = []
+
+    def visit(name: str, node: Any) -> None:
+        if name.startswith("#"):
+            return  # MATLAB's own bookkeeping
+        if any(name.startswith(f"{parent}/") for parent in names):
+            return
+        if _layout(node):
+            names.append(name)
+
+    file.visititems(visit)
+    return names
+
+
+def _only_matrix(file: h5py.File, path: Path) -> str:
+    names = _candidates(file)
+    if len(names) != 1:
+        raise DataError(
+            "it is not clear which matrix is meant" if names else "the file holds no matrix",
+            file=path,
+            expected="exactly one matrix, or its name after '#'",
+            found=listing(names or [f"{key!r}" for key in file]),
+            hint="write file#name" if names else "see the README for the layouts that are read",
+        )
+    return names[0]
+
+
+def _read_node(node: Any, name: str, path: Path, matlab: bool, notes: list[str]) -> Any:
+    size = path.stat().st_size
+    layout = _layout(node)
+    if layout is None:
+        inside = listing(list(node)) if isinstance(node, h5py.Group) else f"a dataset of shape {node.shape}, type {node.dtype}"
+        raise DataError(
+            "this is not a matrix that can be read",
+            file=path,
+            place=name,
+            expected="a group with 'encoding-type' csr_matrix or csc_matrix, a MATLAB sparse matrix, or a two-dimensional dataset",
+            found=inside,
+        )
+    if layout == "dense":
+        values = load(node, path)
+        notes.append(f"{name!r} is stored dense")
+        return canonical(values.T if matlab else values, path, name)
+    if layout == "matlab":
+        indptr = load(lookup(node, "jc", path), path)
+        empty = np.empty(0)
+        data = load(lookup(node, "data", path), path) if "data" in node else empty
+        rows = load(lookup(node, "ir", path), path) if "ir" in node else empty.astype(np.int64)
+        shape = (int(np.asarray(node.attrs["MATLAB_sparse"]).ravel()[0]), int(np.size(indptr)) - 1)
+        return from_compressed("csc", data, rows, indptr, shape, path=path, place=name, file_size=size)
+    version = text_attribute(node, "encoding-version")
+    if "encoding-type" in node.attrs and version not in _VERSIONS:
+        raise DataError(
+            "the encoding version is not known", file=path, place=name, expected=" or ".join(_VERSIONS), found=version or "none"
+        )
+    stated = shape_attribute(node, "shape", "h5sparse_shape")
+    missing = [key for key in ("data", "indices", "indptr") if key not in node]
+    if stated is None or missing:
+        found = "no attribute 'shape'" if stated is None else f"no {listing(missing)}"
+        raise DataError(
+            "the matrix group is not complete",
+            file=path,
+            place=name,
+            expected="data, indices, indptr and the attribute 'shape'",
+            found=found,
+        )
+    data, indices, indptr = (load(lookup(node, key, path), path) for key in ("data", "indices", "indptr"))
+    kind: Literal["csr", "csc"] = "csr" if layout == "csr" else "csc"
+    return from_compressed(kind, data, indices, indptr, stated, path=path, place=name, file_size=size)

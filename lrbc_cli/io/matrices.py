@@ -1,0 +1,137 @@
+"""Matrices of finite-element models from whatever file they come in; formats are told apart by content."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.common import head, require_file
+from lrbc_cli.io.hdf5_sparse import read_hdf5_matrix, write_matrix_hdf5
+from lrbc_cli.io.hdf5_tools import is_hdf5
+from lrbc_cli.io.mat5 import is_mat5, read_mat5_matrix
+from lrbc_cli.io.matrix_market import explain_text, is_matrix_market, read_matrix_market
+from lrbc_cli.io.npz import SIGNATURE as NPZ_SIGNATURE
+from lrbc_cli.io.npz import read_npz_matrix
+from lrbc_cli.io.sparse import MatrixFile, require_square, stored_triangle
+
+__all__ = ["FORMATS", "MatrixFile", "detect_format", "read_matrix", "read_vectors", "split_reference", "write_matrix_hdf5"]
+
+
+def _matrix_market(path: Path, group: str | None, threads: int) -> MatrixFile:
+    if group:
+        raise DataError("a Matrix Market file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
+    return read_matrix_market(path, threads=threads)
+
+
+#: Reader of each format; a new format is a module, a line here and a line in ``detect_format``.
+FORMATS: dict[str, Callable[[Path, str | None, int], MatrixFile]] = {
+    "matrix-market": _matrix_market,
+    "hdf5": lambda path, group, threads: read_hdf5_matrix(path, group),
+    "mat-v7.3": lambda path, group, threads: read_hdf5_matrix(path, group),
+    "mat-v5": lambda path, group, threads: read_mat5_matrix(path, group),
+    "npz": lambda path, group, threads: read_npz_matrix(path, group),
+}
+
+
+def split_reference(reference: str) -> tuple[str, str | None]:
+    """Split ``file#group`` at the last ``#``; the group is None where none is named."""
+    name, mark, group = reference.rpartition("#")
+    return (name, group or None) if mark else (reference, None)
+
+
+def detect_format(path: Path) -> str:
+    """Format of a matrix file, by its content.
+
+    Raises
+    ------
+    DataError
+        If the content is none of the formats that are read.
+    """
+    require_file(path)
+    start = head(path, 4096)
+    if start[:2] == b"\x1f\x8b":
+        start = _unpacked_head(path)
+    if is_matrix_market(start):
+        return "matrix-market"
+    if is_hdf5(path):
+        return "mat-v7.3" if start[:10] == b"MATLAB 7.3" else "hdf5"
+    if is_mat5(start):
+        return "mat-v5"
+    if start[:4] == NPZ_SIGNATURE:
+        return "npz"
+    text = explain_text(start)
+    raise DataError(
+        f"this is {text}" if text else "the format of this file is not known",
+        file=path,
+        expected="Matrix Market (.mtx, .mtx.gz), HDF5, MATLAB (.mat) or .npz",
+        found=text or _describe(start),
+        hint="convert the matrix, for example with scipy.io.mmwrite" if text else "export the matrix in one of these formats",
+    )
+
+
+def read_matrix(path: Path, group: str | None = None, format: str | None = None, *, threads: int = 1) -> MatrixFile:
+    """Read a square matrix.
+
+    Parameters
+    ----------
+    path
+        The file.
+    group
+        Name of the HDF5 group, MATLAB variable or array; may be left out where there is only one.
+    format
+        One of ``FORMATS``, to skip the detection by content.
+    threads
+        Number of threads that a reader may use.
+
+    Returns
+    -------
+    MatrixFile
+        (n, n) matrix with what was noticed.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, damaged or inconsistent, the matrix is not square, or a value is not finite.
+    ConfigError
+        If ``format`` is unknown.
+    """
+    result = read_vectors(path, group, format, threads=threads)
+    require_square(result.matrix, path, group or "matrix")
+    triangle = stored_triangle(result.matrix)
+    if triangle and result.format != "matrix-market":
+        result = replace(result, notes=(*result.notes, f"only the {triangle} triangle is stored; the matrix is used as it stands"))
+    return result
+
+
+def read_vectors(path: Path, group: str | None = None, format: str | None = None, *, threads: int = 1) -> MatrixFile:
+    """Read a matrix of any shape, such as excitation, response or parameter vectors.
+
+    Parameters and errors are those of ``read_matrix``, except that the matrix may be rectangular.
+    """
+    path = Path(path)
+    require_file(path)
+    if format is None:
+        format = detect_format(path)
+    if format not in FORMATS:
+        raise ConfigError("this matrix format is not known", file=path, expected=", ".join(FORMATS), found=format)
+    return FORMATS[format](path, group, threads)
+
+
+def _unpacked_head(path: Path) -> bytes:
+    try:
+        with gzip.open(path, "rb") as stream:
+            return stream.read(4096)
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(
+            "this gzip file cannot be read", file=path, found=str(error), hint="the file is damaged; export it again"
+        ) from error
+
+
+def _describe(start: bytes) -> str:
+    if b"\0" in start or sum(byte > 126 for byte in start) > len(start) // 4:
+        return f"binary data starting with {start[:8].hex(' ')}"
+    return repr(start.splitlines()[0][:60].decode("latin-1")) if start.splitlines() else "blank lines"

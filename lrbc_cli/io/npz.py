@@ -1,0 +1,103 @@
+"""Matrices in ``.npz`` archives of scipy and numpy."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import check_allocation, damaged, listing, require_file
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coordinates
+
+SIGNATURE = b"PK\x03\x04"
+
+
+def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
+    """Read a matrix of ``scipy.sparse.save_npz``, or a two-dimensional array of ``numpy.savez``.
+
+    Nothing is unpickled.
+
+    Parameters
+    ----------
+    path
+        The archive.
+    group
+        Name of the array where the archive holds several dense ones.
+
+    Raises
+    ------
+    DataError
+        If the archive is damaged, or holds no such matrix.
+    """
+    size = require_file(path)
+    with damaged(path, ".npz archive"), zipfile.ZipFile(path) as archive:
+        names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+        if "format" in names and "shape" in names:
+            if group:
+                raise DataError("the archive holds one sparse matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
+            return MatrixFile(_sparse(archive, names, path, size), "npz")
+        notes = ["stored dense"]
+        if not group:
+            if len(names) != 1:
+                expected = "exactly one matrix, or its name after '#'"
+                problem = "it is not clear which matrix is meant" if names else "the archive holds no matrix"
+                raise DataError(problem, file=path, expected=expected, found=listing(names), hint="write file#name" if names else None)
+            group = names[0]
+            notes.append(f"took {group!r}, the only matrix in the file")
+        if group not in names:
+            raise DataError(
+                "the archive holds no such matrix",
+                file=path,
+                place=group,
+                expected=repr(group),
+                found=listing(names),
+                hint="name one of these after '#'",
+            )
+        values = _member(archive, group, path, size)
+        if values.ndim not in (1, 2):
+            raise DataError("this is not a matrix", file=path, place=group, expected="two dimensions", found=f"shape {values.shape}")
+        return MatrixFile(canonical(values if values.ndim == 2 else values[:, None], path, group), "npz", tuple(notes))
+
+
+def _sparse(archive: zipfile.ZipFile, names: list[str], path: Path, size: int) -> Any:
+    layout = _member(archive, "format", path, size)[()]
+    layout = layout.decode("ascii", "replace") if isinstance(layout, bytes) else str(layout)
+    numbers = np.asarray(_member(archive, "shape", path, size)).ravel()
+    if numbers.size != 2 or numbers.dtype.kind not in "iu":
+        raise DataError(
+            "the shape is not two whole numbers", file=path, place="shape", expected="rows, columns", found=numbers[:4].tolist()
+        )
+    shape = (int(numbers[0]), int(numbers[1]))
+    needed = {"csr": ("data", "indices", "indptr"), "csc": ("data", "indices", "indptr"), "coo": ("data", "row", "col")}.get(layout)
+    if needed is None:
+        raise DataError(
+            "the sparse format is not read", file=path, place="format", expected="csr, csc or coo", found=layout, hint="save matrix.tocsr()"
+        )
+    missing = [key for key in needed if key not in names]
+    if missing:
+        raise DataError("the archive is not complete", file=path, expected=listing(needed), found=f"no {listing(missing)}")
+    data, first, second = (_member(archive, key, path, size) for key in needed)
+    if layout == "coo":
+        return from_coordinates(data, first, second, shape, path=path, place="matrix", file_size=size)
+    return from_compressed("csr" if layout == "csr" else "csc", data, first, second, shape, path=path, place="matrix", file_size=size)
+
+
+def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = header(stream)
+    if dtype.hasobject:
+        raise DataError(
+            "the array holds Python objects, which are never loaded", file=path, place=name, expected="numbers", found="objects"
+        )
+    needed = math.prod(shape) * dtype.itemsize
+    check_allocation(needed, info.file_size, path, name)
+    check_allocation(needed, size, path, name, compressed=True)
+    with archive.open(info) as stream:
+        return np.lib.format.read_array(stream, allow_pickle=False)

@@ -1,0 +1,203 @@
+"""From raw arrays to one canonical sparse matrix, and what can be wrong on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array, csr_array, issparse
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import check_dimensions
+
+
+@dataclass(frozen=True)
+class MatrixFile:
+    """A matrix as it was read.
+
+    Attributes
+    ----------
+    matrix : scipy.sparse.csc_array
+        float64 or complex128; indices sorted, duplicates summed, no explicit zeros.
+    format : str
+        ``matrix-market``, ``hdf5``, ``mat-v7.3``, ``mat-v5`` or ``npz``.
+    notes : tuple of str
+        What the reader assumed or noticed, for ``lrbc check``.
+    """
+
+    matrix: Any
+    format: str
+    notes: tuple[str, ...] = ()
+
+
+def numeric(array: Any, path: Path, place: str) -> NDArray[Any]:
+    """Array as float64 or complex128.
+
+    Raises
+    ------
+    DataError
+        If the array holds no numbers.
+    """
+    array = np.asarray(array)
+    if array.dtype.names is not None and set(array.dtype.names) == {"real", "imag"}:
+        # MATLAB and some HDF5 writers store a complex number as a compound.
+        values = np.empty(array.shape, dtype=np.complex128)
+        values.real, values.imag = numeric(array["real"], path, place), numeric(array["imag"], path, place)
+        return values
+    if array.dtype.kind == "c":
+        return np.asarray(array, dtype=np.complex128)
+    if array.dtype.kind in "fiub":
+        return np.asarray(array, dtype=np.float64)
+    raise DataError(
+        "these are not numbers", file=path, place=place, expected="real or complex numbers", found=f"values of type {array.dtype}"
+    )
+
+
+def from_compressed(
+    layout: Literal["csr", "csc"],
+    data: Any,
+    indices: Any,
+    indptr: Any,
+    shape: tuple[int, int],
+    *,
+    path: Path,
+    place: str,
+    file_size: int,
+) -> Any:
+    """Compressed arrays as a canonical CSC matrix, checked before scipy sees them.
+
+    Raises
+    ------
+    DataError
+        If lengths, bounds or the order of ``indptr`` are wrong.
+    """
+
+    def refuse(problem: str, expected: object, found: object) -> DataError:
+        return DataError(
+            problem, file=path, place=place, expected=expected, found=found, hint="the file is damaged; export the matrix again"
+        )
+
+    check_dimensions(shape, file_size, path, place)
+    values = numeric(data, path, place)
+    pointers, positions = (_integers(array, name, path, place) for array, name in ((indptr, "indptr"), (indices, "indices")))
+    major, minor = shape if layout == "csr" else shape[::-1]
+    if values.ndim != 1 or pointers.size != major + 1:
+        raise refuse(
+            "the index pointer has the wrong length",
+            f"{major + 1} pointers for {shape[0]} x {shape[1]} ({layout.upper()})",
+            f"{pointers.size} pointers",
+        )
+    if pointers[0] != 0 or np.any(pointers[1:] < pointers[:-1]):
+        raise refuse(
+            "the index pointer is not rising from 0", "0 <= p[0] <= p[1] <= ...", f"first fault at pointer {_first_fall(pointers)}"
+        )
+    if not pointers[-1] == positions.size == values.size:
+        raise refuse(
+            "the arrays differ in length",
+            f"{int(pointers[-1])} entries by the index pointer",
+            f"{positions.size} indices and {values.size} values",
+        )
+    outside = np.flatnonzero((positions < 0) | (positions >= minor))
+    if outside.size:
+        raise refuse("an index lies outside the matrix", f"0 to {minor - 1}", f"{int(positions[outside[0]])} at entry {int(outside[0])}")
+    kind = np.int32 if max(values.size, *shape) < 2**31 else np.int64
+    build = csr_array if layout == "csr" else csc_array
+    return canonical(build((values, positions.astype(kind), pointers.astype(kind)), shape=shape), path, place)
+
+
+def from_coordinates(data: Any, row: Any, column: Any, shape: tuple[int, int], *, path: Path, place: str, file_size: int) -> Any:
+    """Coordinate arrays (0-based) as a canonical CSC matrix.
+
+    Raises
+    ------
+    DataError
+        If lengths or bounds are wrong.
+    """
+    check_dimensions(shape, file_size, path, place)
+    values = numeric(data, path, place)
+    rows, columns = (_integers(array, name, path, place) for array, name in ((row, "row"), (column, "column")))
+    if values.ndim != 1 or not values.size == rows.size == columns.size:
+        raise DataError(
+            "the arrays differ in length",
+            file=path,
+            place=place,
+            expected=f"{values.size} each",
+            found=f"{rows.size} rows, {columns.size} columns",
+        )
+    for name, positions, limit in (("row", rows, shape[0]), ("column", columns, shape[1])):
+        outside = np.flatnonzero((positions < 0) | (positions >= limit))
+        if outside.size:
+            found = f"{int(positions[outside[0]])} at entry {int(outside[0])}"
+            raise DataError(f"a {name} index lies outside the matrix", file=path, place=place, expected=f"0 to {limit - 1}", found=found)
+    return canonical(coo_array((values, (rows, columns)), shape=shape), path, place)
+
+
+def canonical(matrix: Any, path: Path, place: str) -> Any:
+    """Any sparse or dense matrix as the one canonical form, without NaN or Inf.
+
+    Raises
+    ------
+    DataError
+        If an entry is NaN or infinite; the first such entry is named.
+    """
+    if not issparse(matrix):
+        matrix = np.atleast_2d(numeric(matrix, path, place))
+    result = csc_array(matrix)
+    if result.dtype.kind not in "fc" or result.dtype.itemsize != (16 if result.dtype.kind == "c" else 8):
+        result = result.astype(np.complex128 if result.dtype.kind == "c" else np.float64)
+    result.sum_duplicates()
+    result.eliminate_zeros()
+    result.sort_indices()
+    bad = np.flatnonzero(~np.isfinite(result.data))
+    if bad.size:
+        at = int(bad[0])
+        column = int(np.searchsorted(result.indptr, at, side="right")) - 1
+        raise DataError(
+            "the matrix holds a value that is not a finite number",
+            file=path,
+            place=f"{place}, row {int(result.indices[at])}, column {column} (counted from 0)",
+            expected="finite numbers",
+            found=f"{result.data[at]} ({bad.size} such entries in all)",
+            hint="export the matrix again, or correct the model that wrote it",
+        )
+    return result
+
+
+def require_square(matrix: Any, path: Path, place: str) -> None:
+    """Refuse a matrix that is not square.
+
+    Raises
+    ------
+    DataError
+        If rows and columns differ in number, or there are none.
+    """
+    rows, columns = matrix.shape
+    if rows != columns or rows == 0:
+        raise DataError("the matrix is not square", file=path, place=place, expected="as many rows as columns", found=f"{rows} x {columns}")
+
+
+def stored_triangle(matrix: Any) -> str | None:
+    """``"lower"`` or ``"upper"`` where all off-diagonal entries lie in one triangle, else None."""
+    if matrix.shape[0] != matrix.shape[1]:
+        return None
+    columns = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+    lower, upper = bool(np.any(matrix.indices > columns)), bool(np.any(matrix.indices < columns))
+    if lower == upper:
+        return None
+    return "lower" if lower else "upper"
+
+
+def _integers(array: Any, name: str, path: Path, place: str) -> NDArray[np.int64]:
+    array = np.asarray(array)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        found = f"{array.ndim} dimensions of type {array.dtype}"
+        raise DataError(f"{name!r} is not a list of integers", file=path, place=place, expected="one dimension of integers", found=found)
+    return np.asarray(array.astype(np.int64))
+
+
+def _first_fall(pointers: NDArray[np.int64]) -> int:
+    falls = np.flatnonzero(pointers[1:] < pointers[:-1])
+    return int(falls[0]) + 1 if pointers[0] == 0 and falls.size else 0
