@@ -1,0 +1,33 @@
+"""Text of unknown encoding."""
+
+from __future__ import annotations
+
+import codecs
+from pathlib import Path
+
+from lrbc_cli.errors import DataError
+
+
+def decode(content: bytes) -> str:
+    """Bytes as text: UTF-8 (with or without mark), UTF-16 with mark, else Windows Latin, as instruments write it."""
+    for mark, encoding in ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")):
+        if content.startswith(mark):
+            return content.decode(encoding, "replace")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace")
+
+
+def read_lines(path: Path) -> list[str]:
+    """Lines of a text file without their ends.
+
+    Raises
+    ------
+    DataError
+        If the file is binary.
+    """
+    text = decode(path.read_bytes())
+    if "\0" in text:
+        raise DataError("this is not a text file", file=path, expected="text", found="binary data")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
