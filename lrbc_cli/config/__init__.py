@@ -1,0 +1,42 @@
+"""The campaign file: typed, frozen, strict."""
+
+from lrbc_cli.config.campaign import Campaign
+from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.loader import load_campaign
+from lrbc_cli.config.schema import campaign_schema
+from lrbc_cli.config.settings import EveryLine, JobConfig, ListedLines, ReductionConfig, TextFormat, UpdateConfig
+from lrbc_cli.config.skeleton import write_skeleton
+from lrbc_cli.config.structure import (
+    FieldDamping,
+    GroupConfig,
+    GroupDampingConfig,
+    ModelConfig,
+    PointConfig,
+    ProportionalDamping,
+    RecordRef,
+    ResponseConfig,
+    SelectConfig,
+)
+
+__all__ = [
+    "Campaign",
+    "EveryLine",
+    "FieldDamping",
+    "GroupConfig",
+    "GroupDampingConfig",
+    "JobConfig",
+    "ListedLines",
+    "MatrixRef",
+    "ModelConfig",
+    "PointConfig",
+    "ProportionalDamping",
+    "RecordRef",
+    "ReductionConfig",
+    "ResponseConfig",
+    "SelectConfig",
+    "TextFormat",
+    "UpdateConfig",
+    "campaign_schema",
+    "load_campaign",
+    "write_skeleton",
+]

@@ -1,0 +1,81 @@
+"""The campaign: everything the file says, typed and checked."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, PrivateAttr
+
+from lrbc_cli.config.document import Document
+from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
+from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
+from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
+from lrbc_cli.errors import ConfigError
+
+
+def _check_title(value: str) -> str:
+    if not value.strip() or "\n" in value:
+        raise problem("not a name for the campaign", expected="a line of text", found=f"{value!r}")
+    return value
+
+
+class Campaign(Strict):
+    """A campaign file: model, measurements, parameters and settings. Paths are relative to the file, units SI.
+
+    Read-only, its mappings too. `place` and `error` let every layer speak about the lines of the file.
+    """
+
+    name: Annotated[str, Field(max_length=200), AfterValidator(_check_title)] = Field(
+        alias="campaign", description="Name of the campaign, for reports."
+    )
+    output: FilePath = Field(
+        default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
+    )
+    model: ModelConfig = Field(description="The finite-element model.")
+    excitation: Annotated[NameMap[PointConfig], Field(min_length=1)] = Field(description="Excitation points by name, at least one.")
+    responses: Annotated[NameMap[ResponseConfig], Field(min_length=1)] = Field(description="Responses by name, at least one.")
+    parameters: Annotated[NameMap[GroupConfig], Field(min_length=1)] = Field(description="Parameter groups by name, at least one.")
+    bolts: FilePath | None = Field(default=None, description="Bolts (CSV: name,x,y,z in metres), for verdicts; absent: no verdicts.")
+    reduction: ReductionConfig = Field(description="The reduced model.")
+    update: UpdateConfig = Field(default=UpdateConfig(), description="The identification.")
+    jobs: NameMap[JobConfig] = Field(
+        default={}, validate_default=True, description="Measurements to identify, by name; each gets a folder of results."
+    )
+
+    _document: Document = PrivateAttr()
+
+    @property
+    def path(self) -> Path:
+        """The campaign file, absolute."""
+        return self._document.file
+
+    def place(self, *keys: str | int) -> str:
+        """Say where `keys` stand: ``line 12, parameters.left_edge.bounds``."""
+        return self._document.place(*keys)
+
+    def error(self, problem: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> ConfigError:
+        """Make (not raise) a ConfigError about what stands at `keys`."""
+        return self._document.error(problem, *keys, expected=expected, found=found, hint=hint)
+
+    def resolved(self) -> dict[str, Any]:
+        """Give the campaign as JSON-able values, all defaults filled in, overrides applied, paths as written."""
+        values = self.model_dump(by_alias=True)
+        written = _as_written(values, self._document.root.plain(), self.path.parent)
+        assert isinstance(written, dict)
+        return written
+
+
+def _as_written(value: object, raw: object, folder: Path) -> object:
+    if isinstance(value, Path):
+        return raw if isinstance(raw, str) else Path(os.path.relpath(value, folder)).as_posix()
+    if isinstance(value, Mapping):
+        if isinstance(raw, str):
+            return raw
+        return {key: _as_written(item, raw.get(key) if isinstance(raw, Mapping) else None, folder) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        parts = raw if isinstance(raw, tuple) and len(raw) == len(value) else (None,) * len(value)
+        return [_as_written(item, part, folder) for item, part in zip(value, parts, strict=True)]
+    return value

@@ -1,0 +1,124 @@
+"""What the keys of a campaign say about one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from lrbc_cli.config.campaign import Campaign
+from lrbc_cli.config.explain import suggestion
+from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
+
+#: Files that stand beside the jobs' folders under the output folder.
+RESERVED_JOBS = ("campaign.csv", "report.html", "calibration.json")
+
+
+def check_references(campaign: Campaign) -> None:
+    """Check what one key says about another.
+
+    Raises
+    ------
+    ConfigError
+        For names that do not exist or clash, for selections that need a DOF table, for damping without a coefficient.
+    """
+    for section in ("excitation", "responses", "parameters", "jobs"):
+        _check_case(campaign, section)
+    for name in campaign.jobs:
+        if name.lower() in RESERVED_JOBS:
+            raise campaign.error("a job named like a file of the results", "jobs", name, hint="choose another name")
+    _check_names(campaign)
+    _check_excitations(campaign)
+    if campaign.model.dofs is None:
+        for keys in _selections_by_table(campaign):
+            raise campaign.error(
+                "selecting by node or place needs the DOF table",
+                *keys,
+                expected="model.dofs",
+                found="a model without 'dofs'",
+                hint="add model.dofs, or select by {dof:}, {dofs:}, {vector:}, {vectors:} or {matrix:}",
+            )
+    for name, group in campaign.parameters.items():
+        _check_beta(campaign, name, group)
+
+
+def _check_case(campaign: Campaign, section: str) -> None:
+    seen: dict[str, str] = {}
+    for name in getattr(campaign, section):
+        other = seen.setdefault(name.lower(), name)
+        if other != name:
+            raise campaign.error(
+                "names that differ in case only would share one file",
+                section,
+                name,
+                found=f"'{other}' and '{name}'",
+                hint="rename one of them",
+            )
+
+
+def _check_names(campaign: Campaign) -> None:
+    update = campaign.update
+    if update.reference is not None:
+        _known(campaign, update.reference, campaign.jobs, "job", "update", "reference")
+    for index, name in enumerate(update.responses or ()):
+        _known(campaign, name, campaign.responses, "response", "update", "responses", index)
+    for job, config in campaign.jobs.items():
+        for section, names in (("records", config.records), ("scale", config.scale)):
+            for name in names:
+                _known(campaign, name, campaign.responses, "response", "jobs", job, section, name)
+
+
+def _check_excitations(campaign: Campaign) -> None:
+    for name, response in campaign.responses.items():
+        if response.excitation is not None:
+            _known(campaign, response.excitation, campaign.excitation, "excitation", "responses", name, "excitation")
+        elif len(campaign.excitation) > 1:
+            raise campaign.error(
+                "which excitation this response belongs to is not said",
+                "responses",
+                name,
+                expected=f"excitation: one of {', '.join(campaign.excitation)}",
+                hint="add 'excitation:' to every response where there are several excitations",
+            )
+
+
+def _known(campaign: Campaign, name: str, names: Iterable[str], kind: str, *keys: str | int) -> None:
+    names = list(names)
+    if name not in names:
+        raise campaign.error(
+            f"no {kind} has the name '{name}'",
+            *keys,
+            expected=f"one of {', '.join(names)}" if names else f"a {kind} of this file",
+            hint=suggestion(name, names),
+        )
+
+
+def _selections_by_table(campaign: Campaign) -> Iterator[tuple[str, ...]]:
+    sections: tuple[tuple[str, dict[str, PointConfig]], ...] = (
+        ("excitation", campaign.excitation),
+        ("responses", dict(campaign.responses)),
+    )
+    for section, points in sections:
+        for name, point in points.items():
+            if point.form in ("near", "node"):
+                yield section, name, point.form
+    for name, group in campaign.parameters.items():
+        if group.select.component is not None:
+            yield "parameters", name, "select"
+
+
+def _check_beta(campaign: Campaign, name: str, group: GroupConfig) -> None:
+    if group.damping is None or group.damping.beta is not None:
+        return
+    damping = campaign.model.damping
+    if isinstance(damping, ProportionalDamping) and damping.structure.beta > 0:
+        return
+    found = "a damping matrix" if isinstance(damping, MatrixRef) else "no model.damping.structure.beta above 0"
+    raise campaign.error(
+        "damping tied to the stiffness needs a coefficient beta",
+        "parameters",
+        name,
+        "damping",
+        expected="parameters.NAME.damping.beta, or proportional damping of the structure",
+        found=found,
+        hint="add 'beta:' here, in seconds",
+    )

@@ -1,0 +1,232 @@
+"""Turns what validation finds into one message with its line, and a suggestion."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from lrbc_cli.config.document import Document
+from lrbc_cli.errors import ConfigError
+
+MAPPING = "keys with values, 'key: value'"
+EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "tuple_type": "a list [...]",
+    "dict_type": MAPPING,
+    "model_type": MAPPING,
+    "model_attributes_type": MAPPING,
+    "finite_number": "a finite number",
+    "greater_than": "above {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "below {lt}",
+    "less_than_equal": "at most {le}",
+    "literal_error": "{expected}",
+    "too_short": "at least {min_length} of them",
+    "too_long": "at most {max_length} of them",
+    "string_too_short": "at least {min_length} characters",
+    "string_too_long": "at most {max_length} characters",
+}
+WRONG_TYPE = {key for key in EXPECTED if key.endswith("_type") or key == "int_from_float"}
+
+
+def suggestion(word: str, candidates: Iterable[str]) -> str | None:
+    """Give ``did you mean 'x'?`` for the nearest candidate, None where none is near."""
+    names = {name.lower(): name for name in candidates}
+    near = difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.6)
+    return f"did you mean '{names[near[0]]}'?" if near else None
+
+
+def key_name(name: str, field: FieldInfo) -> str:
+    """Give the key of a field as it stands in the file."""
+    return field.alias or name
+
+
+def explain(error: ValidationError, document: Document, model: type[BaseModel]) -> ConfigError:
+    """Make one ConfigError of a failed validation.
+
+    The first problem is told in full, unknown keys before what follows from them; the others by their places.
+
+    Parameters
+    ----------
+    error
+        What pydantic found.
+    document
+        The file.
+    model
+        The model of the whole file.
+    """
+    details = sorted(error.errors(include_url=False), key=lambda detail: _rank(detail, document))
+    misspelt = {_keys(detail, document)[:-1] for detail in details if detail["type"] == "extra_forbidden"}
+    details = [detail for detail in details if detail["type"] != "missing" or _keys(detail, document)[:-1] not in misspelt]
+    found = [_explain_one(detail, document, model) for detail in details]
+    first, others = found[0], list(dict.fromkeys(f"{other.place} ({other.problem})" for other in found[1:]))
+    if others:
+        more = f"then look at {'; '.join(others[:4])}" + (f"; and {len(others) - 4} more" if len(others) > 4 else "")
+        first = ConfigError(
+            first.problem,
+            file=first.file,
+            place=first.place,
+            expected=first.expected,
+            found=first.found,
+            hint=f"{first.hint}; {more}" if first.hint else more,
+        )
+    return first
+
+
+def _rank(detail: ErrorDetails, document: Document) -> tuple[int, int]:
+    node, _ = document.node(_keys(detail, document))
+    return (0 if detail["type"] == "extra_forbidden" else 2 if detail["type"] == "missing" else 1), node.line
+
+
+def _keys(detail: ErrorDetails, document: Document) -> tuple[str | int, ...]:
+    """Give the key path in the file: without the tags of unions and the inside of short forms."""
+    keys: list[str | int] = []
+    steps: list[str | int] = [*detail["loc"], *detail.get("ctx", {}).get("keys", ())]
+    for step in steps:
+        node, _ = document.node(keys)
+        if isinstance(step, str) and (step.startswith("form:") or step == "[key]") and node.child(step) is None:
+            continue
+        if not isinstance(node.value, Mapping | tuple):
+            break
+        keys.append(step)
+    return tuple(keys)
+
+
+def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel]) -> ConfigError:
+    keys = _keys(detail, document)
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "lrbc":
+        found = context["found"]
+        found = describe(detail["input"]) if found is None and not context["keys"] else found
+        return document.error(context["text"], *keys, expected=context["expected"], found=found, hint=context["hint"])
+    if kind == "extra_forbidden":
+        return _unknown_key(document, keys, model)
+    if kind == "missing":
+        if isinstance(keys[-1], int):
+            lengths = [len(get_args(option)) for option in _annotations(model, keys[:-1]) if get_origin(option) is tuple]
+            return document.error("the wrong number of entries", *keys[:-1], expected=f"exactly {max(lengths)}", found=keys[-1])
+        return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys))
+    expected = EXPECTED[kind].format(**context) if kind in EXPECTED else detail["msg"]
+    if kind in ("too_short", "too_long"):
+        return document.error("the wrong number of entries", *keys, expected=expected, found=context.get("actual_length"))
+    problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
+    meaning = _description(model, keys)
+    hint = _hint(kind, detail["input"], model, keys)
+    if str(detail["loc"][-1]).startswith("form:"):
+        expected = meaning or _description(model, keys[:-1]) or expected
+    elif meaning and hint is None:
+        hint = f"{keys[-1]}: {meaning}"
+    return document.error(problem, *keys, expected=expected, found=describe(detail["input"]), hint=hint)
+
+
+def describe(value: object) -> str:
+    """Say what was found, shortly."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"the text '{value}'" if len(value) <= 60 else f"the text '{value[:57]}...'"
+    if isinstance(value, Mapping):
+        return "keys " + ", ".join(map(str, list(value)[:6])) + (", ..." if len(value) > 6 else "") if value else "no keys"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    text = str(value) if not isinstance(value, int) or abs(value) < 10**30 else f"{str(value)[:20]}..."
+    return f"the number {text}"
+
+
+def _hint(kind: str, value: object, model: type[BaseModel], keys: Sequence[str | int]) -> str | None:
+    if kind == "literal_error" and isinstance(value, str):
+        words = [str(word) for annotation in _annotations(model, keys) for word in _literals(annotation)]
+        if near := suggestion(value, words):
+            return near
+    if value is None:
+        return "give it a value, or remove the key"
+    if kind == "string_type" and not isinstance(value, list | tuple | Mapping):
+        return "put it in quotes"
+    number = kind in ("float_type", "int_type") or (kind == "literal_error" and isinstance(value, str) and value[:1] in "+-.0123456789")
+    if number and isinstance(value, str) and any(char.isdigit() for char in value):
+        return "write it like 1500, 0.5 or 1e6: decimal point, no unit, no quotes"
+    if kind == "bool_type":
+        return "write true or false"
+    if kind in ("int_type", "int_from_float") and isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return f"write {int(value)}"
+    return None
+
+
+def _unknown_key(document: Document, keys: Sequence[str | int], model: type[BaseModel]) -> ConfigError:
+    *parents, last = keys
+    key = str(last)
+    known = [key_name(name, field) for owner in _models(model, parents) for name, field in owner.model_fields.items()]
+    hint = suggestion(key, known)
+    elsewhere = [path for path in key_paths(model) if path.rsplit(".", 1)[-1] == key]
+    if elsewhere and (hint is None or len(elsewhere) == 1):
+        hint = f"it is known as {' and '.join(elsewhere[:3])}"
+    return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")
+
+
+def _description(model: type[BaseModel], keys: Sequence[str | int]) -> str | None:
+    for owner in _models(model, keys[:-1]) if keys else ():
+        for name, field in owner.model_fields.items():
+            if key_name(name, field) == keys[-1]:
+                return (field.description or "").rstrip(".")
+    return None
+
+
+def key_paths(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Walk all keys that a campaign file can hold: ``jobs.NAME.frf``."""
+    for name, field in model.model_fields.items():
+        path = f"{prefix}{key_name(name, field)}"
+        yield path
+        for annotation in _unfold(field.annotation):
+            inner, below = annotation, path
+            while get_origin(inner) is dict:
+                inner, below = next(_unfold(get_args(inner)[1])), f"{below}.NAME"
+            for option in _unfold(inner):
+                if isinstance(option, type) and issubclass(option, BaseModel):
+                    yield from key_paths(option, f"{below}.")
+
+
+def _unfold(annotation: Any) -> Iterator[Any]:
+    """Strip annotations and take unions apart."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        yield from _unfold(get_args(annotation)[0])
+    elif origin in (Union, UnionType):
+        for part in get_args(annotation):
+            yield from _unfold(part)
+    else:
+        yield annotation
+
+
+def _annotations(annotation: Any, keys: Sequence[str | int]) -> Iterator[Any]:
+    """Give the types that may stand at a key path."""
+    for option in _unfold(annotation):
+        if not keys:
+            yield option
+        elif get_origin(option) is dict:
+            yield from _annotations(get_args(option)[1], keys[1:])
+        elif get_origin(option) is tuple:
+            yield from _annotations(get_args(option)[0], keys[1:])
+        elif isinstance(option, type) and issubclass(option, BaseModel):
+            for name, field in option.model_fields.items():
+                if key_name(name, field) == keys[0]:
+                    yield from _annotations(field.annotation, keys[1:])
+
+
+def _models(model: type[BaseModel], keys: Sequence[str | int]) -> list[type[BaseModel]]:
+    return [option for option in _annotations(model, keys) if isinstance(option, type) and issubclass(option, BaseModel)]
+
+
+def _literals(annotation: Any) -> tuple[Any, ...]:
+    return () if isinstance(annotation, type) else get_args(annotation)

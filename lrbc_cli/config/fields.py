@@ -1,0 +1,181 @@
+"""What the models of the campaign file are made of: strict base, names, paths, matrix references, frozen mappings."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, NoReturn, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic.functional_validators import ModelWrapValidatorHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
+
+T = TypeVar("T")
+
+NAME_PATTERN = r"[A-Za-z0-9_-][A-Za-z0-9._-]*"
+NAME_LENGTH = 100
+_WINDOWS = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))}
+
+
+def problem(text: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> PydanticCustomError:
+    """Make the error that a validator raises; `keys` lead from the validated value to the culprit."""
+    return PydanticCustomError("lrbc", "{text}", {"text": text, "keys": keys, "expected": expected, "found": found, "hint": hint})
+
+
+class Strict(BaseModel):
+    """Base of all models: no unknown keys, no coercion, no change after loading, finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class FrozenDict(dict[str, T]):
+    """A dict that cannot be changed."""
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("the campaign is read-only")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrozenDict, (dict(self),)
+
+
+def _freeze(value: dict[str, T]) -> dict[str, T]:
+    return FrozenDict(value)
+
+
+def check_name(name: str) -> str:
+    """Accept a name that can be a file or folder name on every system, and part of a key path."""
+    rule = "letters, digits, '.', '_' and '-', not beginning or ending with '.'"
+    if not re.fullmatch(NAME_PATTERN, name) or name.endswith("."):
+        raise problem("a name that cannot become a file name", expected=rule, found=f"'{name}'" if name else "an empty name")
+    if len(name) > NAME_LENGTH:
+        raise problem("a name that is too long", expected=f"at most {NAME_LENGTH} characters", found=f"{len(name)}")
+    if name.split(".")[0].lower() in _WINDOWS:
+        raise problem("a name that Windows reserves for a device", found=f"'{name}'", hint="choose another name")
+    return name
+
+
+#: A name given in the campaign file: it becomes the name of files and columns.
+Name = Annotated[
+    str,
+    AfterValidator(check_name),
+    WithJsonSchema({"type": "string", "pattern": f"^{NAME_PATTERN}$", "maxLength": NAME_LENGTH}),
+]
+
+#: A mapping from names to things, read-only.
+NameMap = Annotated[dict[Name, T], AfterValidator(_freeze)]
+
+
+def _to_path(value: object, info: ValidationInfo) -> object:
+    if not isinstance(value, str):
+        raise problem("a value of the wrong type", expected="a path, as text")
+    if not value or "\n" in value:
+        raise problem("not a path", expected="a path relative to the campaign file", found=f"{value!r}")
+    folder = (info.context or {}).get("folder", Path())
+    return Path(os.path.realpath(Path(folder) / value))
+
+
+#: A path: text in the file, absolute once it is loaded.
+FilePath = Annotated[Path, BeforeValidator(_to_path), WithJsonSchema({"type": "string", "minLength": 1})]
+
+
+def _number_or_auto(value: object) -> str:
+    return "form:auto" if isinstance(value, str) else "form:number"
+
+
+Auto = Literal["auto"]
+#: A number, or the word auto.
+NumberOrAuto = Annotated[Annotated[float, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], Discriminator(_number_or_auto)]
+
+
+def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
+    """Accept a pair whose first number is below its second."""
+    if not value[0] < value[1]:
+        raise problem("a range that is empty", expected="[lower, upper] with lower below upper", found=f"[{value[0]:g}, {value[1]:g}]")
+    return value
+
+
+#: A range [lower, upper].
+Range = Annotated[tuple[float, float], AfterValidator(check_ordered)]
+Point = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+Quantity = Literal["pressure", "displacement", "velocity", "acceleration"]
+
+
+def _check_label(value: str) -> str:
+    if not value or value != value.strip():
+        raise problem(
+            "not a DOF label", expected="UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another label of the DOF table", found=f"{value!r}"
+        )
+    return value.upper()
+
+
+#: Label of a DOF; case does not matter.
+Component = Annotated[str, AfterValidator(_check_label), WithJsonSchema({"type": "string", "minLength": 1})]
+
+
+def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
+    """Accept a list without repetition."""
+    for index, value in enumerate(values):
+        if value in values[:index]:
+            raise problem("an entry stands twice", index, expected="each entry once", found=f"'{value}'", hint="remove one of them")
+    return values
+
+
+#: Formats of matrix files that can be forced.
+MatrixFormat = Literal["matrix-market", "hdf5", "mat-v7.3", "mat-v5", "npz"]
+
+
+class MatrixRef(Strict):
+    """A matrix in a file: ``file``, ``file#group``, or a mapping with ``file``, ``group``, ``format``."""
+
+    path: FilePath = Field(alias="file", description="The file, relative to the campaign file.")
+    group: str | None = Field(
+        default=None, min_length=1, description="Group or variable inside the file (HDF5, MATLAB); absent where the file holds one matrix."
+    )
+    format: MatrixFormat | None = Field(default=None, description="Format of the file; absent: recognised by its content.")
+    _text: str = PrivateAttr(default="")
+
+    @property
+    def text(self) -> str:
+        """The reference as written, ``file#group``."""
+        return self._text
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _split(cls, value: Any, handler: ModelWrapValidatorHandler[MatrixRef]) -> MatrixRef:
+        if isinstance(value, str):
+            file, hash_sign, group = value.rpartition("#") if "#" in value else (value, "", "")
+            if not file or (hash_sign and not group):
+                raise problem("not a reference to a matrix", expected="'file' or 'file#group'", found=f"'{value}'")
+            value = {"file": file, "group": group} if hash_sign else {"file": file}
+        elif not isinstance(value, Mapping):
+            raise problem("a value of the wrong type", expected="a matrix: 'file', 'file#group' or {file:, group:, format:}")
+        reference = handler(value)
+        reference._text = value["file"] + (f"#{reference.group}" if reference.group else "")
+        return reference
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Accept the short form in the schema too."""
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        mapping = {key: schema.pop(key) for key in ("type", "properties", "required", "additionalProperties") if key in schema}
+        schema["anyOf"] = [{"type": "string", "minLength": 1, "description": "'file' or 'file#group'."}, mapping]
+        return schema

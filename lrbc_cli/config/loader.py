@@ -1,0 +1,125 @@
+"""Loads a campaign file, overrides applied, or says what is wrong with it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from lrbc_cli.config.campaign import Campaign
+from lrbc_cli.config.checks import check_references
+from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
+from lrbc_cli.config.explain import explain
+from lrbc_cli.errors import ConfigError
+
+DEFAULT_OUTPUT = "output"
+
+
+def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
+    """Load a campaign file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    overrides
+        ``key.path=value`` each, the value in YAML; they act as if written in the file.
+
+    Returns
+    -------
+    Campaign
+        Frozen, with absolute paths.
+
+    Raises
+    ------
+    ConfigError
+        With file, line and key path, for anything that is not a valid campaign.
+    """
+    document = read_document(Path(path))
+    for override in overrides:
+        document = Document(document.file, _override(document, override))
+    _refuse_later_features(document)
+    return _build(document)
+
+
+def _build(document: Document) -> Campaign:
+    values: dict[str, Any] = document.root.plain()  # type: ignore[assignment]
+    values.setdefault("output", DEFAULT_OUTPUT)
+    try:
+        campaign = Campaign.model_validate(values, context={"folder": document.file.parent})
+    except ValidationError as error:
+        raise explain(error, document, Campaign) from None
+    campaign._document = document
+    check_references(campaign)
+    return campaign
+
+
+def _refuse_later_features(document: Document) -> None:
+    if document.root.child("calibration") is not None:
+        raise document.error("this version has no calibration yet", "calibration", hint="remove the block 'calibration'")
+    node, depth = document.node(("update", "regularisation"))
+    if depth == 2 and node.value == "l-curve":
+        raise document.error(
+            "this version cannot choose the weight by an L-curve yet",
+            "update",
+            "regularisation",
+            expected="a number, at least 0",
+            found="the text 'l-curve'",
+            hint="write for instance 0.04",
+        )
+
+
+def _override(document: Document, text: str) -> Node:
+    path, equals, value = text.partition("=")
+    keys = _split_path(path)
+    if not equals or not keys:
+        raise ConfigError(
+            "not an override",
+            place=f"--override {text[:60]}",
+            expected="key.path=value, for instance update.method=bfgs",
+            found=f"'{text[:60]}'",
+        )
+    node = parse(value, file=document.file, origin=path)
+    return _replace(document, document.root, keys, 0, node or Node(None, 0, path), path)
+
+
+def _split_path(path: str) -> list[str]:
+    """Split ``a.b[0].c``; empty where it is no key path."""
+    parts = re.sub(r"\[(\d{1,9})\]", r".\1", path.strip()).split(".")
+    return parts if all(parts) and len(parts) <= MAX_DEPTH else []
+
+
+def _replace(document: Document, node: Node, keys: list[str], depth: int, value: Node, path: str) -> Node:
+    """Give the tree with `value` put at the key path; names that contain dots are found by the longest match."""
+    rest = keys[depth:]
+    if not rest:
+        return Node(value.value, node.line, path)
+    where = ".".join(keys[:depth])
+    if isinstance(node.value, tuple):
+        if not rest[0].isdecimal() or int(rest[0]) >= len(node.value):
+            raise ConfigError(
+                f"'{where}' is a list, and has no entry '{rest[0]}'",
+                file=document.file,
+                place=f"--override {path}",
+                expected=f"an index from 0 to {len(node.value) - 1}" if node.value else "an entry of a list that is not empty",
+            )
+        index = int(rest[0])
+        items = list(node.value)
+        items[index] = _replace(document, items[index], keys, depth + 1, value, path)
+        return Node(tuple(items), node.line, node.origin)
+    if node.value is not None and not isinstance(node.value, Mapping):
+        raise ConfigError(
+            f"'{where}' holds a value, no keys",
+            file=document.file,
+            place=f"--override {path}",
+            hint=f"replace it as a whole: --override '{where}={{{rest[0]}: ...}}'",
+        )
+    entries = dict(node.value or {})
+    used = next((count for count in range(len(rest), 0, -1) if ".".join(rest[:count]) in entries), 1)
+    key = ".".join(rest[:used])
+    entries[key] = _replace(document, entries.get(key) or Node(None, node.line, path), keys, depth + used, value, path)
+    origin = path if node.value is None else node.origin
+    return Node(entries, node.line, origin)

@@ -1,0 +1,15 @@
+"""JSON Schema of the campaign file, from the models that validate it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lrbc_cli.config.campaign import Campaign
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def campaign_schema() -> dict[str, Any]:
+    """Give the JSON Schema of the campaign file, with the description and default of every key."""
+    schema = Campaign.model_json_schema(by_alias=True)
+    return {"$schema": DIALECT, **schema, "title": "lrbc campaign file"}

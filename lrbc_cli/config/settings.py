@@ -1,0 +1,137 @@
+"""Models of how it is computed: reduction, updating, jobs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from lrbc_cli.config.fields import FilePath, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
+from lrbc_cli.config.structure import Record
+
+
+def _check_band(value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] > 0:
+        raise problem(
+            "a band that begins at 0 Hz",
+            expected="a lower end above 0 Hz",
+            found=f"{value[0]:g}",
+            hint="begin at the first usable line, for instance 1.0",
+        )
+    return value
+
+
+class ReductionConfig(Strict):
+    """The reduced model: where it must hold, and how well."""
+
+    band: Annotated[Range, AfterValidator(_check_band)] = Field(description="Frequency band [lower, upper] in Hz.")
+    tolerance: float = Field(
+        default=1e-3, gt=0, lt=1, description="Largest measured error of the responses, relative to each line's norm within one quantity."
+    )
+    backend: Literal["auto", "superlu", "pardiso"] = Field(
+        default="auto", description="Sparse solver; auto takes the accelerated one where it is installed. Does not change results."
+    )
+    max_size: int | None = Field(
+        default=None, ge=1, description="Largest order of the reduced model; absent: as large as the tolerance needs."
+    )
+    held_out: int = Field(default=5, ge=5, le=1000, description="Number of lines outside the basis at which the error is measured.")
+
+
+class EveryLine(Strict):
+    """Every n-th measured line of the band."""
+
+    every: int = Field(ge=1, description="Take every n-th line, beginning with the first of the band.")
+
+
+class ListedLines(Strict):
+    """Lines by their frequencies."""
+
+    frequencies: Annotated[tuple[Positive, ...], Field(min_length=1), AfterValidator(check_unique)] = Field(
+        alias="list", description="Frequencies in Hz; each is matched to a measured line."
+    )
+
+
+def _lines_form(value: object) -> str:
+    if isinstance(value, dict):
+        return "form:every" if "every" in value else "form:list"
+    return "form:word" if isinstance(value, str) else f"form:{'every' if isinstance(value, EveryLine) else 'list'}"
+
+
+Lines = Annotated[
+    Annotated[Literal["resonances", "all"], Tag("form:word")]
+    | Annotated[EveryLine, Tag("form:every")]
+    | Annotated[ListedLines, Tag("form:list")],
+    Discriminator(_lines_form),
+]
+
+
+class UpdateConfig(Strict):
+    """The identification: what is compared, at which lines, and how the optimum is sought."""
+
+    reference: Name | None = Field(default=None, description="The job measured with all bolts tight, for verdicts; absent: no comparison.")
+    responses: Annotated[tuple[Name, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
+        default=None, description="Names of the responses to fit; absent: all. The others are reported only."
+    )
+    lines: Lines = Field(default="resonances", description="Lines to fit: resonances, all, {every: n} or {list: [Hz, ...]}.")
+    regularisation: float = Field(
+        default=0.04, ge=0, description="Weight eta of the departure of the log10 parameters from their start values, eq. (29)."
+    )
+    method: Literal["gauss-newton", "bfgs"] = Field(
+        default="gauss-newton", description="Optimiser: gauss-newton (bounded least squares) or bfgs (as in the paper)."
+    )
+    max_iterations: int = Field(
+        default=100, ge=1, description="Limit of iterations; a job that reaches it is `stopped`, its result usable."
+    )
+    tolerance: float = Field(
+        default=1e-3, gt=0, lt=1, description="Stop when successive costs (log10 of the sum, eq. (29)) differ by less."
+    )
+    evaluation: Literal["auto", "port", "reduced", "full"] = Field(
+        default="auto",
+        description="How FRFs are evaluated: port formula, reduced dynamic stiffness, or the full model without reduction; "
+        "auto takes the cheaper of the first two.",
+    )
+    loose_change: float = Field(
+        default=-1.0, lt=0, description="Change of log10 stiffness at a bolt against the reference job at which it is judged loose."
+    )
+
+
+class TextFormat(Strict):
+    """Layout of a text file of FRFs; what is absent is recognised from the file."""
+
+    delimiter: str | None = Field(
+        default=None, min_length=1, max_length=10, description="Column separator: ',', ';', 'tab' or 'blank'; absent: recognised."
+    )
+    decimal: Literal[".", ","] | None = Field(default=None, description="Decimal sign; absent: recognised.")
+    skip: int | None = Field(default=None, ge=0, description="Lines to skip before the heading; absent: recognised.")
+    representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
+        default=None, description="What the columns of a response hold; absent: recognised from the heading."
+    )
+    phase_unit: Literal["deg", "rad"] = Field(default="deg", description="Unit of the phase.")
+    quantity: Quantity | None = Field(default=None, description="Quantity of the responses; absent: from the heading, else the response's.")
+    unit: str | None = Field(default=None, min_length=1, description="Unit of the FRFs, for instance Pa/N or g/N; absent: SI.")
+
+
+class JobConfig(Strict):
+    """One measurement to identify."""
+
+    frf: FilePath = Field(description="File with the measured FRFs (UFF 58, CSV, HDF5), recognised by its content.")
+    removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
+        default=(), description="Names of the bolts known to be removed; for the report only, the identification never sees them."
+    )
+    format: TextFormat | None = Field(default=None, description="Layout of a text file; absent: recognised.")
+    records: NameMap[Record] = Field(
+        default={}, validate_default=True, description="What this file calls a response, by response: a name, or {node:, direction:}."
+    )
+    scale: NameMap[float] = Field(
+        default={}, validate_default=True, description="Factor on the measured FRF, by response, for instance of a recalibrated sensor."
+    )
+    coherence: FilePath | None = Field(
+        default=None, description="File with the coherence of these FRFs; absent: from the FRF file, if it has it."
+    )
+
+    @model_validator(mode="after")
+    def _nonzero(self) -> JobConfig:
+        for name, factor in self.scale.items():
+            if factor == 0:
+                raise problem("a factor of zero", "scale", name, expected="a number other than 0")
+        return self

@@ -1,0 +1,299 @@
+"""Models of what is measured and identified: matrices, excitation, responses, parameter groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from lrbc_cli.config.fields import (
+    Auto,
+    Component,
+    FilePath,
+    MatrixFormat,
+    MatrixRef,
+    Name,
+    NumberOrAuto,
+    Point,
+    Positive,
+    Quantity,
+    Range,
+    Strict,
+    check_unique,
+    problem,
+)
+
+NodeNumber = Annotated[int, Field(ge=0)]
+Forms = Sequence[tuple[tuple[str, ...], tuple[str, ...]]]
+
+POINT_FORMS: Forms = ((("near", "component"), ()), (("node", "component"), ()), (("dof",), ()), (("vector",), ()))
+RESPONSE_FORMS: Forms = (*POINT_FORMS, (("matrix",), ("row",)))
+SELECT_FORMS: Forms = (
+    (("component", "box"), ()),
+    (("nodes", "component"), ()),
+    (("dofs",), ()),
+    (("vectors", "positions"), ()),
+    (("left", "right", "positions"), ()),
+)
+
+#: What a key holds that was not given, where that is not None.
+FORM_DEFAULTS = {"row": 0}
+
+
+def _form_text(forms: Forms) -> str:
+    return " or ".join("{" + ", ".join(f"{key}:" for key in (*required, *optional)) + "}" for required, optional in forms)
+
+
+def _forms_schema(forms: Forms) -> ConfigDict:
+    """Let the JSON schema say the same as `_check_form`."""
+    keys = sorted({key for required, optional in forms for key in (*required, *optional)})
+    branches = [
+        {
+            "required": list(required),
+            "properties": {key: {"const": FORM_DEFAULTS.get(key)} for key in keys if key not in (*required, *optional)},
+        }
+        for required, optional in forms
+    ]
+    return ConfigDict(json_schema_extra={"oneOf": branches})  # type: ignore[dict-item]
+
+
+def _check_form(value: Strict, forms: Forms) -> None:
+    """Raise unless the keys that are given make up exactly one of the forms."""
+    keys = {key for required, optional in forms for key in (*required, *optional)}
+    given = {key for key in keys if getattr(value, key) != FORM_DEFAULTS.get(key)}
+    for required, optional in forms:
+        if set(required) <= given <= {*required, *optional}:
+            return
+    found = "{" + ", ".join(f"{key}:" for key in type(value).model_fields if key in given) + "}" if given else "none of these keys"
+    raise problem("not exactly one way of selecting DOFs", expected=_form_text(forms), found=found)
+
+
+class FieldDamping(Strict):
+    """Proportional damping of one field, C = alpha M + beta K on its diagonal block."""
+
+    alpha: float = Field(default=0.0, ge=0, description="Mass-proportional coefficient [1/s].")
+    beta: float = Field(default=0.0, ge=0, description="Stiffness-proportional coefficient [s].")
+
+
+class ProportionalDamping(Strict):
+    """Proportional damping per field; it acts on the diagonal blocks, never on the coupling."""
+
+    structure: FieldDamping = Field(default=FieldDamping(), description="Coefficients of the structure.")
+    acoustic: FieldDamping = Field(default=FieldDamping(), description="Coefficients of the acoustic field (component PRES).")
+
+
+def _damping_form(value: object) -> str:
+    proportional = isinstance(value, ProportionalDamping) or (isinstance(value, dict) and "file" not in value)
+    return "form:proportional" if proportional else "form:matrix"
+
+
+Damping = Annotated[
+    Annotated[MatrixRef, Tag("form:matrix")] | Annotated[ProportionalDamping, Tag("form:proportional")], Discriminator(_damping_form)
+]
+
+
+class ModelConfig(Strict):
+    """The finite-element model that the measurement is compared with."""
+
+    stiffness: MatrixRef = Field(description="Stiffness matrix K: 'file', 'file#group' or {file:, group:, format:}.")
+    mass: MatrixRef = Field(description="Mass matrix M, given like the stiffness.")
+    damping: Damping | None = Field(
+        default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:}, acoustic: {alpha:, beta:}}; absent: none."
+    )
+    dofs: FilePath | None = Field(
+        default=None,
+        description="DOF table (CSV: dof,node,component,x,y,z; 0-based dof). "
+        "Absent: every DOF is structural, and DOFs are selected by number, vector or file only.",
+    )
+    format: MatrixFormat | None = Field(default=None, description="Format of all matrix files; absent: each recognised by its content.")
+
+
+class PointConfig(Strict):
+    """Where a force acts: {near:, component:}, {node:, component:}, {dof:} or {vector:}."""
+
+    model_config = _forms_schema(POINT_FORMS)
+
+    near: Point | None = Field(default=None, description="Coordinates [x, y, z] in metres; the nearest node with the component is taken.")
+    node: NodeNumber | None = Field(default=None, description="Node number of the DOF table.")
+    component: Component | None = Field(
+        default=None, description="DOF label at the node: UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another of the DOF table."
+    )
+    dof: NodeNumber | None = Field(default=None, description="DOF by its 0-based number.")
+    vector: MatrixRef | None = Field(default=None, description="A vector with one entry a DOF, for interpolated or distributed points.")
+    scale: float = Field(default=1.0, description="Factor on the load or output row, for instance -1 for the opposite direction.")
+
+    @property
+    def form(self) -> Literal["near", "node", "dof", "vector", "matrix"]:
+        """The key that says which form was used."""
+        for key in ("near", "node", "dof", "vector"):
+            if getattr(self, key) is not None:
+                return key
+        return "matrix"
+
+    @model_validator(mode="after")
+    def _one_form(self) -> PointConfig:
+        _check_form(self, RESPONSE_FORMS if isinstance(self, ResponseConfig) else POINT_FORMS)
+        if self.scale == 0:
+            raise problem("a factor of zero", "scale", expected="a number other than 0")
+        return self
+
+
+class RecordRef(Strict):
+    """Node and direction by which an FRF file calls a response."""
+
+    node: NodeNumber = Field(description="Response node of the record.")
+    direction: int = Field(
+        ge=0, le=6, description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
+    )
+
+
+def _record_form(value: object) -> str:
+    return "form:name" if isinstance(value, str) else "form:node"
+
+
+RecordName = Annotated[str, Field(min_length=1)]
+Record = Annotated[Annotated[RecordName, Tag("form:name")] | Annotated[RecordRef, Tag("form:node")], Discriminator(_record_form)]
+
+
+class ResponseConfig(PointConfig):
+    """What is measured: a point as for an excitation, or {matrix:, row:}."""
+
+    model_config = _forms_schema(RESPONSE_FORMS)
+
+    matrix: MatrixRef | None = Field(default=None, description="A matrix of output rows, one column a DOF.")
+    row: NodeNumber = Field(default=0, description="0-based row of the matrix.")
+    quantity: Quantity | None = Field(
+        default=None, description="pressure, displacement, velocity or acceleration; absent: pressure at PRES, else displacement."
+    )
+    record: Record | None = Field(
+        default=None, description="What the FRF files call this response where that differs: a name, or {node:, direction:}."
+    )
+    excitation: Name | None = Field(default=None, description="The excitation it belongs to; needed only where there are several.")
+
+
+Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
+def _check_box(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    for axis, (lower, upper) in enumerate(value):
+        if lower > upper:
+            raise problem("a box that is empty", axis, expected="[from, to] with from at most to", found=f"[{lower:g}, {upper:g}]")
+    return value
+
+
+class SelectConfig(Strict):
+    """Which DOFs or vectors carry the terms of a group."""
+
+    model_config = _forms_schema(SELECT_FORMS)
+
+    component: Component | None = Field(default=None, description="DOF label, with `box` or `nodes`.")
+    box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
+        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres: all nodes inside, borders included."
+    )
+    nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
+        default=None, description="Node numbers, in the order along the edge."
+    )
+    dofs: FilePath | None = Field(default=None, description="CSV file with a column `dof` (0-based), one term a line.")
+    vectors: MatrixRef | None = Field(default=None, description="Matrix with one column a term, b_k = c_k.")
+    left: MatrixRef | None = Field(default=None, description="Matrix of the left vectors b_k, one column a term.")
+    right: MatrixRef | None = Field(default=None, description="Matrix of the right vectors c_k, one column a term.")
+    positions: FilePath | None = Field(
+        default=None, description="CSV file with x,y,z of each term; terms with equal entries in a column `parameter` share one parameter."
+    )
+
+    @model_validator(mode="after")
+    def _one_form(self) -> SelectConfig:
+        _check_form(self, SELECT_FORMS)
+        return self
+
+
+class GroupDampingConfig(Strict):
+    """Damping tied to the identified stiffness, eq. (33): beta 10^p_damp k, one p_damp for the group."""
+
+    initial: float = Field(default=0.0, description="Start value of p_damp (log10).")
+    bounds: Range = Field(default=(-3.0, 4.0), description="Bounds of p_damp (log10).")
+    beta: Positive | None = Field(
+        default=None, description="Stiffness-proportional coefficient [s]; absent: that of the structure in `model.damping`."
+    )
+
+    @model_validator(mode="after")
+    def _inside(self) -> GroupDampingConfig:
+        _check_inside(self.initial, self.bounds)
+        return self
+
+
+def _check_inside(initial: float, bounds: tuple[float, float]) -> None:
+    if not bounds[0] <= initial <= bounds[1]:
+        raise problem(
+            "a start value outside its bounds", "initial", expected=f"between {bounds[0]:g} and {bounds[1]:g}", found=f"{initial:g}"
+        )
+
+
+def _bounds_form(value: object) -> str:
+    return "form:auto" if isinstance(value, str) else "form:range"
+
+
+Bounds = Annotated[Annotated[Range, Tag("form:range")] | Annotated[Auto, Tag("form:auto")], Discriminator(_bounds_form)]
+Weight = Annotated[float, Field(ge=0)]
+
+
+def _check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
+    if len(value) % 2 == 0:
+        raise problem("smoothing weights without a middle", expected="an odd number of weights", found=f"{len(value)}")
+    if not sum(value) > 0:
+        raise problem("smoothing weights that are all zero", expected="a positive sum")
+    return value
+
+
+def _conditional_schema(schema: dict[str, Any]) -> None:
+    given = {"enum": ["damping", "mass"]}
+    schema["if"] = {"properties": {"kind": given}, "required": ["kind"]}
+    number = {"not": {"const": "auto"}}
+    schema["then"] = {"required": ["initial", "bounds"], "properties": {"initial": number, "bounds": number, "damping": {"type": "null"}}}
+
+
+class GroupConfig(Strict):
+    """One group of low-rank terms whose parameters are identified."""
+
+    model_config = ConfigDict(json_schema_extra=_conditional_schema)
+
+    kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="What the terms add to: K, C or M.")
+    select: SelectConfig = Field(
+        description="The terms: {component:, box:}, {nodes:, component:}, {dofs:}, {vectors:, positions:} or {left:, right:, positions:}."
+    )
+    initial: NumberOrAuto = Field(
+        default="auto",
+        description="Start value (log10), or auto for stiffness: where the FRFs lie about 0.3 dB from the clamped limit. "
+        "Damping and mass need a number.",
+    )
+    bounds: Bounds = Field(
+        default="auto",
+        description="Bounds [lower, upper] (log10), or auto for stiffness: upper where the FRFs lie 0.02 dB from the clamped limit. "
+        "Damping and mass need numbers.",
+    )
+    baseline: float = Field(
+        default=0.0, ge=0, description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly."
+    )
+    smoothing: Annotated[tuple[Weight, ...], Field(min_length=1, max_length=99), AfterValidator(_check_smoothing)] | None = Field(
+        default=None,
+        description="Weights over neighbouring terms, an odd number, for instance [0.333333, 0.666667, 0.333333]; absent: none.",
+    )
+    normalised: bool = Field(default=False, description="Scale each row of smoothing weights to the sum 1, at the ends too.")
+    damping: GroupDampingConfig | None = Field(
+        default=None, description="Identify a damping exponent p_damp of a stiffness group too; absent: the terms are undamped."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> GroupConfig:
+        if self.kind != "stiffness":
+            for key in ("initial", "bounds"):
+                if getattr(self, key) == "auto":
+                    raise problem(f"'auto' serves stiffness only, this group is {self.kind}", key, hint=f"give {key} in log10")
+            if self.damping is not None:
+                raise problem(f"damping tied to a {self.kind} term", "damping", expected="only where kind is stiffness", hint="remove it")
+        if self.initial != "auto" and self.bounds != "auto":
+            _check_inside(self.initial, self.bounds)
+        if self.normalised and self.smoothing is None:
+            raise problem("normalised rows without smoothing", "normalised", hint="add smoothing, or remove it")
+        return self
