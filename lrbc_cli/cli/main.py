@@ -1,0 +1,158 @@
+"""The command ``lrbc``: finds its commands, and turns every error into one message and an exit code."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn
+
+import click
+
+from lrbc_cli import __version__
+from lrbc_cli.cli.options import verbosity, verbosity_options
+from lrbc_cli.errors import ConfigError, LrbcError
+
+#: Where each command stands, and its line in the help: commands are imported when they run, so that the help is quick.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "init": ("lrbc_cli.cli.init:init", "Write a commented campaign file to fill in."),
+    "check": ("lrbc_cli.cli.check:check", "Read all inputs and print the plan; change nothing."),
+    "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
+    "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
+    "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
+    "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
+    "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign file."),
+}
+DEFECT = 1
+INTERRUPTED = 130
+PIPE_CLOSED = 141
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command when it is needed, and the only place where errors become exit codes."""
+
+    def __init__(self, *args: Any, table: Mapping[str, tuple[str, str]] = COMMANDS, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.table = table
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Give the names in the order of the table."""
+        return list(self.table)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in self.table:
+            return None
+        module, _, name = self.table[cmd_name][0].partition(":")
+        command = getattr(importlib.import_module(module), name)
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command, or say which one was meant."""
+        if args and args[0] not in self.table and not args[0].startswith("-"):
+            raise ConfigError(
+                f"no command '{args[0]}'", place="lrbc", expected=f"one of {', '.join(self.table)}", hint=_nearest(args[0], self.table)
+            )
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from the table, importing none."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; end quietly where the reader of stdout has gone (``lrbc schema | head``)."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+        except OSError as error:
+            if error.errno != errno.EPIPE:
+                raise
+            if not _stdout_is_closed():
+                raise RuntimeError(f"a pipe broke: {error}") from error
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(PIPE_CLOSED)
+        return result
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run and exit: an int that a command returns is its exit code, errors have theirs."""
+        verbosity.reset()
+        try:
+            code = super().main(args, prog_name or "lrbc", complete_var, standalone_mode=False, **extra)
+        except Exception as error:
+            if not standalone_mode:
+                raise
+            _stop(error)
+        except KeyboardInterrupt as error:
+            _stop(error)
+        if not standalone_mode:
+            return code
+        sys.exit(code if type(code) is int else 0)
+
+
+def _nearest(word: str, candidates: Mapping[str, Any]) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(word, candidates, n=1)
+    return f"did you mean 'lrbc {near[0]}'?" if near else "'lrbc --help' lists the commands"
+
+
+def _usage_error(error: click.ClickException) -> str:
+    """Give a click error the form of all others; the help for no arguments stays as it is."""
+    text = error.format_message()
+    if text.startswith("Usage:"):
+        return text
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "lrbc"
+    return ConfigError(text[:1].lower() + text[1:].rstrip("."), place=command, hint=f"'{command} --help' shows the usage").message
+
+
+def _defect(error: BaseException) -> str:
+    problem = f"{type(error).__name__}: {error}".splitlines()[0][:300]
+    return f"lrbc: a defect of the program ({problem})\n  to mend:  run with -vv for the traceback, and report it"
+
+
+def _stdout_is_closed() -> bool:
+    try:
+        sys.stdout.flush()
+    except OSError:
+        return True
+    return False
+
+
+def _stop(error: BaseException) -> NoReturn:
+    """Say what happened, once, and exit."""
+    if isinstance(error, click.Abort) and isinstance(error.__cause__, EOFError):
+        error = error.__cause__
+    if isinstance(error, LrbcError):
+        message, code = error.message, error.exit_code
+    elif isinstance(error, click.ClickException):
+        message, code = _usage_error(error), error.exit_code
+    elif isinstance(error, KeyboardInterrupt | click.Abort):
+        message, code = "lrbc: interrupted; what was finished is kept", INTERRUPTED
+    else:
+        message, code = _defect(error), DEFECT
+    click.echo(message, err=True)
+    if verbosity.level >= 2 and not isinstance(error, click.ClickException):
+        click.echo("".join(traceback.format_exception(error)).rstrip(), err=True)
+    sys.exit(code)
+
+
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, help="Find the loose bolts of a structure from measured FRFs."
+)
+@click.version_option(__version__, "--version", prog_name="lrbc", message="%(prog)s %(version)s")
+@verbosity_options
+def main() -> None:
+    """Find the loose bolts of a structure from measured FRFs."""

@@ -1,0 +1,88 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+LEVELS = {-2: logging.CRITICAL, -1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO, 2: logging.DEBUG}
+
+
+class _StderrHandler(logging.Handler):
+    """Writes the log to what stderr is now."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            click.echo(self.format(record), err=True)
+        except Exception:
+            self.handleError(record)
+
+
+class Verbosity:
+    """How much is said on stderr: the sum of all -v less all -q, before and after the command's name."""
+
+    def __init__(self) -> None:
+        self.level = 0
+        self.handler = _StderrHandler()
+        self.handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+
+    def reset(self) -> None:
+        """Begin anew, at warnings."""
+        self.add(-self.level)
+
+    def add(self, steps: int) -> None:
+        """Say more (or less, where negative), and set the log level."""
+        self.level += steps
+        logger = logging.getLogger("lrbc_cli")
+        if self.handler not in logger.handlers:
+            logger.addHandler(self.handler)
+        logger.setLevel(LEVELS[max(-2, min(2, self.level))])
+
+
+verbosity = Verbosity()
+
+
+def _more(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    verbosity.add(value)
+
+
+def _less(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    verbosity.add(-value)
+
+
+def verbosity_options(function: F) -> F:
+    """Add -v and -q."""
+    function = click.option("-q", "--quiet", count=True, expose_value=False, callback=_less, help="Say less; repeat for still less.")(
+        function
+    )
+    return click.option("-v", "--verbose", count=True, expose_value=False, callback=_more, help="Say more; -vv adds tracebacks.")(function)
+
+
+def campaign_options(function: F) -> F:
+    """Add what all commands take that read a campaign.
+
+    The command receives ``config: Path``, ``overrides: tuple[str, ...]``, ``cache: Path | None`` and ``as_json: bool``.
+    """
+    decorators: list[Callable[[F], F]] = [
+        click.argument("config", type=click.Path(path_type=Path)),
+        click.option(
+            "--override", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help="Change a key of the campaign file; repeatable."
+        ),
+        click.option(
+            "--cache",
+            type=click.Path(path_type=Path, file_okay=False),
+            envvar="LRBC_CACHE",
+            help="Folder of the cache; also LRBC_CACHE. Default: the user's cache folder.",
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
+        verbosity_options,
+    ]
+    for decorator in reversed(decorators):
+        function = decorator(function)
+    return function
