@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import select
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
@@ -124,11 +125,15 @@ def _defect(error: BaseException) -> str:
 
 
 def _stdout_is_closed() -> bool:
+    """Tell whether the reader of stdout has gone; a pipe may have broken elsewhere."""
     try:
-        sys.stdout.flush()
-    except OSError:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+    except AttributeError:  # no poll on Windows
         return True
-    return False
+    except OSError:
+        return False
 
 
 def _stop(error: BaseException) -> NoReturn:
