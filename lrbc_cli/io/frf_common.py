@@ -1,0 +1,96 @@
+"""What all readers of FRFs check and note in the same way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+
+
+class Notes:
+    """Notes collected over the records of a file, one line for what several records share."""
+
+    def __init__(self) -> None:
+        self._about: dict[str, list[int]] = {}
+
+    def add(self, text: str, record: int | None = None) -> None:
+        """Note something about a record, or about the whole file."""
+        places = self._about.setdefault(text, [])
+        if record is not None:
+            places.append(record)
+
+    def lines(self) -> tuple[str, ...]:
+        """All notes in the order in which they came up."""
+        return tuple(f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items())
+
+
+def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) -> None:
+    """Refuse lines that are not finite, not negative and strictly increasing.
+
+    Raises
+    ------
+    DataError
+        Naming the first such line.
+    """
+    if frequency.size == 0:
+        raise DataError("there is no frequency line", file=path, place=place, expected="at least one line", found="none")
+    bad = np.flatnonzero(~np.isfinite(frequency) | (frequency < 0))
+    if bad.size:
+        at = int(bad[0])
+        found = f"{frequency[at]} at point {at + 1}"
+        raise DataError("a frequency is wrong", file=path, place=place, expected="finite numbers from 0 Hz", found=found)
+    fall = np.flatnonzero(frequency[1:] <= frequency[:-1])
+    if fall.size:
+        at = int(fall[0])
+        found = f"{frequency[at]:.10g} Hz, then {frequency[at + 1]:.10g} Hz at point {at + 2}"
+        raise DataError(
+            "the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint="sort the lines"
+        )
+
+
+def first_bad(values: NDArray[Any]) -> int | None:
+    """Index of the first value that is NaN or infinite."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    return int(bad[0]) if bad.size else None
+
+
+def not_finite(path: Path, place: str, value: object) -> DataError:
+    """Error for a value that is NaN or infinite."""
+    hint = "leave out this line or measure it again"
+    return DataError(
+        "the FRF holds a value that is not a finite number", file=path, place=place, expected="finite numbers", found=value, hint=hint
+    )
+
+
+def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArray[np.float64], bool]:
+    """Coherence between 0 and 1; undefined values (0/0) count as 0, and whether there were any is told.
+
+    Raises
+    ------
+    DataError
+        If a value lies outside 0 to 1 by more than rounding.
+    """
+    real = np.array(values.real, dtype=np.float64)
+    undefined = np.isnan(real)
+    real[undefined] = 0.0
+    outside = np.flatnonzero((real < -1e-3) | (real > 1.0 + 1e-3))
+    if outside.size:
+        at = int(outside[0])
+        raise DataError("a coherence is wrong", file=path, place=place, expected="0 to 1", found=f"{real[at]:.6g} at point {at + 1}")
+    return np.clip(real, 0.0, 1.0), bool(undefined.any())
+
+
+def _ranges(numbers: list[int]) -> str:
+    numbers = sorted(set(numbers))
+    parts: list[tuple[int, int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][1] + 1:
+            parts[-1] = (parts[-1][0], number)
+        else:
+            parts.append((number, number))
+    shown = ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in parts)
+    return f"record{'s' if len(numbers) > 1 else ''} {shown}"

@@ -1,0 +1,98 @@
+"""How a measurement file is laid out, where the file itself does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.model.frf import QUANTITIES
+
+REPRESENTATIONS = ("real-imag", "magnitude-phase", "db-phase")
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """Layout of a text file of FRFs; whatever is None is found out from the file and noted.
+
+    ``unit`` and ``quantity`` hold for files of any format and take precedence over what the file says.
+
+    Attributes
+    ----------
+    delimiter : str or None
+        Between columns: ``,``, ``;``, a tab, or a blank for any run of blanks.
+    decimal : str or None
+        ``.`` or ``,``.
+    skip : int or None
+        Lines before the header, or before the numbers where there is none.
+    frequency : str, int or None
+        Name or number (from 1) of the column of frequencies.
+    frequency_unit : str or None
+        ``Hz``, ``kHz`` or ``rad/s``.
+    representation : str or None
+        ``real-imag``, ``magnitude-phase`` or ``db-phase`` (20 lg of the magnitude).
+    phase : str or None
+        ``deg`` or ``rad``.
+    unit : str or None
+        Unit of the FRFs, such as ``Pa/N`` or ``g/N``; of the response alone, the force is in newtons.
+    quantity : str or None
+        pressure, displacement, velocity or acceleration.
+    columns : mapping
+        Record name to the name or number (from 1) of its two columns; all other columns are left out.
+    """
+
+    delimiter: str | None = None
+    decimal: str | None = None
+    skip: int | None = None
+    frequency: str | int | None = None
+    frequency_unit: str | None = None
+    representation: str | None = None
+    phase: str | None = None
+    unit: str | None = None
+    quantity: str | None = None
+    columns: Mapping[str, tuple[str | int, str | int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        choices: tuple[tuple[str, object, tuple[str, ...]], ...] = (
+            ("delimiter", self.delimiter, (",", ";", "\t", " ")),
+            ("decimal", self.decimal, (".", ",")),
+            ("frequency_unit", self.frequency_unit, ("Hz", "kHz", "rad/s")),
+            ("representation", self.representation, REPRESENTATIONS),
+            ("phase", self.phase, ("deg", "rad")),
+            ("quantity", self.quantity, tuple(QUANTITIES)),
+        )
+        for name, value, allowed in choices:
+            if value is not None and value not in allowed:
+                raise ConfigError(
+                    "this is not a layout that is read", place=f"format.{name}", expected=", ".join(map(repr, allowed)), found=repr(value)
+                )
+        if self.delimiter is not None and self.delimiter == self.decimal:
+            raise ConfigError("delimiter and decimal sign are the same", place="format", expected="two signs", found=repr(self.delimiter))
+        if self.skip is not None and self.skip < 0:
+            raise ConfigError("lines to skip cannot be negative", place="format.skip", expected="0 or more", found=self.skip)
+        stated = self.si_unit
+        if stated is not None and self.quantity not in (None, response_quantity(stated)):
+            raise ConfigError(
+                "unit and quantity do not fit", place="format.unit", expected=f"a unit of {self.quantity} over force", found=self.unit
+            )
+
+    @property
+    def si_unit(self) -> Unit | None:
+        """The stated unit over force, or None where none is stated."""
+        if self.unit is None:
+            return None
+        unit = parse_unit(self.unit)
+        if unit is not None and response_quantity(unit) is None and numerator_quantity(unit) is not None:
+            unit = unit / Unit(1.0, force=1)
+        if unit is None or response_quantity(unit) is None:
+            expected = "a unit such as Pa/N, m/N, mm/s/N, m/s^2/N or g/N"
+            raise ConfigError("this is not a unit of an FRF", place="format.unit", expected=expected, found=repr(self.unit))
+        return unit
+
+    @property
+    def stated_quantity(self) -> str | None:
+        """The stated quantity, or that of the stated unit."""
+        unit = self.si_unit
+        return self.quantity or (response_quantity(unit) if unit is not None else None)

@@ -1,0 +1,317 @@
+"""FRFs of universal files (dataset 58 and 58b), converted to SI.
+
+Units. Dataset 164 gives factors for length and force; a value of the file *divided* by the factor is in SI. So say
+the text of the format (Structural Dynamics Research Laboratory, University of Cincinnati, dataset 164) and its
+example, which is unambiguous: ``Foot (pound f)`` with the factors 3.28084 (feet in a metre) and 0.224809 (pounds in
+a newton). The Julia library UFFFiles (``convert_to_si!``) divides as well; millimetres carry 1e3. A function is
+converted with the exponents of length and force that belong to its data type (dataset 58, Addendum A: acceleration,
+velocity, displacement 1 and 0, pressure -2 and 1, force 0 and 1, moment 1 and 1); the exponents in the
+file count only for the data type *general* and for scalar directions. Where a unit label is there and understood, it
+is read too: it is needed for ``g``, which factors of length and force cannot express, and it must agree with 164.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite
+from lrbc_cli.io.text_layout import TextLayout
+from lrbc_cli.io.uff_datasets import Axis, UffFunction, UffUnits, read_datasets
+from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+FUNCTION_TYPES = {
+    1: "time response",
+    2: "auto spectrum",
+    3: "cross spectrum",
+    4: "frequency response function",
+    5: "transmissibility",
+    6: "coherence",
+    9: "power spectral density",
+    10: "energy spectral density",
+    12: "spectrum",
+    26: "multiple coherence",
+}
+_QUANTITY_OF = {8: "displacement", 11: "velocity", 12: "acceleration", 15: "pressure"}
+_DATA_TYPES = {2: "stress", 3: "strain", 5: "temperature", 9: "reaction force", 13: "excitation force", 16: "mass", **_QUANTITY_OF}
+_UNKNOWN, _GENERAL, _FORCE, _FREQUENCY = 0, 1, 13, 18
+
+
+@dataclass(frozen=True)
+class Coherence:
+    """A coherence function and the DOFs it belongs to (directions without sign)."""
+
+    name: str
+    dof: tuple[int, int, int, int]
+    frequency_hz: NDArray[np.float64]
+    values: NDArray[np.float64]
+    record: int
+
+
+def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
+    """Read all FRFs (function type 4) with their coherences (type 6); other functions are noted and left out.
+
+    Parameters
+    ----------
+    path
+        A universal file.
+    layout
+        Only its ``unit`` and ``quantity`` count; they take precedence over the file.
+
+    Raises
+    ------
+    DataError
+        If the file holds no FRF, or a record cannot be read or is no FRF over force.
+    """
+    layout = layout or TextLayout()
+    functions, units, warnings = read_datasets(path)
+    notes = Notes()
+    for warning in warnings:
+        notes.add(warning)
+    coherences = [_coherence(function, path, notes) for function in functions if function.function_type == 6]
+    records: list[FrfRecord] = []
+    left: dict[int, int] = {}
+    for function, unit in zip(functions, units, strict=True):
+        if function.function_type not in (4, 6):
+            what = FUNCTION_TYPES.get(function.function_type, f"function type {function.function_type}")
+            notes.add(f"{what}, not an FRF; left out", function.record)
+            left[function.function_type] = left.get(function.function_type, 0) + 1
+        elif function.function_type == 4:
+            record = _frf(function, unit, layout, path, notes)
+            if record is not None:
+                records.append(record)
+    if not records:
+        raise DataError(
+            "the file holds no FRF",
+            file=path,
+            expected="dataset 58 with function type 4 and complex values",
+            found="; ".join(notes.lines()) or ("coherence only" if coherences else "no dataset 58"),
+            hint="export frequency response functions",
+        )
+    return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines())
+
+
+def read_uff_coherence(path: Path) -> list[Coherence]:
+    """Read the coherence functions of a universal file.
+
+    Raises
+    ------
+    DataError
+        If the file holds none.
+    """
+    functions, _, _ = read_datasets(path)
+    found = [_coherence(function, path, Notes()) for function in functions if function.function_type == 6]
+    if not found:
+        raise DataError(
+            "the file holds no coherence", file=path, expected="dataset 58 with function type 6", found=f"{len(functions)} other functions"
+        )
+    return found
+
+
+def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path: Path, notes: Notes) -> FrfRecord | None:
+    if function.values.dtype.kind != "c":
+        notes.add("FRF without phase (real values); left out", function.record)
+        return None
+    if function.numerator.kind not in (_UNKNOWN, _GENERAL, *_QUANTITY_OF):
+        what = _DATA_TYPES.get(function.numerator.kind, f"data type {function.numerator.kind}")
+        notes.add(f"an FRF of {what}; left out", function.record)
+        return None
+    frequency = _frequency(function, path)
+    bad = first_bad(function.values)
+    if bad is not None:
+        raise not_finite(path, function.point_place(bad), function.values[bad])
+    scale, quantity = _conversion(function, unit, layout, path, notes)
+    if scale != 1.0:
+        notes.add(f"values multiplied by {scale:.9g} to give SI", function.record)
+    if function.response_direction < 0 or function.reference_direction < 0:
+        notes.add("negative direction: sign turned", function.record)
+    sign = (-1 if function.response_direction < 0 else 1) * (-1 if function.reference_direction < 0 else 1)
+    for note in function.notes:
+        notes.add(note, function.record)
+    return FrfRecord(
+        name=_name(function),
+        frequency_hz=frequency,
+        values=np.asarray(function.values * (sign * scale), dtype=np.complex128),
+        quantity=quantity,
+        response_node=function.response_node or None,
+        response_direction=abs(function.response_direction),
+        reference_node=function.reference_node or None,
+        reference_direction=abs(function.reference_direction),
+        place=f"record {function.record}",
+    )
+
+
+def _name(function: UffFunction) -> str:
+    """Entity name; names beyond its ten characters stand on ID line 5 of files that this package writes."""
+    line, name = function.id_lines[4], function.response_name
+    if name and line.startswith("name: ") and line[6:].startswith(name):
+        return line[6:].strip()
+    return name
+
+
+def _frequency(function: UffFunction, path: Path) -> NDArray[np.float64]:
+    axis = function.abscissa_axis
+    place = f"record {function.record}"
+    unit = parse_unit(axis.unit)
+    is_frequency = axis.kind == _FREQUENCY or (axis.kind in (_UNKNOWN, _GENERAL) and (unit is None or unit.time == -1))
+    if not is_frequency or (unit is not None and unit.dimension != (0, 0, -1)):
+        found = f"data type {axis.kind}, {axis.label or 'no label'} [{axis.unit or 'no unit'}]"
+        raise DataError("the abscissa of an FRF is not a frequency", file=path, place=place, expected="frequency in Hz", found=found)
+    frequency = function.abscissa * (unit.factor if unit is not None else 1.0)
+    if "rad" in axis.unit.lower():
+        frequency = frequency / (2 * np.pi)
+    check_frequencies(frequency, path, place)
+    return frequency
+
+
+def _conversion(function: UffFunction, units: UffUnits | None, layout: TextLayout, path: Path, notes: Notes) -> tuple[float, str | None]:
+    """Factor to SI and quantity of one FRF."""
+    record = function.record
+    _require_force(function, path, notes)
+    quantity = _QUANTITY_OF.get(function.numerator.kind)
+    stated = layout.si_unit
+    if stated is not None:
+        notes.add(f"unit {layout.unit} by the campaign file")
+        return stated.factor, layout.stated_quantity
+    label = _label_unit(function)
+    if label is not None and quantity not in (None, response_quantity(label)):
+        expected = f"a unit of {quantity} over force"
+        raise DataError(
+            "unit label and data type contradict each other",
+            file=path,
+            place=f"record {record}",
+            expected=expected,
+            found=function.numerator.unit,
+            hint="say which unit holds: 'format: {unit: ...}' in the job",
+        )
+    quantity = layout.quantity or quantity or (response_quantity(label) if label is not None else None)
+    table = None
+    if units is not None:
+        above = _exponents(function.numerator, function.response_direction, quantity)
+        below = _exponents(function.denominator, function.reference_direction, "force")
+        table = units.length ** (below[0] - above[0]) * units.force ** (below[1] - above[1])
+        if label is None and quantity is None and above == (0, 0) and (units.length, units.force) != (1.0, 1.0):
+            raise DataError(
+                "the unit of an FRF cannot be told",
+                file=path,
+                place=f"record {record}",
+                expected="a data type (8, 11, 12 or 15) or a unit label",
+                found=f"data type {function.numerator.kind}, unit {function.numerator.unit!r}, and units other than SI in dataset 164",
+                hint="say which unit holds: 'format: {unit: ...}' in the job",
+            )
+    if label is not None and table is not None and abs(label.factor / table - 1) > 1e-3:
+        raise DataError(
+            "unit label and dataset 164 contradict each other",
+            file=path,
+            place=f"record {record}",
+            expected=f"one unit; dataset 164 ({units.description if units else ''}) makes the factor to SI {table:.6g}",
+            found=f"{function.numerator.unit!r} over {function.denominator.unit or 'N'!r}, which makes it {label.factor:.6g}",
+            hint="say which unit holds: 'format: {unit: ...}' in the job",
+        )
+    if label is None and table is None:
+        unread = function.numerator.unit
+        notes.add(f"no units (no dataset 164{f', unit {unread!r} not understood' if unread else ''}); SI taken", record)
+    if quantity is None:
+        notes.add("the file does not say what quantity the FRF is", record)
+    return (label.factor if label is not None else table if table is not None else 1.0), quantity
+
+
+def _label_unit(function: UffFunction) -> Unit | None:
+    """Read the unit over force from the labels; None where they do not tell."""
+    above = parse_unit(function.numerator.unit)
+    if above is None:
+        return None
+    if response_quantity(above) is not None:
+        return above
+    if numerator_quantity(above) is None:
+        return None
+    below = parse_unit(function.denominator.unit)
+    if below is None:
+        return above / Unit(1.0, force=1) if not function.denominator.unit else None
+    return above / below if response_quantity(above / below) is not None else None
+
+
+def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:
+    axis = function.denominator
+    unit = parse_unit(axis.unit)
+    over_force = axis.kind == _FORCE or (axis.kind == _GENERAL and (axis.length, axis.force) in ((0, 1), (1, 1)))
+    if not over_force and axis.kind in (_UNKNOWN, _GENERAL):
+        above = parse_unit(function.numerator.unit)
+        by_label = (
+            unit.dimension in ((0, 1, 0), (1, 1, 0)) if unit is not None else above is not None and response_quantity(above) is not None
+        )
+        if unit is None and not by_label:
+            notes.add("the file does not say what the response is divided by; force taken", function.record)
+        over_force = by_label or unit is None
+    if not over_force:
+        what = _DATA_TYPES.get(axis.kind, f"data type {axis.kind}")
+        raise DataError(
+            "this is not an FRF over force",
+            file=path,
+            place=f"record {function.record}",
+            expected="a force below (data type 13)",
+            found=f"{what} [{axis.unit or 'no unit'}]",
+            hint="export FRFs with the force as reference",
+        )
+
+
+def _exponents(axis: Axis, direction: int, quantity: str | None) -> tuple[int, int]:
+    """Exponents of length and force of an ordinate (dataset 58, Addendum A)."""
+    rotation = abs(direction) >= 4
+    if (axis.kind == _GENERAL or (direction == 0 and axis.kind != _UNKNOWN)) and (axis.length, axis.force) != (0, 0):
+        return axis.length, axis.force
+    if quantity == "force":
+        return (1, 1) if rotation else (0, 1)
+    if quantity == "pressure":
+        return -2, 1
+    return (0, 0) if rotation or quantity is None else (1, 0)
+
+
+def _coherence(function: UffFunction, path: Path, notes: Notes) -> Coherence:
+    place = f"record {function.record}"
+    frequency = _frequency(function, path)
+    values, undefined = clean_coherence(function.values, path, place)
+    if undefined:
+        notes.add("coherence undefined at some lines; 0 taken there", function.record)
+    dof = (function.response_node, abs(function.response_direction), function.reference_node, abs(function.reference_direction))
+    return Coherence(_name(function), dof, frequency, values, function.record)
+
+
+def _identity(record: FrfRecord) -> tuple[object, ...]:
+    return record.name, record.response_node, record.response_direction, record.reference_node, record.reference_direction
+
+
+def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes) -> list[FrfRecord]:
+    """Give each FRF the coherence of the same DOFs; names decide where several have them."""
+    result = []
+    used: set[int] = set()
+    for record in records:
+        dof = (record.response_node or 0, record.response_direction, record.reference_node or 0, record.reference_direction)
+        fitting = [c for c in coherences if c.dof == dof] or [c for c in coherences if c.dof[:2] == dof[:2] and c.dof[2:] == (0, 0)]
+        if len(fitting) > 1 or not dof[0]:
+            fitting = [c for c in fitting if c.name == record.name]
+        if len(fitting) > 1:
+            # Repeated measurements of one DOF: function and coherence stand in the same order.
+            twins = [
+                r
+                for r in records
+                if (r.name, r.response_node, r.response_direction) == (record.name, record.response_node, record.response_direction)
+            ]
+            position = next(index for index, twin in enumerate(twins) if twin is record)
+            fitting = [fitting[position]] if len(twins) == len(fitting) else []
+        number = int(record.place.split()[1])
+        if fitting and np.array_equal(fitting[0].frequency_hz, record.frequency_hz):
+            used.add(fitting[0].record)
+            record = replace(record, coherence=fitting[0].values)
+        elif fitting:
+            notes.add("the coherence has other lines; left out", number)
+        result.append(record)
+    for coherence in coherences:
+        if coherence.record not in used:
+            notes.add("coherence without an FRF of the same DOFs and lines; left out", coherence.record)
+    return result

@@ -1,0 +1,63 @@
+"""Evenly spaced frequency axes that a file gives with six digits."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Odd parts of the usual sampling rates (44 100, 48 000, 50 000, 51 200 Hz, ...); a line spacing is such a rate over a power of two.
+_ODD_PARTS = (1, 3, 5, 15, 25, 75, 125, 375, 625, 3125, 11025)
+_LARGEST_DENOMINATOR = 200
+
+
+def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.float64], str | None]:
+    """Axis from its first value and increment as they are printed, with a note where digits were restored.
+
+    An increment printed as 1.95313E-01 stands for 0.1953125; taken literally it would shift line 1000 by 5e-4.
+    Where a simple fraction, or a usual sampling rate over a power of two, rounds to what is printed, it is meant.
+    """
+    step = restore(increment)
+    start = float(minimum)
+    nearest = round(start / step) * step if abs(start / step) < 1e15 else start
+    start = nearest if abs(nearest - start) <= _half_unit(minimum) else restore(minimum)
+    note = None
+    if abs(step - float(increment)) > 1e-12 * step:
+        note = f"the increment {increment} was read as {step!r}"
+    return np.asarray(start + step * np.arange(count), dtype=np.float64), note
+
+
+def restore(printed: str) -> float:
+    """Value that a number printed with few digits evidently stands for."""
+    value = float(printed)
+    half = _half_unit(printed)
+    if value <= 0 or not 1e-9 * value < half < 1e-4 * value or printed.split("E")[0].endswith("0"):
+        return value  # all digits are there, too few are, or the decimal number itself is round
+    simple = _simplest(Fraction(value - half), Fraction(value + half))
+    if simple.denominator <= _LARGEST_DENOMINATOR:
+        return float(simple)
+    for odd in _ODD_PARTS:
+        rate: float = odd * 2.0 ** round(math.log2(value / odd))
+        if abs(rate - value) <= half:
+            return rate
+    return value
+
+
+def _half_unit(printed: str) -> float:
+    """Half a unit of the last digit that is printed."""
+    exponent = Decimal(printed).as_tuple().exponent
+    # A hair more than half, as a tie may have been rounded either way.
+    return 0.5000001 * 10.0 ** int(exponent) if isinstance(exponent, int) else 0.0
+
+
+def _simplest(low: Fraction, high: Fraction) -> Fraction:
+    """Fraction with the smallest denominator in [low, high], 0 < low < high, by continued fractions."""
+    whole = low.numerator // low.denominator
+    if low == whole:
+        return Fraction(whole)
+    if whole + 1 <= high:
+        return Fraction(whole + 1)
+    return whole + 1 / _simplest(1 / (high - whole), 1 / (low - whole))

@@ -1,0 +1,401 @@
+"""Universal files as a sequence of datasets; dataset 58 and 58b (functions) and 164 (units) in full.
+
+The layout follows the descriptions of datasets 58, 58b and 164 by the Structural Dynamics Research Laboratory,
+University of Cincinnati. Real files differ from it, so the reader takes fields by column and, where that fails, by
+words; trusts the byte count of a binary dataset, and where that leads nowhere the number of values; and takes
+line ends of any kind.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.text import decode
+from lrbc_cli.io.uff_axis import even_axis
+
+_DELIMITER = re.compile(rb"^[ \t]*-1[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
+_IDENTIFIER = re.compile(r"\s*(\d{1,6})([bB])?(?![\w.])(.*)")
+_NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d{1,3}|[-+]\d{3})?")
+_HEADER_LINES = 11
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Records 8 to 10 of a function: specific data type, exponents of (length, force), label and unit."""
+
+    kind: int
+    length: int
+    force: int
+    label: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class UffUnits:
+    """Dataset 164: file value divided by the factor gives SI (see ``uff``)."""
+
+    code: int
+    description: str
+    length: float
+    force: float
+
+
+@dataclass(frozen=True)
+class UffFunction:
+    """One dataset 58 or 58b, as it stands in the file.
+
+    Attributes
+    ----------
+    record : int
+        Number among the functions of the file, from 1.
+    place : str
+        Where it starts, for messages.
+    function_type : int
+        4 is a frequency response function, 6 a coherence.
+    abscissa : (F,) float array
+    values : (F,) float or complex array
+    point_lines : (F,) int array or None
+        Line on which each point starts; None for binary data.
+    """
+
+    record: int
+    place: str
+    id_lines: tuple[str, ...]
+    function_type: int
+    response_name: str
+    response_node: int
+    response_direction: int
+    reference_name: str
+    reference_node: int
+    reference_direction: int
+    abscissa: NDArray[np.float64]
+    values: NDArray[Any]
+    abscissa_axis: Axis
+    numerator: Axis
+    denominator: Axis
+    notes: tuple[str, ...] = ()
+    point_lines: NDArray[np.int64] | None = None
+
+    def point_place(self, index: int) -> str:
+        """Name a point for a message."""
+        line = "" if self.point_lines is None else f" (line {self.point_lines[index]})"
+        return f"record {self.record}, point {index + 1}{line}"
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    number: int
+    binary: bool
+    identifier: str
+    start: int
+    place: str
+    line: int | None
+
+
+def is_uff(start: bytes) -> bool:
+    """Whether the first bytes of a file look like a universal file: a line ``-1``, then a dataset number."""
+    lines = [line for line in start.splitlines()[:20] if line.strip()]
+    return len(lines) >= 2 and lines[0].strip() == b"-1" and _IDENTIFIER.fullmatch(decode(lines[1][:100])) is not None
+
+
+def read_datasets(path: Path) -> tuple[list[UffFunction], list[UffUnits | None], list[str]]:
+    """Read all functions of a universal file, the units that hold for each, and notes.
+
+    Raises
+    ------
+    DataError
+        If the file is no universal file, or a dataset cannot be read; its number is named.
+    """
+    content = path.read_bytes()
+    functions: list[UffFunction] = []
+    units: list[UffUnits | None] = []
+    notes: list[str] = []
+    current: UffUnits | None = None
+    for dataset, end in _split(content, path, notes, functions):
+        if dataset.number == 164:
+            current = _units(content[dataset.start : end], path, dataset.place)
+            units = [current if unit is None else unit for unit in units]
+        elif dataset.number == 58 and not dataset.binary:
+            functions.append(_function(dataset, content[dataset.start : end], path, len(functions) + 1))
+        while len(units) < len(functions):
+            units.append(current)
+    return functions, units, notes
+
+
+def _split(content: bytes, path: Path, notes: list[str], functions: list[UffFunction]) -> Iterator[tuple[_Dataset, int]]:
+    """Yield each dataset with the end of its body; binary functions are read on the way, as only they know their end."""
+    position, binary_seen, count = 0, False, 0
+    opening = _DELIMITER.search(content)
+    if opening is None:
+        raise DataError("this is not a universal file", file=path, expected="datasets between lines '-1'", found="no such line")
+    position = opening.end()
+    lines_before, counted_to = 0, 0
+    while position < len(content):
+        text, body = _line(content, position)
+        if text.strip() in ("", "-1"):
+            position = body
+            continue
+        if not binary_seen:
+            lines_before, counted_to = lines_before + content.count(b"\n", counted_to, position), position
+        place = f"dataset {count + 1}, byte {position}" if binary_seen else f"dataset {count + 1}, line {lines_before + 1}"
+        match = _IDENTIFIER.fullmatch(text)
+        if match is None:
+            raise DataError(
+                "a dataset does not start with its number", file=path, place=place, expected="a number such as 58", found=repr(text[:60])
+            )
+        count += 1
+        dataset = _Dataset(
+            int(match.group(1)), bool(match.group(2)), match.group(3), body, place, None if binary_seen else lines_before + 1
+        )
+        if dataset.number == 58 and dataset.binary:
+            binary_seen = True
+            function, position = _binary_function(dataset, content, path, len(functions) + 1)
+            functions.append(function)
+            yield dataset, position
+            continue
+        closing = _DELIMITER.search(content, body)
+        if closing is None:
+            notes.append(f"{place}: the closing line '-1' is missing")
+        yield dataset, closing.start() if closing else len(content)
+        position = closing.end() if closing else len(content)
+
+
+def _refuse(path: Path, place: str, problem: str, expected: str, found: str, hint: str | None = None) -> DataError:
+    return DataError(problem, file=path, place=place, expected=expected, found=found, hint=hint)
+
+
+def _line(content: bytes, position: int) -> tuple[str, int]:
+    end = content.find(b"\n", position)
+    end = len(content) if end < 0 else end
+    return decode(content[position:end]).rstrip("\r"), end + 1
+
+
+def _units(body: bytes, path: Path, place: str) -> UffUnits:
+    lines = decode(body).splitlines()
+    try:
+        code = int(lines[0][:10])
+        length, force = (float(word) for word in lines[1].upper().replace("D", "E").split()[:2])
+        if not (0 < length < np.inf and 0 < force < np.inf):
+            raise ValueError("factors must be positive")
+    except (IndexError, ValueError) as error:
+        found = " / ".join(line.strip() for line in lines[:2])[:120]
+        raise DataError(
+            "the units (dataset 164) cannot be read", file=path, place=place, expected="a code and four factors", found=found
+        ) from error
+    return UffUnits(code, lines[0][10:30].strip(), length, force)
+
+
+def _header(content: bytes, start: int, count: int, path: Path, place: str) -> tuple[list[str], int]:
+    lines, position = [], start
+    for number in range(count):
+        if position >= len(content):
+            expected = f"{count} header lines"
+            raise _refuse(path, place, "the header of a function is cut off", expected, f"{number} lines")
+        text, position = _line(content, position)
+        lines.append(text)
+    return lines, position
+
+
+def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFunction:
+    place = f"record {record} ({dataset.place})"
+    lines, start = _header(body, 0, _HEADER_LINES, path, place)
+    form = _data_form(lines[6], path, place)
+    per_point = (2 if form.is_complex else 1) + (0 if form.even else 1)
+    data = body[start:]
+    tokens = data.split()
+    if len(tokens) != form.count * per_point and not _NUMBER.sub(b"", data).strip():
+        # Fixed columns may leave no blank between numbers, nor room for the letter of an exponent.
+        tokens = [re.sub(rb"(?<=[\d.])([-+]\d{3})$", rb"E\1", token) for token in _NUMBER.findall(data)]
+    if len(tokens) != form.count * per_point:
+        raise DataError(
+            "the function does not hold the number of values that its header states",
+            file=path,
+            place=place,
+            expected=f"{form.count} points, {form.count * per_point} numbers",
+            found=f"{len(tokens)} numbers",
+            hint="the file is damaged or truncated; export it again",
+        )
+    lines_of_points = None
+    if dataset.line is not None:
+        starts = np.cumsum([0, *(len(line.split()) for line in data.split(b"\n"))])
+        lines_of_points = np.searchsorted(starts, per_point * np.arange(form.count), side="right") + dataset.line + _HEADER_LINES
+    tokens = [token.replace(b"D", b"E").replace(b"d", b"e") for token in tokens]
+    try:
+        numbers = np.array(tokens, dtype=np.bytes_).astype(np.float64)
+    except ValueError as error:
+        bad = next(index for index, token in enumerate(tokens) if not _is_number(token))
+        line = f", line {lines_of_points[bad // per_point]}" if lines_of_points is not None else ""
+        found = repr(tokens[bad].decode("latin-1")[:30])
+        raise _refuse(path, f"{place}{line}", "a value is not a number", "a number", found) from error
+    return _build(form, lines, numbers.reshape(form.count, per_point), path, place, record, lines_of_points)
+
+
+def _is_number(token: bytes) -> bool:
+    try:
+        float(token)
+    except ValueError:
+        return False
+    return True
+
+
+def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int) -> tuple[UffFunction, int]:
+    place = f"record {record} ({dataset.place})"
+    words = dataset.identifier.split()
+    try:
+        order, floats, header_lines, stated = (int(word) for word in words[:4])
+    except ValueError as error:
+        expected = "byte order, float format, header lines, bytes"
+        raise DataError(
+            "the identifier of a binary function is wrong", file=path, place=place, expected=expected, found=dataset.identifier[:60]
+        ) from error
+    if order not in (1, 2) or floats != 2 or not _HEADER_LINES <= header_lines <= 100:
+        expected = "byte order 1 or 2, float format 2 (IEEE), 11 header lines"
+        found = f"{order}, {floats}, {header_lines}"
+        raise DataError(
+            "this form of binary function is not read", file=path, place=place, expected=expected, found=found, hint="export as ASCII"
+        )
+    lines, start = _header(content, dataset.start, header_lines, path, place)
+    form = _data_form(lines[6], path, place)
+    width = 8 if form.double else 4
+    value_bytes = width * (2 if form.is_complex else 1)
+    # The abscissa is single by the format's text, double in what several programs write.
+    abscissa_widths = (0,) if form.even else ((8, 4) if form.double else (4,))
+    sizes = {form.count * (value_bytes + extra): extra for extra in reversed(abscissa_widths)}
+    notes: tuple[str, ...] = ()
+    for size in (stated, *sizes):
+        after = _closing(content, start + size)
+        fitting = [needed for needed in sizes if needed <= size]
+        if after is not None and fitting and start + max(fitting) <= len(content):
+            needed = max(fitting)
+            if size != stated:
+                notes = (f"the byte count says {stated}, but {size} bytes of values are there; they were read",)
+            elif needed != size:
+                notes = (f"{size - needed} bytes after the last value were left out",)
+            break
+    else:
+        raise DataError(
+            "the function does not hold the number of values that its header states",
+            file=path,
+            place=place,
+            expected=f"{form.count} points, {' or '.join(str(size) for size in sizes)} bytes, then a line '-1'",
+            found=f"a byte count of {stated}, {len(content) - start} bytes to the end of the file",
+            hint="the file is damaged or truncated; export it again, or as ASCII",
+        )
+    kinds = [("x", f"{'<' if order == 1 else '>'}f{sizes[needed]}")] if sizes[needed] else []
+    kinds.append(("y", f"{'<' if order == 1 else '>'}f{width}", (2 if form.is_complex else 1,)))  # type: ignore[arg-type]
+    raw = np.frombuffer(content, dtype=np.dtype(kinds), count=form.count, offset=start)
+    columns = ([raw["x"][:, None]] if sizes[needed] else []) + [raw["y"]]
+    numbers = np.concatenate([np.asarray(column, dtype=np.float64) for column in columns], axis=1)
+    return _build(form, lines, numbers, path, place, record, None, notes), after
+
+
+def _closing(content: bytes, end: int) -> int | None:
+    """Offset after the closing ``-1`` if only blanks stand between ``end`` and it; the end of the file closes too."""
+    if not 0 <= end <= len(content):
+        return None
+    match = re.compile(rb"[\s\0]{0,8}-1[ \t]*(?:\r?\n|\Z)").match(content, end)
+    if match:
+        return match.end()
+    return len(content) if not content[end : end + 100].strip(b" \t\r\n\0\x1a") and len(content) - end < 100 else None
+
+
+@dataclass(frozen=True)
+class _Form:
+    count: int
+    even: bool
+    is_complex: bool
+    double: bool
+    minimum: str
+    increment: str
+
+
+def _data_form(line: str, path: Path, place: str) -> _Form:
+    words = line.split()
+    if len(words) < 5:
+        words = [line[a:b] for a, b in ((0, 10), (10, 20), (20, 30), (30, 43), (43, 56))]
+    try:
+        kind, count, spacing = (int(word) for word in words[:3])
+        minimum, increment = (word.strip().upper().replace("D", "E") for word in words[3:5])
+        if spacing not in (0, 1) or kind not in (2, 4, 5, 6) or count < 1:
+            raise ValueError(line)
+        if spacing == 1 and not (np.isfinite(float(minimum)) and 0 < float(increment) < np.inf):
+            raise ValueError(line)
+    except ValueError as error:
+        expected = "ordinate type 2, 4, 5 or 6, number of points, spacing 0 or 1, minimum, increment"
+        raise _refuse(path, place, "record 7 of a function is wrong", expected, repr(line[:80])) from error
+    return _Form(count, spacing == 1, kind in (5, 6), kind in (4, 6), minimum, increment)
+
+
+def _build(
+    form: _Form,
+    lines: list[str],
+    numbers: NDArray[np.float64],
+    path: Path,
+    place: str,
+    record: int,
+    point_lines: NDArray[np.int64] | None = None,
+    notes: tuple[str, ...] = (),
+) -> UffFunction:
+    first = 0 if form.even else 1
+    if form.is_complex:
+        values: NDArray[Any] = np.empty(form.count, dtype=np.complex128)
+        values.real, values.imag = numbers[:, first], numbers[:, first + 1]
+    else:
+        values = numbers[:, first].copy()
+    if form.even:
+        abscissa, note = even_axis(form.count, form.minimum, form.increment)
+        notes = (*notes, note) if note else notes
+    else:
+        abscissa = numbers[:, 0].copy()
+    dof = _identification(lines[5], path, place)
+    axes = [_axis(line, path, place) for line in lines[7:10]]
+    id_lines = tuple(line.rstrip() for line in lines[:5])
+    return UffFunction(record, place, id_lines, *dof, abscissa, values, axes[0], axes[1], axes[2], notes, point_lines)
+
+
+def _identification(line: str, path: Path, place: str) -> tuple[int, str, int, int, str, int, int]:
+    """Record 6: function type, response and reference (name, node, direction)."""
+    cells = [line[a:b] for a, b in ((0, 5), (31, 41), (41, 51), (51, 55), (56, 66), (66, 76), (76, 80))]
+    try:
+        cells[5:] = [cell.strip() or "0" for cell in cells[5:]]
+        numbers = [int(cells[i]) for i in (0, 2, 3, 5, 6)]
+        names = [cells[1].strip(), cells[4].strip()]
+    except ValueError:
+        match = re.fullmatch(r"\s*(\d+)\s+-?\d+\s+-?\d+\s+-?\d+\s+(.*?)\s+(\d+)\s+(-?\d)(?:\s+(.*?)\s+(\d+)\s+(-?\d))?\s*", line)
+        if match is None:
+            expected = "function type, response name, node and direction, reference name, node and direction"
+            raise _refuse(path, place, "record 6 of a function is wrong", expected, repr(line[:90])) from None
+        numbers = [int(match.group(i) or 0) for i in (1, 3, 4, 6, 7)]
+        names = [match.group(2), match.group(5) or ""]
+    if max(abs(numbers[2]), abs(numbers[4])) > 6:
+        found = f"{numbers[2]} and {numbers[4]}"
+        raise _refuse(path, place, "a direction in record 6 of a function is wrong", "-6 to 6", found)
+    names = ["" if name.upper() == "NONE" else name for name in names]
+    return numbers[0], names[0], numbers[1], numbers[2], names[1], numbers[3], numbers[4]
+
+
+def _axis(line: str, path: Path, place: str) -> Axis:
+    """Read one of records 8 to 10; a blank line stands for zeros."""
+    if not line.strip():
+        return Axis(0, 0, 0, "", "")
+    try:
+        kind, length, force = (int(line[a:b]) for a, b in ((0, 10), (10, 15), (15, 20)))
+        texts = [line[26:46], line[47:67]]
+    except ValueError:
+        match = re.match(r"\s*(-?\d+)(?:\s+(-?\d+)\s+(-?\d+)(?:\s+(-?\d+))?)?\s*(.*)", line)
+        if match is None:
+            raise DataError(
+                "an axis of a function is wrong", file=path, place=place, expected="a data type", found=repr(line[:70])
+            ) from None
+        kind, length, force = int(match.group(1)), int(match.group(2) or 0), int(match.group(3) or 0)
+        texts = [*re.split(r"\s{2,}", match.group(5).strip()), "", ""][:2]
+    label, unit = ("" if text.strip().upper() == "NONE" else text.strip() for text in texts)
+    return Axis(kind, length, force, label, unit)
