@@ -1,0 +1,101 @@
+"""The full-order model: operators, loads, outputs and low-rank terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.terms import LowRankTerms
+
+
+@dataclass(frozen=True)
+class FeModel:
+    """Second-order system ``(s² M + s C + K) x = B u, y = s^q L x`` with n DOFs (eqs. (1)-(5)).
+
+    Attributes
+    ----------
+    K, C, M : (n, n) csc_array
+        Stiffness, damping and mass *without* the low-rank terms; K may be complex (hysteretic damping), M may be singular.
+    B : (n, n_in) csc_array
+        Loads, one column a hammer point [N].
+    L : (n_out, n) csc_array
+        Outputs, one row a response.
+    output_power : (n_out,) int array
+        q: 0 for pressures and displacements, 1 for velocities, 2 for accelerations.
+    is_acoustic : (n,) bool array
+        Which DOFs are acoustic pressures.
+    terms : LowRankTerms
+        The rank-one terms.
+    """
+
+    K: sp.csc_array
+    C: sp.csc_array
+    M: sp.csc_array
+    B: sp.csc_array
+    L: sp.csc_array
+    output_power: NDArray[np.int64]
+    is_acoustic: NDArray[np.bool_]
+    terms: LowRankTerms
+
+    def __post_init__(self) -> None:
+        n = self.K.shape[0]
+        for name, matrix, shape in (
+            ("stiffness", self.K, (n, n)),
+            ("damping", self.C, (n, n)),
+            ("mass", self.M, (n, n)),
+            ("loads", self.B, (n, self.B.shape[1])),
+            ("outputs", self.L, (self.L.shape[0], n)),
+            ("left vectors of the terms", self.terms.left, (n, self.terms.size)),
+            ("right vectors of the terms", self.terms.right, (n, self.terms.size)),
+        ):
+            if matrix.shape != shape:
+                raise DataError(f"the {name} do not fit the other matrices", expected=f"shape {shape}", found=f"shape {matrix.shape}")
+
+    @property
+    def size(self) -> int:
+        """Number of DOFs n."""
+        return int(self.K.shape[0])
+
+    @property
+    def inputs(self) -> sp.csc_array:
+        """B_ext = [B | b d f], (n, n_in + nt), eq. (11)."""
+        return sp.hstack([self.B, self.terms.left], format="csc")
+
+    @property
+    def outputs(self) -> sp.csc_array:
+        """L_ext = [L ; cᵀ ; eᵀ ; gᵀ], (n_out + nt, n), eq. (15) with one row a term."""
+        return sp.vstack([self.L, self.terms.right.T], format="csr").tocsc()
+
+
+def proportional_damping(
+    K: sp.csc_array, M: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: tuple[float, float], acoustic: tuple[float, float]
+) -> sp.csc_array:
+    """C = alpha M + beta K on the diagonal blocks of each field, never on the coupling.
+
+    Parameters
+    ----------
+    K, M : (n, n) csc_array
+    is_acoustic : (n,) bool array
+    structure, acoustic : (alpha, beta)
+        In 1/s and s (Table 2 of the paper).
+
+    Returns
+    -------
+    (n, n) csc_array
+    """
+
+    def part(matrix: sp.csc_array, weights: tuple[float, float]) -> sp.coo_array:
+        coo = matrix.tocoo()
+        row_field, column_field = is_acoustic[coo.row], is_acoustic[coo.col]
+        same = row_field == column_field
+        factor = np.where(row_field, weights[1], weights[0])[same]
+        return sp.coo_array((factor * coo.data[same], (coo.row[same], coo.col[same])), shape=matrix.shape)
+
+    C = (part(M, (structure[0], acoustic[0])) + part(K, (structure[1], acoustic[1]))).tocsc()
+    C.eliminate_zeros()
+    C.sort_indices()
+    return C

@@ -1,0 +1,444 @@
+"""Adaptive multi-point second-order Krylov reduction of the extended system, with a measured certificate.
+
+Every factorisation serves twice: the exact port FRFs that it gives are compared with those of the reduced model (so the error
+of y is *measured* there for any parameter vector), and its solutions enrich the basis where that error is too large.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.basis import Field, Projection, check_orthonormal, energy_weight, new_directions
+from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
+from lrbc_cli.reduction.estimate import Estimator
+from lrbc_cli.reduction.ports import PortFrf, port_frf
+from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
+from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
+
+log = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+#: Increased whenever the same input would give another basis.
+ALGORITHM_VERSION = 1
+
+#: Expansion points before the estimate takes over.
+FIRST_POINTS = 3
+
+
+@dataclass(frozen=True)
+class ReductionOptions:
+    """What decides about the reduced model.
+
+    Attributes
+    ----------
+    band_hz : (float, float)
+    tolerance : float
+        Relative error of y, per line and physical quantity.
+    held_out : int
+        Lines outside the basis at which the final error is measured.
+    max_points : int
+        Expansion points after which the reduction gives up.
+    """
+
+    band_hz: tuple[float, float]
+    tolerance: float = 1e-3
+    held_out: int = 5
+    max_points: int = 40
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Measured errors at one line outside the basis.
+
+    Attributes
+    ----------
+    frequency_hz : float
+    errors : dict
+        Worst relative error of y by kind of parameter vector.
+    """
+
+    frequency_hz: float
+    errors: dict[str, float]
+
+    @property
+    def worst(self) -> float:
+        """Largest of them."""
+        return max(self.errors.values())
+
+
+@dataclass(frozen=True)
+class Step:
+    """One factorisation in the trace."""
+
+    frequency_hz: float
+    size: int
+    order: int
+    added: int
+    measured_error: float | None
+    grid_hz: Floats = field(repr=False)
+    estimate: Floats = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A reduced model with its certificate and its costs.
+
+    Attributes
+    ----------
+    model : ReducedModel
+    options : ReductionOptions
+    reached : bool
+        Whether every measured error is at most the tolerance.
+    held_out : tuple of HeldOut
+    trace : tuple of Step
+    seconds : dict
+        ``full_line`` (median of factorisation + one solve + one refinement step), ``factor``, ``basis``, ``projection``,
+        ``certificate``, ``total``.
+    backend : str
+    coupling : str
+    sizes : tuple of int
+        Reduced DOFs of each field.
+    vectors : int
+        Parameter vectors for which each held-out error was measured.
+    """
+
+    model: ReducedModel
+    options: ReductionOptions
+    reached: bool
+    held_out: tuple[HeldOut, ...]
+    trace: tuple[Step, ...]
+    seconds: dict[str, float]
+    backend: str
+    coupling: str
+    sizes: tuple[int, ...]
+    full_size: int
+    vectors: int
+
+    @property
+    def worst(self) -> float:
+        """Largest measured error."""
+        return max((line.worst for line in self.held_out), default=float("nan"))
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {"basis": 0.0, "projection": 0.0, "certificate": 0.0, "estimate": 0.0}
+        self._last = time.perf_counter()
+        self.start = self._last
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.seconds[stage] += now - self._last
+        self._last = now
+
+
+def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
+    """K, C, M with the reference values of the terms added."""
+    out = []
+    for power, operator in enumerate((model.K, model.C, model.M)):
+        weight = reference[:, power]
+        if np.any(weight):
+            operator = (operator + (model.terms.left * weight[None, :]) @ model.terms.right.T).tocsc()
+        out.append(operator)
+    return out[0], out[1], out[2]
+
+
+class Reducer:
+    """State of one adaptive reduction; ``run`` does it."""
+
+    def __init__(
+        self, model: FeModel, input_of: NDArray[np.int64], options: ReductionOptions, *, backend: str = "auto", ordering: str = "auto"
+    ) -> None:
+        self.clock = _Clock()
+        self.model, self.options, self.input_of = model, options, input_of
+        low, high = (2 * np.pi * f for f in options.band_hz)
+        self.scale = local_scale(model.K, model.M, model.terms, high)
+        self.reference = reference_values(model.terms, self.scale, high)
+        K, C, M = full_operators(model, self.reference)
+        self.C, self.M = C, M
+        self.Z = DynamicStiffness(K, C, M, model.is_acoustic, backend=backend, ordering=ordering)
+        self.inputs = model.inputs
+        self.outputs = model.outputs
+        # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
+        covered = self.Z.symmetric and model.terms.symmetric
+        self.dual_rhs = (model.L.T if covered else self.outputs.T).tocsc()
+        weight = energy_weight(K, M, high)
+        masks = [~model.is_acoustic, model.is_acoustic]
+        self.fields = [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()]
+        self.projection = Projection(
+            (K, C, M), self.inputs, self.outputs, self.fields, dual=self.dual_rhs, transposed=not self.Z.symmetric
+        )
+        # Directions far below the tolerance cannot be seen in y, whose error is a product of two such errors.
+        self.deflation = 0.1 * options.tolerance
+        self.estimator = Estimator(self, count=160)
+        self.exact: dict[float, PortFrf] = {}
+        self.enriched: list[float] = []
+        self.trace: list[Step] = []
+        self.full_lines: list[float] = []
+        self.clock.lap("basis")
+
+    # -- one factorisation ------------------------------------------------------------------------------------------
+
+    def factor(self, frequency: float) -> tuple[Factorisation, Complexes]:
+        """Factorise, solve for all inputs, keep the exact port FRFs."""
+        s = 2j * np.pi * frequency
+        start = time.perf_counter()
+        factorisation = self.Z.factor(s)
+        middle = time.perf_counter()
+        X = factorisation.solve(self.inputs.toarray())
+        after = time.perf_counter()
+        if len(self.full_lines) < 5:
+            # What one line of the full model costs: this factorisation, one solve, one refinement step.
+            factorisation.solve(self.inputs[:, [0]].toarray()[:, 0], refine=1)
+            self.full_lines.append(middle - start + time.perf_counter() - after)
+        H = np.asarray(self.outputs @ X)[None]
+        lines = np.array([s])
+        D_ref = reference_dynamic(self.reference, lines)
+        self.exact[frequency] = port_frf(H, lines, D_ref, self.model.output_power, self.input_of)
+        return factorisation, X
+
+    def order(self) -> int:
+        """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves.
+
+        Decided by fill, not by a stopwatch, so that the same input gives the same basis.
+        """
+        nonzeros = self.Z.nonzeros * (2 if self.Z.half else 1)
+        columns = nonzeros / self.Z.size
+        return 2 if columns > 12 * (self.inputs.shape[1] + self.dual_rhs.shape[1]) else 1
+
+    def enrich(self, frequency: float, factorisation: Factorisation, X: Complexes) -> tuple[int, int]:
+        """Add the moments at a factorised point to the basis; returns (order, added directions)."""
+        s = 2j * np.pi * frequency
+        blocks = [X, factorisation.solve_transposed(self.dual_rhs.toarray())]
+        order = self.order()
+        if order > 1:
+            # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.
+            slope = (2 * s * self.M + self.C).tocsr()
+            blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
+        snapshots = np.hstack(blocks)
+        new = [new_directions(f, snapshots[f.dofs], self.deflation) for f in self.fields]
+        self.clock.lap("basis")
+        self.projection.extend(new)
+        self.clock.lap("projection")
+        self.enriched.append(frequency)
+        return order, sum(block.shape[1] for block in new)
+
+    # -- errors -----------------------------------------------------------------------------------------------------
+
+    def reduced(self) -> ReducedModel:
+        """The reduced model on the basis so far."""
+        P, R = self.projection, self.model.L.shape[0]
+        n_in = self.model.B.shape[1]
+        inputs, outputs = P.inputs, P.outputs
+        left, right = inputs[:, n_in:], outputs[R:].T
+        K, C, M = (P.operator(i) - (left * self.reference[:, i]) @ right.T for i in range(3))
+        structure = P.sizes[0] if not self.model.is_acoustic.all() else 0
+        return ReducedModel(K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, structure)
+
+    def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
+        """Measured relative error of y at a factorised line, by kind of parameter vector."""
+        exact = self.exact[frequency]
+        approximate = model.ports(exact.s, workers=1)
+        out = {}
+        for kind, vectors in certificate_vectors(self.model.terms, self.scale, exact.s).items():
+            out[kind] = max(self.relative_error(approximate.evaluate(D)[0], exact.evaluate(D)[0]) for D in vectors)
+        return out
+
+    def relative_error(self, y: Complexes, exact: Complexes) -> float:
+        """Error of one line relative to its norm, the worst over quantities (pressures apart from motions)."""
+        worst = 0.0
+        for group in self.quantity_groups():
+            norm = float(np.linalg.norm(exact[group]))
+            error = float(np.linalg.norm(y[group] - exact[group]))
+            worst = max(worst, error / norm if norm else (0.0 if error == 0.0 else np.inf))
+        return worst
+
+    def quantity_groups(self) -> list[NDArray[np.int64]]:
+        """Responses that share a physical quantity."""
+        acoustic = np.asarray(abs(self.model.L) @ self.model.is_acoustic.astype(float)) > 0
+        key = np.where(acoustic, -1, self.model.output_power)
+        return [np.flatnonzero(key == value) for value in np.unique(key)]
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def run(self, progress: Callable[[str], None] = lambda _: None) -> Reduction:
+        """Grow the basis until the estimate holds over the band and the measured error at the held-out lines.
+
+        Raises
+        ------
+        NumericalError
+            Where a factorisation fails.
+        """
+        options = self.options
+        low, high = options.band_hz
+        grid = self.estimator.grid_hz
+        angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
+        for frequency in 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles):
+            self._expand(float(frequency), progress, None)
+        held_out: list[float] = []
+        effectivity = 1.0
+        while True:
+            estimate = self.estimator.estimate()
+            self.clock.lap("estimate")
+            frequency = self._next(estimate, held_out)
+            expected = float(np.interp(frequency, grid, estimate))
+            model = self.reduced()
+            factorisation, X = self.factor(frequency)
+            error = max(self.errors(frequency, model).values())
+            if expected > 0:
+                effectivity = max(effectivity, min(error / expected, 10.0))
+            needs = error > 0.5 * options.tolerance or float(estimate.max()) * effectivity > 3 * options.tolerance
+            order = added = 0
+            if needs and len(self.enriched) < options.max_points:
+                self.clock.lap("certificate")
+                order, added = self.enrich(frequency, factorisation, X)
+                # Nothing new although the error is too large: the deflation hides what is missing.
+                if added == 0:
+                    self.deflation *= 0.1
+                    if self.deflation < 1e-12:
+                        held_out.append(frequency)
+            else:
+                held_out.append(frequency)
+                self.clock.lap("certificate")
+            self._record(frequency, order, added, error, estimate)
+            progress(
+                f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
+                + (f"expansion point, +{added}" if order else "held out")
+            )
+            if len(held_out) >= options.held_out:
+                break
+        return self._finish(held_out)
+
+    def _expand(self, frequency: float, progress: Callable[[str], None], error: float | None) -> None:
+        factorisation, X = self.factor(frequency)
+        order, added = self.enrich(frequency, factorisation, X)
+        self._record(frequency, order, added, error, np.full(self.estimator.grid_hz.size, np.nan))
+        progress(f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
+
+    def _record(self, frequency: float, order: int, added: int, error: float | None, estimate: Floats) -> None:
+        self.trace.append(Step(frequency, self.projection.size, order, added, error, self.estimator.grid_hz, estimate))
+
+    def _next(self, estimate: Floats, held_out: list[float]) -> float:
+        """The line with the worst estimate that was not looked at yet, or is not close to one that was."""
+        grid = self.estimator.grid_hz
+        taken = np.array([*self.enriched, *held_out])
+        low, high = self.options.band_hz
+        apart = np.abs(grid[:, None] - taken[None, :]).min(axis=1)
+        weight = np.where(apart > 0.01 * (high - low), estimate, 0.0)
+        if not np.any(weight > 0):
+            weight = apart
+        return float(grid[int(np.argmax(weight))])
+
+    def _finish(self, held_out: list[float]) -> Reduction:
+        for f in self.fields:
+            check_orthonormal(f)
+        model = self.reduced()
+        # The basis may have grown after a line was held out: all errors are those of the final model.
+        lines = tuple(HeldOut(f, self.errors(f, model)) for f in sorted(held_out))
+        tolerance = self.options.tolerance
+        self.clock.lap("certificate")
+        seconds = dict(self.clock.seconds)
+        seconds["full_line"] = float(np.median(self.full_lines))
+        seconds["factor"] = float(np.median(self.Z.factor_seconds))
+        seconds["total"] = time.perf_counter() - self.clock.start
+        vectors = sum(len(v) for v in certificate_vectors(self.model.terms, self.scale, np.array([1j])).values())
+        reached = all(line.worst <= tolerance for line in lines)
+        return Reduction(
+            model, self.options, reached, lines, tuple(self.trace), seconds, self.Z.backend, self.Z.coupling.text,
+            tuple(self.projection.sizes), self.model.size, vectors,
+        )  # fmt: skip
+
+
+def reduce_model(
+    model: FeModel,
+    input_of: NDArray[np.int64],
+    options: ReductionOptions,
+    *,
+    backend: str = "auto",
+    ordering: str = "auto",
+    progress: Callable[[str], None] = lambda _: None,
+) -> Reduction:
+    """Reduce a model so that y is within the tolerance on the band for every value of the terms.
+
+    Parameters
+    ----------
+    model : FeModel
+    input_of : (n_out,) int array
+        Which input each response belongs to.
+    options : ReductionOptions
+    backend, ordering : str
+        Execution only, see ``DynamicStiffness``.
+    progress : callable
+        Gets one line of text a factorisation.
+
+    Returns
+    -------
+    Reduction
+        With ``reached`` False where the tolerance was not met.
+
+    Raises
+    ------
+    NumericalError
+        Where the system is singular on the band.
+    """
+    # Tall and thin QR does not gain from threads, and spinning BLAS threads on busy cores cost a factor of ten; PARDISO keeps its own.
+    with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
+        return Reducer(model, input_of, options, backend=backend, ordering=ordering).run(progress)
+
+
+def full_ports(
+    model: FeModel,
+    input_of: NDArray[np.int64],
+    s: Complexes,
+    band_hz: tuple[float, float],
+    *,
+    backend: str = "auto",
+    ordering: str = "auto",
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> PortFrf:
+    """Port FRFs of the unreduced model by one refined full solve a line: the reference that reduced models are compared with.
+
+    Parameters
+    ----------
+    model : FeModel
+    input_of : (n_out,) int array
+    s : (F,) complex array
+    band_hz : (float, float)
+        Sets the reference values of the terms only.
+
+    Returns
+    -------
+    PortFrf
+    """
+    high = 2 * np.pi * band_hz[1]
+    reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
+    with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
+        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
+        inputs, outputs = model.inputs.toarray(), model.outputs
+        H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
+        for line, value in enumerate(s):
+            factorisation = Z.factor(complex(value))
+            X = factorisation.solve(inputs, refine=1)
+            residual = factorisation.residual(X, inputs)
+            if residual > 1e-8:
+                raise NumericalError(
+                    f"the full model is nearly singular at {value.imag / (2 * np.pi):.6g} Hz", expected="residual at most 1e-8", found=f"{residual:.1e}"
+                )
+            H[line] = outputs @ X
+            progress(line + 1, s.size)
+    return port_frf(H, s, reference_dynamic(reference, s), model.output_power, input_of)
+
+
+__all__ = ["HeldOut", "Reduction", "ReductionOptions", "Step", "full_ports", "reduce_model", "replace"]

@@ -1,0 +1,248 @@
+"""The dynamic stiffness Z(s) = s² M + s C + K of the full model, and its factorisations."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
+
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.coupling import Coupling, coupling_of
+from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction.ordering import nested_dissection
+
+Complexes = NDArray[np.complex128]
+
+BACKENDS = ("auto", "superlu", "pardiso")
+
+#: A solve whose refined residual stays above this is reported as singular.
+RESIDUAL_LIMIT = 1e-6
+
+
+class Solver(Protocol):
+    """A sparse direct solver with a fixed pattern."""
+
+    def factor(self, data: Complexes) -> None:
+        """Factorise the values on the pattern."""
+
+    def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
+        """Unrefined solution."""
+
+
+class SuperLuSolver:
+    """SciPy's SuperLU in symmetric mode on a nested-dissection ordering that was applied beforehand."""
+
+    def __init__(self, indptr: NDArray[Any], indices: NDArray[Any]) -> None:
+        self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)
+        self._lu: Any = None
+
+    def factor(self, data: Complexes) -> None:
+        n = self._indptr.size - 1
+        matrix = sp.csc_matrix((data, self._indices, self._indptr), shape=(n, n))
+        self._lu = None
+        try:
+            # Threaded BLAS on small supernodes made this many times slower on busy cores.
+            with threadpool_limits(limits=1, user_api="blas"):
+                self._lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+        except RuntimeError as error:
+            raise NumericalError(f"SuperLU failed ({error})") from error
+
+    def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
+
+    @property
+    def nonzeros(self) -> int:
+        """Non-zeros of the factors."""
+        return int(self._lu.nnz)
+
+
+@dataclass(frozen=True)
+class SolveStatistics:
+    """Seconds spent in the full model, for the cost table."""
+
+    factor: tuple[float, ...]
+    solve: tuple[float, ...]
+
+
+class DynamicStiffness:
+    """Z(s) with one analysed union pattern for all s.
+
+    The u-p system is made complex symmetric by dividing its acoustic rows by -kappa s² where the matrices allow it
+    (``coupling_of`` verifies that), and symmetrically equilibrated: S = diag(l d) Z diag(d).
+
+    Parameters
+    ----------
+    K, C, M : (n, n) csc_array
+    is_acoustic : (n,) bool array
+    backend : str
+        ``superlu``, ``pardiso`` or ``auto`` (PARDISO where it is installed).
+    ordering : str
+        ``metis``, ``bisection`` or ``auto``; SuperLU only.
+    """
+
+    def __init__(
+        self,
+        K: sp.csc_array,
+        C: sp.csc_array,
+        M: sp.csc_array,
+        is_acoustic: NDArray[np.bool_],
+        *,
+        backend: str = "auto",
+        ordering: str = "auto",
+        coupling: Coupling | None = None,
+    ) -> None:
+        if backend == "auto":
+            backend = "pardiso" if pardiso.library() else "superlu"
+        self.backend = backend
+        self.K, self.C, self.M = K, C, M
+        self.coupling = coupling or coupling_of(K, C, M, is_acoustic)
+        self.symmetric = self.coupling.symmetric
+        self._acoustic = is_acoustic
+        n = K.shape[0]
+        self.size = n
+
+        union = (abs(K) + abs(C) + abs(M) + sp.eye_array(n)).tocsr()
+        union = (union + union.T).tocsr()
+        if backend == "superlu":
+            self._perm = nested_dissection(union, ordering)
+        else:
+            self._perm = np.arange(n)
+        inverse = np.empty(n, dtype=np.int64)
+        inverse[self._perm] = np.arange(n)
+        rows, cols = (inverse[index] for index in (union.tocoo().row, union.tocoo().col))
+        upper = backend == "pardiso" and self.symmetric
+        if upper:
+            rows, cols = rows[rows <= cols], cols[rows <= cols]
+        # PARDISO wants rows, SuperLU columns.
+        major, minor = (rows, cols) if backend == "pardiso" else (cols, rows)
+        key = np.sort(major * n + minor)
+        self._major, self._minor = key // n, key % n
+        indptr = np.searchsorted(self._major, np.arange(n + 1))
+        self._values = []
+        for matrix in (K, C, M):
+            coo = matrix.tocoo()
+            r, c = inverse[coo.row], inverse[coo.col]
+            keep = r <= c if upper else np.ones(r.size, dtype=bool)
+            entry = (r * n + c if backend == "pardiso" else c * n + r)[keep]
+            data = np.zeros(key.size, dtype=coo.data.dtype)
+            data[np.searchsorted(key, entry)] = coo.data[keep]
+            self._values.append(data)
+        self._diagonal = np.searchsorted(key, np.arange(n) * n + np.arange(n))
+        self._solver: Any = (
+            pardiso.Pardiso(indptr, self._minor, symmetric=self.symmetric) if backend == "pardiso" else SuperLuSolver(indptr, self._minor)
+        )
+        self._state: tuple[complex, Complexes, Complexes] | None = None
+        self.factor_seconds: list[float] = []
+        self.solve_seconds: list[tuple[int, float]] = []
+
+    @property
+    def nonzeros(self) -> int:
+        """Non-zeros of the latest factors."""
+        return int(self._solver.nonzeros)
+
+    @property
+    def half(self) -> bool:
+        """Whether only one of two equal factors is stored."""
+        return self.backend == "pardiso" and self.symmetric
+
+    def operator(self, s: complex) -> sp.csr_array:
+        """Z(s) as a sparse array."""
+        return (s**2 * self.M + s * self.C + self.K).tocsr()
+
+    def apply(self, s: complex, X: Complexes) -> Complexes:
+        """Z(s) X."""
+        return np.asarray(self.operator(s) @ X)
+
+    def factor(self, s: complex) -> Factorisation:
+        """Factorise Z(s); the returned object is valid until the next call.
+
+        Raises
+        ------
+        NumericalError
+            Where the matrix is singular.
+        """
+        start = time.perf_counter()
+        k, c, m = self._values
+        data = s**2 * m + s * c + k
+        left = np.ones(self.size, dtype=complex)
+        if self.coupling.kappa is not None:
+            left[self._acoustic] = -1.0 / (self.coupling.kappa * s**2)
+        left = left[self._perm]
+        row = self._major if self.backend == "pardiso" else self._minor
+        col = self._minor if self.backend == "pardiso" else self._major
+        data = left[row] * data
+        size = np.abs(data[self._diagonal])
+        largest = np.zeros(self.size)
+        np.maximum.at(largest, col, np.abs(data))
+        # A (nearly) empty diagonal is scaled by the largest entry of its column instead.
+        size = np.where(size > 1e-8 * largest, size, largest)
+        if np.any(size == 0.0) or not np.all(np.isfinite(size)):
+            dof = int(self._perm[int(np.argmin(np.where(np.isfinite(size), size, 0.0)))])
+            raise NumericalError(
+                "the dynamic stiffness has an empty or non-finite column",
+                place=f"DOF {dof}",
+                hint="remove DOFs without stiffness and mass (fixed or orphan nodes) from the export",
+            )
+        d = 1.0 / np.sqrt(size)
+        self._solver.factor(d[row] * data * d[col])
+        self._state = (s, left * d, d.astype(complex))
+        self.factor_seconds.append(time.perf_counter() - start)
+        return Factorisation(self, s)
+
+    def _solve(self, s: complex, rhs: Complexes, *, transposed: bool, refine: int) -> Complexes:
+        if self._state is None or self._state[0] != s:
+            raise NumericalError("the factorisation was replaced by a later one")
+        start = time.perf_counter()
+        _, l, d = self._state
+        before, after = (d, l) if transposed else (l, d)
+        # A symmetric S needs no transposed solve.
+        swap = transposed and not self.symmetric
+
+        def once(b: Complexes) -> Complexes:
+            scaled = (before if b.ndim == 1 else before[:, None]) * b[self._perm]
+            y = self._solver.solve(scaled, transposed=swap)
+            x = np.empty_like(y)
+            x[self._perm] = (after if b.ndim == 1 else after[:, None]) * y
+            return x
+
+        b = np.asarray(rhs, dtype=complex)
+        x = once(b)
+        for _ in range(refine):
+            Z = self.operator(s)
+            x = x + once(b - ((Z.T if transposed else Z) @ x))
+        self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
+        if not np.all(np.isfinite(x)):
+            raise NumericalError(f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band")
+        return x
+
+
+@dataclass(frozen=True)
+class Factorisation:
+    """One factorised Z(s)."""
+
+    owner: DynamicStiffness
+    s: complex
+
+    def solve(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
+        """Z(s)⁻¹ B, (n,) or (n, m), with ``refine`` steps of iterative refinement."""
+        return self.owner._solve(self.s, rhs, transposed=False, refine=refine)
+
+    def solve_transposed(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
+        """Z(s)⁻ᵀ B."""
+        return self.owner._solve(self.s, rhs, transposed=True, refine=refine)
+
+    def residual(self, x: Complexes, rhs: NDArray[Any]) -> float:
+        """Largest column-wise relative residual of a solution, rows weighted by the diagonal of Z."""
+        Z = self.owner.operator(self.s)
+        weight = 1.0 / np.sqrt(np.abs(Z.diagonal()) + np.finfo(float).tiny)
+        scale = np.abs(Z) @ np.abs(x) + np.abs(rhs)
+        columns = (weight[:, None] if x.ndim == 2 else weight) * (Z @ x - rhs)
+        norms = (weight[:, None] if x.ndim == 2 else weight) * scale
+        return float(np.max(np.linalg.norm(columns, axis=0) / np.linalg.norm(norms, axis=0)))

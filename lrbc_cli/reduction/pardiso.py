@@ -1,0 +1,129 @@
+"""Intel MKL PARDISO through ctypes: complex symmetric and unsymmetric, analysis kept between shifts.
+
+The wheel ``mkl`` ships the library; its reference manual documents the call and ``iparm``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import NumericalError
+
+_MESSAGES = {
+    -1: "input inconsistent",
+    -2: "not enough memory",
+    -3: "reordering failed",
+    -4: "zero pivot: the matrix is singular",
+    -7: "diagonal matrix is singular",
+    -8: "32-bit integer overflow",
+}
+
+
+@cache
+def library() -> ctypes.CDLL | None:
+    """The MKL runtime, or None where it is not installed."""
+    names = ["mkl_rt", "libmkl_rt"]
+    candidates: list[Path] = []
+    try:
+        files = importlib.metadata.distribution("mkl").files or []
+        candidates = [Path(str(f.locate())) for f in files if Path(str(f)).name.split(".")[0] in names]
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    for path in candidates:
+        if path.suffix in {".dll", ".dylib", ".so"} or ".so." in path.name:
+            try:
+                return ctypes.CDLL(str(path.resolve()), mode=ctypes.RTLD_GLOBAL if sys.platform != "win32" else ctypes.DEFAULT_MODE)
+            except OSError:
+                continue
+    return None
+
+
+class Pardiso:
+    """One analysed pattern; ``factor`` as often as wanted.
+
+    Parameters
+    ----------
+    indptr, indices : int arrays
+        CSR pattern, sorted; the upper triangle with the whole diagonal where ``symmetric``.
+    symmetric : bool
+        Complex symmetric LDLᵀ (mtype 6), otherwise complex LU (mtype 13).
+    perm : (n,) int array or None
+        Elimination order to use; PARDISO's own METIS otherwise.
+    """
+
+    def __init__(self, indptr: NDArray[Any], indices: NDArray[Any], *, symmetric: bool) -> None:
+        lib = library()
+        if lib is None:
+            raise NumericalError("the accelerated factorisation is not installed", hint="pip install 'lrbc[accelerated]', or reduction.backend: superlu")
+        self._lib = lib
+        self._handle = np.zeros(64, dtype=np.int64)
+        self._iparm = np.zeros(64, dtype=np.int32)
+        # Defaults of pardisoinit, then: no scaling or matching (the matrix is equilibrated), zero-based indices.
+        self._iparm[0] = 1
+        self._iparm[1] = 2
+        self._iparm[7] = 0
+        self._iparm[9] = 8 if symmetric else 13
+        self._iparm[20] = 1
+        self._iparm[34] = 1
+        self._type = 6 if symmetric else 13
+        self._n = indptr.size - 1
+        self._indptr = np.ascontiguousarray(indptr, dtype=np.int32)
+        self._indices = np.ascontiguousarray(indices, dtype=np.int32)
+        self._data: NDArray[np.complex128] = np.zeros(indices.size, dtype=complex)
+        self._analysed = False
+
+    def factor(self, data: NDArray[np.complex128]) -> None:
+        """Numeric factorisation of the values ``data`` on the pattern; analyses at the first call."""
+        self._data = np.ascontiguousarray(data, dtype=complex)
+        self._call(22 if self._analysed else 12)
+        self._analysed = True
+
+    def solve(self, rhs: NDArray[np.complex128], *, refine: int = 0, transposed: bool = False) -> NDArray[np.complex128]:
+        """Solution of A X = rhs, or Aᵀ X = rhs; rhs (n,) or (n, m), Fortran order is kept."""
+        b = np.array(rhs, dtype=complex, order="F", ndmin=2 if rhs.ndim == 2 else 1)
+        x = np.empty_like(b, order="F")
+        self._iparm[7] = refine
+        self._iparm[11] = 2 if transposed else 0
+        self._call(33, b, x)
+        return x
+
+    @property
+    def nonzeros(self) -> int:
+        """Non-zeros of the factors."""
+        return int(self._iparm[17])
+
+    def _call(self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None) -> None:
+        def integer(value: int) -> Any:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def pointer(array: NDArray[Any] | None) -> Any:
+            return ctypes.c_void_p(None if array is None else array.ctypes.data)
+
+        error = ctypes.c_int32(0)
+        columns = 1 if b is None or b.ndim == 1 else b.shape[1]
+        self._lib.pardiso(
+            pointer(self._handle), integer(1), integer(1), integer(self._type), integer(phase), integer(self._n), pointer(self._data),
+            pointer(self._indptr), pointer(self._indices), pointer(None), integer(columns), pointer(self._iparm), integer(0), pointer(b), pointer(x),
+            ctypes.byref(error),
+        )  # fmt: skip
+        if error.value:
+            raise NumericalError(f"PARDISO failed ({_MESSAGES.get(error.value, f'error {error.value}')})")
+
+    def close(self) -> None:
+        """Release the factors."""
+        if self._analysed:
+            self._analysed = False
+            self._call(-1)
+
+    def __del__(self) -> None:
+        # At interpreter exit the modules are gone already, and the memory goes with the process.
+        if getattr(self, "_analysed", False) and not sys.is_finalizing():
+            self.close()

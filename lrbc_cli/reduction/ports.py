@@ -1,0 +1,206 @@
+"""Port FRFs: the parameter-free H(s) of the extended system, and y for any parameter values (method of eqs. (14)-(18))."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+#: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
+SYMMETRY = 1e-9
+
+
+@dataclass(frozen=True)
+class PortFrf:
+    """H(s) = L_ext Z_ref(s)⁻¹ B_ext at the lines of an update, taken about reference values D_ref of the terms.
+
+    Attributes
+    ----------
+    s : (F,) complex array
+        i omega.
+    H00 : (F, R) complex array
+        Responses over their own input, at the reference.
+    H0p : (F, R, nt) complex array
+        Responses over the term inputs.
+    Hp0 : (F, nt, n_in) complex array
+        Term outputs over the inputs.
+    Hpp : (F, nt, nt) complex array
+        Term outputs over the term inputs.
+    D_ref : (F, nt) complex array
+        What the terms already have in the base system.
+    input_of : (R,) int array
+        Which input each response belongs to.
+    symmetric : bool
+        Hpp equals its transpose (made exactly so).
+    """
+
+    s: Complexes
+    H00: Complexes
+    H0p: Complexes
+    Hp0: Complexes
+    Hpp: Complexes
+    D_ref: Complexes
+    input_of: NDArray[np.int64]
+    symmetric: bool
+
+    @property
+    def lines(self) -> int:
+        """Number of lines F."""
+        return int(self.s.size)
+
+    @property
+    def frequency_hz(self) -> Floats:
+        """(F,) lines in Hz."""
+        return np.asarray(self.s.imag / (2 * np.pi))
+
+    def select(self, lines: NDArray[np.int64], responses: NDArray[np.int64]) -> PortFrf:
+        """The same for some lines and responses."""
+        return PortFrf(
+            self.s[lines],
+            self.H00[np.ix_(lines, responses)],
+            self.H0p[np.ix_(lines, responses)],
+            self.Hp0[lines],
+            self.Hpp[lines],
+            self.D_ref[lines],
+            self.input_of[responses],
+            self.symmetric,
+        )
+
+    def evaluate(self, D: Complexes) -> Complexes:
+        """FRFs for the dynamic values D of the terms.
+
+        ``y = H00 - H0p (I + Delta Hpp)⁻¹ Delta Hp0`` with ``Delta = D - D_ref``: regular from free (D = 0) to clamped (D infinite).
+
+        Parameters
+        ----------
+        D : (F, nt) complex array
+            D_j(s); infinite entries clamp.
+
+        Returns
+        -------
+        (F, R) complex array
+        """
+        E, F = self._split(D)
+        w = np.linalg.solve(self._matrix(self.Hpp, E, F), self.Hp0)
+        return self._respond(F, w)
+
+    def drive(self, D: Complexes) -> tuple[Complexes, Complexes]:
+        """FRFs, and the auxiliary inputs ``u = -Delta c^T x`` (6)-(8) that unit inputs cause through the terms.
+
+        Returns
+        -------
+        y : (F, R) complex array
+        u : (F, nt, n_in) complex array
+        """
+        E, F = self._split(D)
+        w = np.linalg.solve(self._matrix(self.Hpp, E, F), self.Hp0)
+        return self._respond(F, w), -F[:, :, None] * w
+
+    def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
+        """FRFs and their derivatives to every D_j, in one pass.
+
+        ``dy/dD_j = -[H0p (I + Delta Hpp)⁻¹]_j [(I + Hpp Delta)⁻¹ Hp0]_j``; where Hpp is symmetric both factors come from one factorisation.
+
+        Parameters
+        ----------
+        D : (F, nt) complex array, finite
+
+        Returns
+        -------
+        y : (F, R) complex array
+        dy : (F, R, nt) complex array
+        """
+        E, F = self._split(D)
+        n_in = self.Hp0.shape[2]
+        right = self.H0p.transpose(0, 2, 1)
+        A = self._matrix(self.Hpp, E, F)
+        if self.symmetric:
+            both = np.linalg.solve(A, np.concatenate([self.Hp0, right], axis=2))
+            w, v = both[:, :, :n_in], both[:, :, n_in:]
+        else:
+            w = np.linalg.solve(A, self.Hp0)
+            v = np.linalg.solve(self._matrix(self.Hpp.transpose(0, 2, 1), E, F), right)
+        y = self._respond(F, w)
+        dy = v[:, :, :] * w[:, :, self.input_of]
+        dy *= -(E**2)[:, :, None]
+        return y, dy.transpose(0, 2, 1)
+
+    def _split(self, D: Complexes) -> tuple[Floats, Complexes]:
+        """E = 1/(1 + h|Delta|) and F = Delta E, with h the size of Hpp: finite even where Delta is infinite."""
+        h = np.abs(np.diagonal(self.Hpp, axis1=1, axis2=2))
+        clamped = np.isinf(D)
+        delta = np.where(clamped, 0.0, D) - self.D_ref
+        E = 1.0 / (1.0 + h * np.abs(delta))
+        F = delta * E
+        if clamped.any():
+            E = np.where(clamped, 0.0, E)
+            F = np.where(clamped, 1.0 / np.where(h > 0, h, 1.0), F)
+        return E, F
+
+    @staticmethod
+    def _matrix(Hpp: Complexes, E: Floats, F: Complexes) -> Complexes:
+        A = Hpp * F[:, None, :]
+        index = np.arange(E.shape[1])
+        A[:, index, index] += E
+        return A
+
+    def _respond(self, F: Complexes, w: Complexes) -> Complexes:
+        y = (self.H0p * F[:, None, :]) @ w
+        rows = np.arange(self.input_of.size)
+        return np.asarray(self.H00 - y[:, rows, self.input_of])
+
+
+def port_frf(
+    H: Complexes,
+    s: Complexes,
+    D_ref: Complexes,
+    output_power: NDArray[np.int64],
+    input_of: NDArray[np.int64],
+) -> PortFrf:
+    """Arrange the raw transfer matrix of the extended system.
+
+    Parameters
+    ----------
+    H : (F, R + nt, n_in + nt) complex array
+        L_ext Z_ref⁻¹ B_ext.
+    s : (F,) complex array
+    D_ref : (F, nt) complex array
+    output_power : (R,) int array
+        Power of s that turns the displacement of a response into its quantity.
+    input_of : (R,) int array
+
+    Returns
+    -------
+    PortFrf
+    """
+    R, nt = output_power.size, D_ref.shape[1]
+    n_in = H.shape[2] - nt
+    to_quantity = s[:, None] ** output_power[None, :]
+    rows = np.arange(R)
+    H00 = H[:, :R, :n_in][:, rows, input_of] * to_quantity
+    H0p = H[:, :R, n_in:] * to_quantity[:, :, None]
+    Hpp = H[:, R:, n_in:]
+    scale = np.abs(Hpp).max() if Hpp.size else 0.0
+    symmetric = bool(np.abs(Hpp - Hpp.transpose(0, 2, 1)).max() <= SYMMETRY * scale) if Hpp.size else True
+    if symmetric:
+        Hpp = 0.5 * (Hpp + Hpp.transpose(0, 2, 1))
+    return PortFrf(s, H00, H0p, np.ascontiguousarray(H[:, R:, :n_in]), np.ascontiguousarray(Hpp), D_ref, input_of, symmetric)
+
+
+def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
+    """Run ``work`` on slices of lines, in threads with BLAS limited to one thread each (small dense solves release the GIL)."""
+    slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
+    with threadpool_limits(limits=1, user_api="blas"):
+        if len(slices) < 2 or workers < 2:
+            for part in slices:
+                work(part)
+            return
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, slices))

@@ -1,0 +1,128 @@
+"""The reduced model (26)-(27): projected operators, port FRFs from it, and the reduced dynamic stiffness (28)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
+
+Complexes = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """``(s² M + s C + K + b D(s) cᵀ) x = B u, y = s^q L x`` with r DOFs, without the terms in K, C, M.
+
+    Attributes
+    ----------
+    K, C, M : (r, r) arrays
+        Vᵀ K V and so on; real unless the full operator is complex.
+    B : (r, n_in) float array
+    L : (n_out, r) float array
+    left, right : (r, nt) float arrays
+        Vᵀ b and Vᵀ c, eq. (27).
+    output_power : (n_out,) int array
+    input_of : (n_out,) int array
+        Which input each response belongs to.
+    reference : (nt,) complex array pair as (nt, 3) float array
+        D_ref(s) = k + s c + s² m of every term: the values about which port FRFs are taken.
+    structure : int
+        How many of the DOFs, counted from the first, are structural.
+    """
+
+    K: Complexes | Floats
+    C: Complexes | Floats
+    M: Complexes | Floats
+    B: Floats
+    L: Floats
+    left: Floats
+    right: Floats
+    output_power: NDArray[np.int64]
+    input_of: NDArray[np.int64]
+    reference: Floats
+    structure: int
+
+    @property
+    def size(self) -> int:
+        """Number of reduced DOFs r."""
+        return int(self.K.shape[0])
+
+    @property
+    def terms(self) -> int:
+        """Number of terms nt."""
+        return int(self.left.shape[1])
+
+    def reference_dynamic(self, s: Complexes) -> Complexes:
+        """(F, nt) D_ref(s)."""
+        return reference_dynamic(self.reference, s)
+
+    def dynamic_stiffness(self, s: Complexes, D: Complexes) -> Complexes:
+        """(F, r, r) reduced dynamic stiffness, eq. (28).
+
+        Parameters
+        ----------
+        s : (F,) complex array
+        D : (F, nt) complex array
+            Finite values of the terms.
+        """
+        Z = s[:, None, None] ** 2 * self.M + s[:, None, None] * self.C + self.K
+        return np.asarray(Z + (self.left * D[:, None, :]) @ self.right.T)
+
+    def transfer(self, s: Complexes, *, workers: int = 2) -> Complexes:
+        """(F, n_out + nt, n_in + nt) transfer matrix of the extended system at the reference."""
+        D = self.reference_dynamic(s)
+        inputs = np.hstack([self.B, self.left])
+        outputs = np.vstack([self.L, self.right.T])
+        H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
+
+        def work(part: slice) -> None:
+            H[part] = outputs @ np.linalg.solve(self.dynamic_stiffness(s[part], D[part]), inputs.astype(complex)[None])
+
+        in_chunks(s.size, work, workers=workers)
+        return H
+
+    def ports(self, s: Complexes, *, workers: int = 2) -> PortFrf:
+        """Port FRFs at the lines s."""
+        return port_frf(self.transfer(s, workers=workers), s, self.reference_dynamic(s), self.output_power, self.input_of)
+
+    def evaluate(self, s: Complexes, D: Complexes, *, workers: int = 2) -> Complexes:
+        """(F, n_out) FRFs from the reduced dynamic stiffness, eq. (28): the formula that port FRFs are checked against."""
+        return self._solve(s, D, gradient=False, workers=workers)[0]
+
+    def linearise(self, s: Complexes, D: Complexes, *, workers: int = 2) -> tuple[Complexes, Complexes]:
+        """(F, n_out) FRFs and (F, n_out, nt) derivatives to D_j, eqs. (28) and (32) in adjoint form."""
+        return self._solve(s, D, gradient=True, workers=workers)
+
+    def _solve(self, s: Complexes, D: Complexes, *, gradient: bool, workers: int) -> tuple[Complexes, Complexes]:
+        R, n_in = self.L.shape[0], self.B.shape[1]
+        y = np.empty((s.size, R), dtype=complex)
+        dy = np.empty((s.size, R if gradient else 0, self.terms), dtype=complex)
+        rows = np.arange(R)
+
+        def work(part: slice) -> None:
+            Z = self.dynamic_stiffness(s[part], D[part])
+            to_quantity = s[part, None] ** self.output_power[None, :]
+            x = np.linalg.solve(Z, self.B.astype(complex)[None])
+            y[part] = (self.L @ x)[:, rows, self.input_of] * to_quantity
+            if gradient:
+                adjoint = np.linalg.solve(Z.transpose(0, 2, 1), self.L.T.astype(complex)[None])
+                before = self.left.T @ adjoint
+                after = self.right.T @ x
+                dy[part] = -(before * after[:, :, self.input_of]).transpose(0, 2, 1) * to_quantity[:, :, None]
+
+        assert n_in > 0  # a model without loads is refused when it is read
+        in_chunks(s.size, work, chunk=8, workers=workers)
+        return y, dy
+
+    def with_reference(self, reference: Floats) -> ReducedModel:
+        """The same model with port FRFs about other values."""
+        return replace(self, reference=reference)
+
+
+def reference_dynamic(reference: Floats, s: Complexes) -> Complexes:
+    """(F, nt) k + s c + s² m from (nt, 3) coefficients."""
+    return np.asarray(reference[:, 0] + s[:, None] * reference[:, 1] + s[:, None] ** 2 * reference[:, 2])

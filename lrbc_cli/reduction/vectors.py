@@ -1,0 +1,91 @@
+"""Reference values of the terms and the parameter vectors for which errors are estimated and measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.model.terms import LowRankTerms
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+#: A term whose outer product would have more entries than this stays out of the reference.
+FILL_LIMIT = 4096
+
+#: Kinds of certificate vectors as decades from the local stiffness of each term.
+KINDS = {"loose": -2.0, "local": 0.0, "clamped": 4.0, "beyond": 9.0}
+
+#: Range in decades around the local stiffness from which random vectors are drawn.
+RANDOM_DECADES = (-4.0, 6.0)
+
+
+def local_scale(K: sp.csc_array, M: sp.csc_array, terms: LowRankTerms, omega: float) -> Floats:
+    """Value at which each term is as strong as the structure it acts on: free well below, clamped well above.
+
+    Parameters
+    ----------
+    K, M : (n, n) csc_array
+    terms : LowRankTerms
+    omega : float
+        Angular frequency that stands for the band [rad/s].
+
+    Returns
+    -------
+    (nt,) float array
+        In the unit of the term (stiffness, damping or mass).
+    """
+    stiffness = np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal())
+    flexible = np.where(stiffness > 0, 1.0 / np.where(stiffness > 0, stiffness, 1.0), 0.0)
+    flexibility = np.asarray((abs(terms.left).multiply(abs(terms.right))).T @ flexible)
+    # Vectors without a common entry: the geometric mean of both sides.
+    sides = np.sqrt(np.asarray((terms.left**2).T @ flexible) * np.asarray((terms.right**2).T @ flexible))
+    flexibility = np.where(flexibility > 0, flexibility, sides)
+    scale = np.where(flexibility > 0, 1.0 / np.where(flexibility > 0, flexibility, 1.0), 1.0)
+    return np.asarray(scale / omega**terms.power)
+
+
+def reference_values(terms: LowRankTerms, scale: Floats, omega: float) -> Floats:
+    """(nt, 3) coefficients of D_ref(s) = k + s c + s² m.
+
+    Stiffness terms take their local stiffness with a loss factor of 0.1, so that the base system is neither free nor clamped
+    and its resonances are damped where they move the terms; damping and mass terms stay at zero.
+    """
+    reference = np.zeros((terms.size, 3))
+    fill = np.diff(terms.left.indptr) * np.diff(terms.right.indptr)
+    use = (terms.power == 0) & (fill <= FILL_LIMIT)
+    reference[use, 0] = scale[use]
+    reference[use, 1] = 0.1 * scale[use] / omega
+    return reference
+
+
+def certificate_vectors(terms: LowRankTerms, scale: Floats, s: Complexes, count: int = 16) -> dict[str, list[Complexes]]:
+    """Dynamic values D(s) from free through random to clamped and beyond, independent of any start values or bounds.
+
+    Parameters
+    ----------
+    terms : LowRankTerms
+    scale : (nt,) float array
+        From ``local_scale``.
+    s : (F,) complex array
+    count : int
+        Number of random vectors.
+
+    Returns
+    -------
+    dict of lists of (F, nt) complex arrays
+    """
+    power = s[:, None] ** terms.power
+    base = -terms.baseline * power
+    vectors = {"free": [base]}
+    for kind, decades in KINDS.items():
+        vectors[kind] = [base + 10.0**decades * scale * power]
+    rng = np.random.default_rng(20180405)
+    vectors["random"] = []
+    for _ in range(count):
+        value = scale * 10.0 ** rng.uniform(*RANDOM_DECADES, size=terms.size)
+        # Damping tied to stiffness (33): a time constant from none to a loss factor of order one.
+        lag = 10.0 ** rng.uniform(-8.0, -3.0) * (terms.power == 0)
+        vectors["random"].append(base + value * power * (1.0 + s[:, None] * lag))
+    return vectors
