@@ -155,7 +155,10 @@ def _stop(error: BaseException) -> NoReturn:
 
 
 @click.group(
-    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, help="Find the loose bolts of a structure from measured FRFs."
+    "lrbc",
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Find the loose bolts of a structure from measured FRFs.",
 )
 @click.version_option(__version__, "--version", prog_name="lrbc", message="%(prog)s %(version)s")
 @verbosity_options

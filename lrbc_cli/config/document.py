@@ -280,7 +280,7 @@ def parse(text: str, *, file: Path | None = None, origin: str = "") -> Node | No
         reader.fail("a character that YAML does not allow", line, found=f"code {ord(text[error.position]):#x}", hint="remove it")
     except yaml.MarkedYAMLError as error:
         _explain(error, reader)
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         reader.fail("not readable as YAML", 1, found=_short(str(error).splitlines()[0] if str(error) else ""))
 
 

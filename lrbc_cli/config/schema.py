@@ -12,4 +12,17 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def campaign_schema() -> dict[str, Any]:
     """Give the JSON Schema of the campaign file, with the description and default of every key."""
     schema = Campaign.model_json_schema(by_alias=True)
+    _close_maps(schema)
     return {"$schema": DIALECT, **schema, "title": "lrbc campaign file"}
+
+
+def _close_maps(schema: Any) -> None:
+    """Refuse names of another pattern."""
+    if isinstance(schema, dict):
+        if "patternProperties" in schema:
+            schema["additionalProperties"] = False
+        for value in schema.values():
+            _close_maps(value)
+    elif isinstance(schema, list):
+        for value in schema:
+            _close_maps(value)

@@ -1,0 +1,194 @@
+"""The command line: lazy, one message an error, the exit codes of the interface."""
+
+from __future__ import annotations
+
+import json
+import logging
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import jsonschema
+import pytest
+from click.testing import CliRunner, Result
+
+from lrbc_cli import __version__
+from lrbc_cli.cli.main import COMMANDS, LazyGroup, main
+from lrbc_cli.cli.options import campaign_options, verbosity_options
+from lrbc_cli.config import load_campaign
+from lrbc_cli.errors import ConfigError, DataError, NumericalError
+
+logger = logging.getLogger("lrbc_cli.trial")
+
+
+@click.command()
+@click.argument("what")
+@verbosity_options
+def trial(what: str) -> int | None:
+    """Fail in one way or another."""
+    errors = {
+        "config": ConfigError("wrong key", file="a.yaml", place="line 3, x"),
+        "data": DataError("damaged", file="k.mtx"),
+        "numerical": NumericalError("not reached"),
+        "defect": ZeroDivisionError("division by zero\nsecond line"),
+        "interrupt": KeyboardInterrupt(),
+        "eof": EOFError("pipe"),
+    }
+    if what in errors:
+        raise errors[what]
+    if what == "exit":
+        click.get_current_context().exit(6)
+    if what == "log":
+        logger.debug("debug")
+        logger.info("info")
+        logger.warning("warning")
+        logger.error("error")
+    return 5 if what == "five" else None
+
+
+@click.command()
+@campaign_options
+def echo(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool) -> None:
+    """Say what was given."""
+    click.echo(json.dumps([str(config), list(overrides), None if cache is None else str(cache), as_json]))
+
+
+group = LazyGroup(
+    name="lrbc", table={"trial": (f"{__name__}:trial", "Fail."), "echo": (f"{__name__}:echo", "Say.")}, params=[], callback=lambda: None
+)
+verbosity_options(group.callback)
+
+
+def run(*args: str, command: click.Command = group, **env: str) -> Result:
+    return CliRunner().invoke(command, list(args), env=env)
+
+
+@pytest.mark.parametrize(
+    ("what", "code", "message"),
+    [
+        ("config", 2, "a.yaml, line 3, x: wrong key\n"),
+        ("data", 3, "k.mtx: damaged\n"),
+        ("numerical", 4, "not reached\n"),
+        ("interrupt", 130, "\nlrbc: interrupted; what was finished is kept\n"),
+        ("five", 5, ""),
+        ("exit", 6, ""),
+        ("nothing", 0, ""),
+    ],
+)
+def test_exit_codes(what: str, code: int, message: str) -> None:
+    result = run("trial", what)
+    assert (result.exit_code, result.stdout, result.stderr) == (code, "", message)
+
+
+@pytest.mark.parametrize(("what", "name"), [("defect", "ZeroDivisionError: division by zero)"), ("eof", "EOFError: pipe)")])
+def test_a_defect_is_told_shortly(what: str, name: str) -> None:
+    result = run("trial", what)
+    assert result.exit_code == 1
+    assert f"a defect of the program ({name}" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert "Traceback" not in run("trial", "-v", what).stderr
+
+
+@pytest.mark.parametrize("what", ["defect", "data"])
+def test_tracebacks_are_for_vv(what: str) -> None:
+    assert "Traceback" in run("trial", "-vv", what).stderr
+    assert "Traceback" not in run("trial", what).stderr, "the level of one run must not outlive it"
+
+
+@pytest.mark.parametrize(
+    ("args", "levels"),
+    [
+        ([], ["WARNING", "ERROR"]),
+        (["-q"], ["ERROR"]),
+        (["-qq"], []),
+        (["-v"], ["INFO", "WARNING", "ERROR"]),
+        (["-v", "-v"], ["DEBUG", "INFO", "WARNING", "ERROR"]),
+        (["-vvv", "-q"], ["DEBUG", "INFO", "WARNING", "ERROR"]),
+    ],
+)
+def test_verbosity(args: list[str], levels: list[str]) -> None:
+    result = run("trial", *args, "log")
+    assert [line.split(":")[0] for line in result.stderr.splitlines()] == levels
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("args", "parts"),
+    [
+        (["schem"], ["lrbc: no command 'schem'", "did you mean 'lrbc schema'?"]),
+        (["--nonsense"], ["lrbc: no such option", "--nonsense", "lrbc --help"]),
+        (["schema", "--nonsense"], ["lrbc schema: no such option", "lrbc schema --help"]),
+        (["schema", "more"], ["lrbc schema: got unexpected extra argument"]),
+    ],
+)
+def test_usage_errors(args: list[str], parts: list[str]) -> None:
+    result = run(*args, command=main)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Usage:" not in result.stderr
+    for part in parts:
+        assert part in result.stderr
+
+
+def test_help_lists_all_commands_without_importing_them() -> None:
+    result = run("--help", command=main)
+    assert result.exit_code == 0
+    for name, (_, text) in COMMANDS.items():
+        assert f"  {name} " in result.stdout
+        assert text in result.stdout
+    assert run("-h", command=main).stdout == result.stdout
+    assert run("--version", command=main).stdout == f"lrbc {__version__}\n"
+
+
+def test_help_is_quick() -> None:
+    code = "import sys; from lrbc_cli.cli.main import main; main(['--help'], standalone_mode=False); print(*sys.modules, file=sys.stderr)"
+    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
+    assert "click" in modules
+    assert not {"numpy", "scipy", "matplotlib", "pydantic", "yaml", "h5py"} & set(modules)
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_the_table_is_right(name: str) -> None:
+    module = COMMANDS[name][0].partition(":")[0]
+    if not (Path(__file__).parents[2] / (module.replace(".", "/") + ".py")).exists():
+        pytest.skip("not written yet")
+    result = run(name, "--help", command=main)
+    assert result.exit_code == 0
+    assert "-v, --verbose" in result.stdout
+
+
+def test_campaign_options(tmp_path: Path) -> None:
+    result = run("echo", "-v", "c.yaml", "--override", "a=1", "--override", "b.c=[1, 2]", "--cache", "x", "--json", "-q")
+    assert json.loads(result.stdout) == ["c.yaml", ["a=1", "b.c=[1, 2]"], "x", True]
+    assert json.loads(run("echo", "c.yaml", LRBC_CACHE="y").stdout) == ["c.yaml", [], "y", False]
+    assert json.loads(run("echo", "c.yaml", LRBC_CACHE="").stdout) == ["c.yaml", [], None, False]
+
+
+def test_schema_is_a_json_schema() -> None:
+    result = run("schema", command=main)
+    assert result.exit_code == 0
+    jsonschema.Draft202012Validator.check_schema(json.loads(result.stdout))
+
+
+def test_init(tmp_path: Path) -> None:
+    result = run("init", str(tmp_path / "new"), command=main)
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[0] == str(tmp_path / "new" / "campaign.yaml")
+    load_campaign(tmp_path / "new" / "campaign.yaml")
+    again = run("init", str(tmp_path / "new"), command=main)
+    assert again.exit_code == 2
+    assert "exists already" in again.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no poll")
+def test_a_closed_pipe_is_no_defect() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from lrbc_cli.cli.main import main; main()", "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert process.wait(60) == 141
+    assert process.stderr.read() == b""
+    process.stderr.close()
