@@ -1,0 +1,199 @@
+"""Charts as data: panels with axes and items. Drawn once as SVG for the page and once as PNG, by the same layout."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, is_dataclass
+
+import numpy as np
+
+from lrbc_cli.report.reading import FloatArray
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Range, label and ticks (value, text) of one direction; ``powers`` tells that values are decadic logarithms."""
+
+    label: str
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]
+    powers: bool = False
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line through points; NaN interrupts it. An empty label keeps it out of the legend."""
+
+    role: str
+    x: FloatArray
+    y: FloatArray
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Area:
+    """A filled band between two curves."""
+
+    role: str
+    x: FloatArray
+    low: FloatArray
+    high: FloatArray
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Span:
+    """Vertical stripes over the whole height, (n, 2) edges."""
+
+    role: str
+    edges: FloatArray
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A horizontal line over the whole width."""
+
+    role: str
+    y: float
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Symbols at points, or, where ``y`` is None, at the fraction ``at`` of the height."""
+
+    role: str
+    x: FloatArray
+    y: FloatArray | None = None
+    label: str = ""
+    at: float = 0.0
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Note:
+    """A short text at ``x`` and the fraction ``at`` of the height."""
+
+    role: str
+    x: float
+    at: float
+    text: str
+    rotated: bool = False
+
+
+Item = Curve | Area | Span | Level | Marks | Note
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes; ``weight`` is its share of the height."""
+
+    x: Axis
+    y: Axis
+    items: tuple[Item, ...]
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure: panels from top to bottom over the same x axis.
+
+    Attributes
+    ----------
+    title, subtitle : str
+    alt : str
+        What the figure shows, for readers who do not see it.
+    panels : tuple of Panel
+    width, height : float
+        Of the plot without title and legend, in points.
+    """
+
+    title: str
+    subtitle: str
+    alt: str
+    panels: tuple[Panel, ...]
+    width: float = 620.0
+    height: float = 330.0
+
+    def legend(self) -> list[tuple[str, str, str]]:
+        """Return (role, kind, label) of all labelled items, each label once."""
+        found: dict[str, tuple[str, str, str]] = {}
+        for panel in self.panels:
+            for item in panel.items:
+                label = "" if isinstance(item, Note) else item.label
+                if label and label not in found:
+                    found[label] = (item.role, type(item).__name__.lower(), label)
+        return list(found.values())
+
+    def digest(self, version: str) -> str:
+        """Return a hash of everything that the drawing depends on.
+
+        Parameters
+        ----------
+        version
+            Of the drawing itself.
+        """
+        sink = hashlib.sha256(version.encode())
+        _feed(sink.update, self)
+        return sink.hexdigest()
+
+
+def _feed(update, value: object) -> None:  # type: ignore[no-untyped-def]
+    if is_dataclass(value):
+        update(type(value).__name__.encode())
+        for field in fields(value):
+            _feed(update, getattr(value, field.name))
+    elif isinstance(value, np.ndarray):
+        update(repr((value.shape, value.dtype.str)).encode())
+        update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, tuple):
+        update(b"(")
+        for entry in value:
+            _feed(update, entry)
+        update(b")")
+    else:
+        update(repr(value).encode() + b"\0")
+
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: float, digits: int = 6) -> str:
+    """Write a number as `format` does with ``g``, with a true minus sign."""
+    return f"{value:.{digits}g}".replace("-", "−")
+
+
+def linear_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
+    """Return an axis with about ``count`` ticks at round values inside ``low..high``."""
+    if not np.isfinite([low, high]).all():
+        low, high = 0.0, 1.0
+    if high - low <= 1e-12 * max(abs(low), abs(high), 1e-300):
+        low, high = low - 0.5, high + 0.5
+    raw = (high - low) / count
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = power * next(factor for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= raw * 0.999)
+    ticks = np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1) * step
+    return Axis(label, float(low), float(high), tuple((float(tick), number(tick + 0.0)) for tick in ticks))
+
+
+def decade_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
+    """Return an axis for decadic logarithms, whole decades marked as powers of ten."""
+    if not np.isfinite([low, high]).all():
+        low, high = 0.0, 1.0
+    if high - low < 1.0:
+        middle = (low + high) / 2
+        low, high = middle - 0.6, middle + 0.6
+    every = max(1, int(np.ceil((high - low) / count)))
+    decades = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
+    ticks = tuple((float(k), "10" + str(k).translate(_SUPERSCRIPT)) for k in decades if k % every == 0)
+    return Axis(label, float(low), float(high), ticks, powers=True)
+
+
+def span_of(arrays: Iterable[FloatArray]) -> tuple[float, float]:
+    """Return the smallest and largest finite value of all arrays; NaN where there is none."""
+    finite = [array[np.isfinite(array)] for array in arrays]
+    values = np.concatenate([np.empty(0), *finite])
+    return (float(values.min()), float(values.max())) if values.size else (float("nan"), float("nan"))

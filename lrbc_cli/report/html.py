@@ -1,0 +1,102 @@
+"""HTML by small functions: every text is escaped unless it was made here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+
+class Markup(str):
+    """Text that is HTML already and must not be escaped again."""
+
+    __slots__ = ()
+
+
+_VOID = frozenset({"br", "meta", "link", "hr", "col"})
+
+
+def tag(element: str, *children: str | None, markup: str | None = None, **attributes: str | bool | None) -> Markup:
+    """Return one element.
+
+    Parameters
+    ----------
+    element
+        Its name.
+    *children
+        Plain text (escaped), `Markup` (kept) or None (left out).
+    markup
+        Attributes already written out and escaped.
+    **attributes
+        Underscores become hyphens, one at the end is dropped; None and False leave the attribute out, True gives it without a value.
+    """
+    words: list[str] = [element] if markup is None else [element, markup]
+    for key, value in attributes.items():
+        name = key.rstrip("_").replace("_", "-")
+        if value is True:
+            words.append(name)
+        elif value is not None and value is not False:
+            words.append(f'{name}="{escape(value)}"')
+    opening = f"<{' '.join(words)}>"
+    return Markup(opening) if element in _VOID else Markup(f"{opening}{join(children)}</{element}>")
+
+
+def join(children: Iterable[str | None], between: str = "") -> Markup:
+    """Return the children one after another, escaped where they are plain text."""
+    return Markup(between.join(child if isinstance(child, Markup) else escape(child) for child in children if child is not None))
+
+
+class Cell:
+    """A table cell with more than its text: a class, a title, columns it spans."""
+
+    def __init__(self, *content: str | None, class_: str | None = None, title: str | None = None, span: int | None = None) -> None:
+        self.content = content
+        self.class_ = class_
+        self.title = title
+        self.span = span
+
+
+def table(
+    caption: str, head: Sequence[str | Cell], rows: Iterable[Sequence[str | Cell]], *, class_: str | None = None, text_columns: int = 1
+) -> Markup:
+    """Return a table in a box that scrolls sideways; the first cell of each row is its header.
+
+    Parameters
+    ----------
+    caption
+        Read out, and printed above the table.
+    head
+        Column headers.
+    rows
+        Their cells.
+    class_
+        Of the table.
+    text_columns
+        How many columns at the left hold text; the others are aligned as numbers.
+    """
+    headers = [_cell("th", entry, scope="col", kind=None if index < text_columns else "n") for index, entry in enumerate(head)]
+    lines = []
+    for row in rows:
+        cells = [_cell("th", row[0], scope="row", kind=None)]
+        cells += [
+            _cell("td", entry, scope=None, kind=None if index < text_columns else "n") for index, entry in enumerate(row[1:], start=1)
+        ]
+        lines.append(tag("tr", *cells))
+    body = tag("table", tag("caption", caption), tag("thead", tag("tr", *headers)), tag("tbody", *lines), class_=class_)
+    return tag("div", body, class_="scroll", tabindex="0", role="region", aria_label=caption)
+
+
+def _cell(element: str, entry: str | Cell, *, scope: str | None, kind: str | None) -> Markup:
+    cell = entry if isinstance(entry, Cell) else Cell(entry)
+    classes = " ".join(part for part in (kind, cell.class_) if part) or None
+    return tag(element, *cell.content, scope=scope, class_=classes, title=cell.title, colspan=None if cell.span is None else str(cell.span))
+
+
+def details(summary: str, *content: str | None, open_: bool = False, **attributes: str | bool | None) -> Markup:
+    """Return a part that opens and closes."""
+    return tag("details", tag("summary", summary), *content, markup=None, open=open_, **attributes)
+
+
+def figure(drawing: Markup, title: str, note: str, **attributes: str | bool | None) -> Markup:
+    """Return a figure under its title."""
+    caption = tag("figcaption", tag("b", title), tag("span", note) if note else None)
+    return tag("figure", caption, tag("div", drawing, class_="plot"), markup=None, **attributes)

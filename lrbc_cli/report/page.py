@@ -1,0 +1,352 @@
+"""The page: one self-contained HTML document from what the result files say."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from urllib.parse import quote
+
+import numpy as np
+
+from lrbc_cli.report import format as fmt
+from lrbc_cli.report import tables
+from lrbc_cli.report.chart import Chart
+from lrbc_cli.report.figures import certificate_chart, convergence_charts, trace_chart
+from lrbc_cli.report.files import frf_file
+from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
+from lrbc_cli.report.provenance import provenance
+from lrbc_cli.report.results import Campaign, JobResult, Reduction
+from lrbc_cli.report.style import css
+from lrbc_cli.report.svg import legend, svg
+
+#: Profiles beyond this number are folded away.
+_PROFILES = 24
+#: FRF figures are put into the page up to about this many characters; the others are linked.
+_BUDGET = 6_000_000
+
+
+@dataclass(frozen=True)
+class FrfFigure:
+    """An FRF chart and whose it is."""
+
+    job: str
+    response: str
+    used: bool
+    chart: Chart
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything that the page shows."""
+
+    campaign: Campaign
+    jobs: Sequence[JobResult]
+    reduction: Reduction | None
+    profiles: Mapping[str, Chart]
+    frfs: Sequence[FrfFigure]
+
+
+def render(content: Content, written: datetime | None = None) -> str:
+    """Return the whole document.
+
+    Parameters
+    ----------
+    content
+        What to show.
+    written
+        The time to print; now where None.
+    """
+    resources = files("lrbc_cli.report")
+    script = resources.joinpath("page.js").read_text(encoding="utf-8")
+    sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
+    sections = [part for part in _sections(content) if part is not None]
+    links = [tag("li", tag("a", title, href=f"#{anchor}")) for anchor, title, _ in sections]
+    name = content.campaign.name
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", name="viewport", content_="width=device-width, initial-scale=1"),
+        tag("meta", http_equiv="Content-Security-Policy", content_=policy),
+        tag("title", f"{name} – boundary conditions identified from FRFs"),
+        tag("style", Markup(sheet)),
+    )
+    body = tag(
+        "body",
+        _header(content, written or datetime.now().astimezone()),
+        tag("nav", tag("ul", *links), aria_label="Parts of this report"),
+        tag("main", *(tag("section", tag("h2", title), *parts, id=anchor) for anchor, title, parts in sections)),
+        tag(
+            "footer",
+            f"Written by {content.campaign.tool or 'lrbc'} from the result files beside this page; nothing was computed for it anew.",
+        ),
+        tag("script", Markup(script)),
+    )
+    return "<!doctype html>\n" + tag("html", head, body, lang="en") + "\n"
+
+
+_Section = tuple[str, str, list[Markup | None]]
+
+
+def _sections(content: Content) -> Iterable[_Section | None]:
+    done = [job for job in content.jobs if job.complete]
+    yield _verdicts(content)
+    yield _profiles(content)
+    yield _frfs(content)
+    yield _damping(done)
+    yield _cost(content)
+    yield _convergence(done)
+    yield _certificate(content)
+    yield "provenance", "Provenance", provenance(content.campaign, content.jobs, content.reduction)
+
+
+def _drawn(chart: Chart, **attributes: str | bool | None) -> Markup:
+    return figure(svg(chart), chart.title, chart.subtitle, **attributes)
+
+
+def _header(content: Content, written: datetime) -> Markup:
+    reduction = content.reduction
+    parts = [f"Report of {written:%d %B %Y, %H:%M %Z}".strip(), content.campaign.tool]
+    if reduction is not None:
+        machine = ", ".join(str(reduction.machine[key]) for key in ("processor", "platform") if reduction.machine.get(key))
+        cores = reduction.machine.get("cores")
+        parts += [f"{machine}, {cores} cores" if cores else machine, f"reduced model of {_date(reduction.date)}" if reduction.date else ""]
+    return tag(
+        "header",
+        tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
+        tag("h1", content.campaign.name),
+        tag("p", " · ".join(part for part in parts if part), class_="meta"),
+        tag("dl", *_tiles(content), class_="tiles"),
+    )
+
+
+def _date(text: str) -> str:
+    try:
+        return f"{datetime.fromisoformat(text.replace('Z', '+00:00')).astimezone(UTC):%d %B %Y, %H:%M UTC}"
+    except ValueError:
+        return text
+
+
+def _tiles(content: Content) -> Iterable[Markup]:
+    jobs, reduction = content.jobs, content.reduction
+    done = [job for job in jobs if job.complete]
+    states = [f"{count} {state}" for state in ("converged", "stopped", "failed") if (count := sum(job.status == state for job in jobs))]
+    yield _tile("Jobs", str(len(jobs)), ", ".join(states))
+    judged = [job for job in done if job.bolts]
+    if judged:
+        loose = [job for job in judged if job.names("loose")]
+        removed = [bolt for job in judged for bolt in job.bolts if bolt.removed]
+        found = sum(bolt.verdict == "loose" for bolt in removed)
+        note = f"{found} of {len(removed)} bolts known to be removed are found" if removed else f"of {len(judged)} with bolts"
+        yield _tile("Jobs with loose bolts", str(len(loose)), note)
+    known = [job.misfit for job in done if job.misfit is not None and math.isfinite(job.misfit.initial + job.misfit.final)]
+    if known:
+        value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
+        yield _tile("Mean misfit before → after", value, "over all lines of the band, responses used, jobs")
+    if reduction is not None:
+        reached = "reached" if reduction.reached else "NOT reached"
+        note = f"measured error {fmt.small(reduction.worst)}, tolerance {fmt.small(reduction.tolerance)} {reached}"
+        yield _tile("Degrees of freedom", f"{fmt.count(reduction.full_size)} → {fmt.count(reduction.size)}", note)
+    times = tables.account(jobs, reduction)
+    if times is not None and times.full is not None:
+        note = f"with the full model about {fmt.seconds(times.full)}: {fmt.factor(times.speed_up)}"
+        yield _tile("Time, reduction included", fmt.seconds(times.spent), note)
+
+
+def _tile(title: str, value: str, note: str) -> Markup:
+    return tag("div", tag("dt", title), tag("dd", value, class_="value"), tag("dd", note, class_="note"), class_="tile")
+
+
+def _verdicts(content: Content) -> _Section:
+    done = [job for job in content.jobs if job.complete]
+    anchors = {job: f"profile-{index}" for index, job in enumerate(content.profiles)}
+    grid = tables.bolt_grid(content.campaign, done)
+    parts: list[Markup | None] = [tables.verdict_table(content.campaign, content.jobs, anchors)]
+    if grid is not None:
+        hits = tables.hits(done)
+        key = [
+            tag("li", text)
+            for text in ("✕ judged loose", "? undecided", "· judged tight", "framed: known to be removed", "†: see its note")
+        ]
+        parts += [tag("h3", "Bolts"), tag("p", hits) if hits else None, tag("ul", *key, class_="key"), grid]
+        parts.append(_notes(done))
+    return "verdicts", "Verdicts", parts
+
+
+def _notes(jobs: Sequence[JobResult]) -> Markup | None:
+    where: dict[tuple[str, str], list[str]] = {}
+    for job in jobs:
+        for bolt in job.bolts:
+            if bolt.note:
+                where.setdefault((bolt.name, bolt.note), []).append(job.job)
+    if not where:
+        return None
+    every = sum(bool(job.bolts) for job in jobs)
+    rows: list[list[str | Cell]] = [
+        [name, note, "all" if len(found) == every else tables.names_of(found)] for (name, note), found in where.items()
+    ]
+    return details(f"Notes on bolts ({len(rows)})", table("Notes on bolts", ["Bolt", "Note", "Jobs"], rows, text_columns=3))
+
+
+def _profiles(content: Content) -> _Section | None:
+    if not content.profiles:
+        return None
+    drawn = [_drawn(chart, id=f"profile-{index}") for index, chart in enumerate(content.profiles.values())]
+    first, rest = drawn[:_PROFILES], drawn[_PROFILES:]
+    text = (
+        "Identified values along the edge, all jobs on one scale (paper, Fig. 6). "
+        "Bolts stand below the profile; stripes mark those that are judged loose or undecided."
+    )
+    richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
+    more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
+    return "profiles", "Stiffness along the edge", [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
+
+
+def _frfs(content: Content) -> _Section | None:
+    if not content.frfs:
+        return None
+    drawn, left = _within_budget(content.frfs)
+    responses = {entry.response: entry.used for entry in sorted(content.frfs, key=lambda entry: not entry.used)}
+    jobs = list(dict.fromkeys(entry.job for entry in content.frfs))
+    first = next(iter(responses))
+    options = [tag("option", "all responses", value="")]
+    options += [
+        tag("option", name if used else f"{name} (held out)", value=name, selected=name == first) for name, used in responses.items()
+    ]
+    choose = tag(
+        "div",
+        tag("label", "Response ", tag("select", *options, name="response")),
+        tag(
+            "label",
+            "Job ",
+            tag("select", tag("option", "all jobs", value=""), *(tag("option", job, value=job) for job in jobs), name="job"),
+        ),
+        class_="filter",
+        hidden=True,
+    )
+    used, unseen = [name for name, flag in responses.items() if flag], [name for name, flag in responses.items() if not flag]
+    text = f"Used for updating: {', '.join(used) or 'none'}. Held out, to test the result: {', '.join(unseen) or 'none'}. "
+    text += "Ticks at the foot mark the lines that the updating uses (paper, Fig. 7). Point at a curve to read its values."
+    done = [job for job in content.jobs if job.complete]
+    misfits = tables.misfit_table(content.campaign, done)
+    richest = max((entry.chart for entry in content.frfs), key=lambda chart: len(chart.legend()))
+    return (
+        "frfs",
+        "FRFs: measured, initial, updated",
+        [
+            tag("p", text),
+            legend(richest),
+            choose,
+            tag("div", *drawn, class_="grid frfs"),
+            _links(left),
+            None if misfits is None else join([tag("h3", "Misfit by response"), misfits]),
+        ],
+    )
+
+
+def _within_budget(frfs: Sequence[FrfFigure]) -> tuple[list[Markup], list[FrfFigure]]:
+    """Draw until the page is full: the first used response of every job, then the next; return figures and what is left out."""
+    turn: dict[str, int] = {}
+    order = []
+    for index, entry in sorted(enumerate(frfs), key=lambda pair: (not pair[1].used, pair[0])):
+        turn[entry.job] = turn.get(entry.job, 0) + 1
+        order.append((turn[entry.job], index))
+    drawn: dict[int, Markup] = {}
+    room = _BUDGET
+    for _, index in sorted(order):
+        entry = frfs[index]
+        made = _drawn(entry.chart, data_job=entry.job, data_response=entry.response)
+        room -= len(made)
+        if room < 0:
+            break
+        drawn[index] = made
+    return [drawn[index] for index in sorted(drawn)], [entry for index, entry in enumerate(frfs) if index not in drawn]
+
+
+def _links(left: Sequence[FrfFigure]) -> Markup | None:
+    if not left:
+        return None
+    jobs: dict[str, list[Markup]] = {}
+    for entry in left:
+        link = tag("a", entry.response, href=f"{quote(entry.job)}/{quote(frf_file(entry.response))}")
+        jobs.setdefault(entry.job, []).append(link)
+    rows: list[list[str | Cell]] = [[job, Cell(join(links, ", "))] for job, links in jobs.items()]
+    title = f"{len(left)} further figures, as files beside this page"
+    return details(title, table(title, ["Job", "Figures"], rows, text_columns=2))
+
+
+def _damping(jobs: Sequence[JobResult]) -> _Section | None:
+    made = tables.damping_table(jobs)
+    if made is None:
+        return None
+    text = (
+        "The exponent is p_damp of eq. (33); the factor 10^p_damp multiplies β on the identified stiffness. Where nothing is loose "
+        "the FRFs hardly depend on it. In the paper (Table 3) it grows with the number of removed bolts, from 0.009 to about 3."
+    )
+    return "damping", "Damping", [tag("p", text), made]
+
+
+def _convergence(jobs: Sequence[JobResult]) -> _Section | None:
+    charts = convergence_charts(jobs)
+    if not charts:
+        return None
+    drawn = [_drawn(chart) for chart in charts]
+    return "convergence", "Convergence", [legend(charts[0]), tag("div", *drawn, class_="grid pairs")]
+
+
+def _cost(content: Content) -> _Section | None:
+    costs = tables.cost_table(content.jobs, content.reduction)
+    if costs is None:
+        return None
+    text = (
+        "Times of this machine beside the paper's (Table 4; laptop, 2.7 GHz, 23\u202f537 DOFs). Seconds depend on the machine, "
+        "multiples of one full line hardly do. The paper prints 4.90e4 s for the full model; its own counts, "
+        "23\u202f762 × 0.206 s, give 4.90e3 s, which stands here."
+    )
+    missing = (
+        None
+        if content.reduction
+        else tag("p", "reduction.json is missing: `lrbc reduce` writes the reduced model's times and certificate.")
+    )
+    return "cost", "Cost", [tag("p", text), missing, costs]
+
+
+def _certificate(content: Content) -> _Section | None:
+    reduction = content.reduction
+    if reduction is None:
+        return None
+    low, high = (float(edge) for edge in reduction.band_hz)
+    text = (
+        f"{fmt.count(reduction.full_size)} → {fmt.count(reduction.size)} DOFs, {fmt.figures(low)} to {fmt.figures(high)} Hz, "
+        f"{len(reduction.points)} expansion points. "
+    )
+    if reduction.held_out:
+        vectors = "" if reduction.vectors is None else f" and {fmt.count(reduction.vectors)} parameter vectors"
+        text += (
+            f"Against full solves at {len(reduction.held_out)} lines outside the basis{vectors} the worst measured error is "
+            f"{fmt.small(reduction.worst)} of the line's norm. "
+        )
+    text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
+    parts: list[Markup | None] = [tag("p", text)]
+    charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
+    drawn = [tag("div", legend(chart), _drawn(chart)) for chart in charts]
+    parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
+    if reduction.held_out:
+        kinds = list(dict.fromkeys(kind for line in reduction.held_out for kind in line.errors))
+        rows: list[list[str | Cell]] = [
+            [f"{fmt.fixed(line.frequency_hz, 1)} Hz", *(fmt.small(line.errors.get(kind)) for kind in kinds)] for line in reduction.held_out
+        ]
+        made = table("Measured relative error at held-out lines, by kind of parameter vector", ["Line", *kinds], rows)
+        parts.append(details("The figures as a table", made))
+    if reduction.points:
+        points: list[list[str | Cell]] = [
+            [f"{fmt.fixed(where, 1)} Hz", fmt.count(order), fmt.count(added)] for where, order, added in reduction.points
+        ]
+        parts.append(details("Expansion points", table("Expansion points", ["Point", "Order", "DOFs added"], points)))
+    return "certificate", "Certificate of the reduced model", parts

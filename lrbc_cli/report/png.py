@@ -1,0 +1,135 @@
+"""Drawings as PNG files, drawn by matplotlib's Agg back end; a file whose content would not change is left alone."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+from typing import Literal
+
+import matplotlib
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.text import Text as TextArtist
+from matplotlib.transforms import Affine2D, Transform
+
+from lrbc_cli.report.chart import Chart
+from lrbc_cli.report.files import replace
+from lrbc_cli.report.layout import Fill, Line, Shape, Symbols, Text, lay_out
+from lrbc_cli.report.style import STYLES
+
+DPI = 120
+_KEY = b"lrbc-chart"
+_VERSION = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_MARKERS = {"circle": "o", "ring": "o", "cross": "x", "plus": "+", "square": "s", "diamond": "D", "up": "^", "down": "v", "bar": "|"}
+_ALIGN: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middle": "center", "end": "right"}
+
+
+def draw(chart: Chart, file: Path) -> bool:
+    """Draw the chart into the file, unless it holds just this drawing already.
+
+    Returns
+    -------
+    bool
+        Whether it was drawn.
+
+    Raises
+    ------
+    DataError
+        Where the file cannot be written.
+    """
+    if is_current(chart, file):
+        return False
+    digest = chart.digest(_VERSION)
+    drawing = lay_out(chart, header=True)
+    figure = Figure(figsize=(drawing.width / 72, drawing.height / 72), dpi=DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    transform = Affine2D().scale(1 / 72, -1 / 72).translate(0, drawing.height / 72) + figure.dpi_scale_trans
+    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
+    for order, shape in enumerate(shapes):
+        artist = _artist(shape, transform)
+        artist.set_zorder(order)
+        figure.add_artist(artist)
+    with warnings.catch_warnings(), replace(file) as sink:
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        options = {"metadata": {_KEY.decode(): digest, "Title": chart.title}, "pil_kwargs": {"compress_level": 2}}
+        canvas.print_png(sink, **options)  # type: ignore[no-untyped-call]
+    return True
+
+
+def is_current(chart: Chart, file: Path) -> bool:
+    """Tell whether the file is a whole PNG that says it was drawn from this chart."""
+    return _digest_in(file) == chart.digest(_VERSION).encode()
+
+
+def _digest_in(file: Path) -> bytes | None:
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return None
+    if not data.startswith(_SIGNATURE) or not data.endswith(b"IEND\xaeB`\x82"):
+        return None
+    place = len(_SIGNATURE)
+    while place + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, place)
+        if kind == b"tEXt":
+            key, _, value = data[place + 8 : place + 8 + size].partition(b"\0")
+            if key == _KEY:
+                return value
+        if kind == b"IDAT":
+            break
+        place += size + 12
+    return None
+
+
+def _artist(shape: Shape, transform: Transform) -> Artist:
+    style = STYLES[shape.role]
+    match shape:
+        case Line():
+            x, y = shape.points.T
+            return Line2D(
+                x,
+                y,
+                color=style.light,
+                linewidth=style.width,
+                linestyle=(0, tuple(part / style.width for part in style.dash)) if style.dash else "-",
+                dash_capstyle="butt",
+                solid_joinstyle="round",
+                transform=transform,
+            )
+        case Fill():
+            return Polygon(shape.points, closed=True, facecolor=style.light, edgecolor="none", alpha=style.opacity, transform=transform)
+        case Symbols():
+            x, y = shape.points.T
+            fill = "none" if style.marker == "ring" else style.light
+            return Line2D(
+                x,
+                y,
+                linestyle="none",
+                marker=_MARKERS[style.marker],
+                markersize=2 * style.size,
+                markerfacecolor=fill,
+                markeredgecolor=style.light,
+                markeredgewidth=style.width if style.marker in {"ring", "cross", "plus", "bar"} else 0.0,
+                transform=transform,
+            )
+        case Text():
+            return TextArtist(
+                shape.x,
+                shape.y,
+                shape.text,
+                color=style.light,
+                fontfamily="DejaVu Sans",
+                fontsize=shape.size,
+                fontweight="bold" if shape.bold else "normal",
+                horizontalalignment=_ALIGN[shape.anchor],
+                verticalalignment="baseline",
+                rotation=90 if shape.rotated else 0,
+                rotation_mode="anchor",
+                parse_math=False,
+                transform=transform,
+            )

@@ -1,0 +1,60 @@
+"""The compact table for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lrbc_cli.report.results import JobResult
+from lrbc_cli.report.write import read_results
+
+
+def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
+    """Return one line a job in plain ASCII: status, loose bolts, damping exponent, misfit, evaluations, seconds.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    jobs
+        Names of the jobs to show; all that have results where None.
+
+    Raises
+    ------
+    ConfigError
+        Where a job is named that the campaign does not have.
+    DataError
+        Where a result file is missing or damaged, or there is none.
+    """
+    _, results = read_results(output, jobs)
+    head = ["job", "status", "loose bolts", "p_damp", "misfit [dB]", "evaluations", "seconds"]
+    right = [False, False, False, True, True, True, True]
+    rows = [_row(job) for job in results]
+    keep = [column for column in range(len(head)) if any(row[column] for row in rows)]
+    widths = {column: max(len(head[column]), *(len(row[column]) for row in rows)) for column in keep}
+    lines = []
+    for row in [head, *rows]:
+        cells = [row[column].rjust(widths[column]) if right[column] else row[column].ljust(widths[column]) for column in keep]
+        lines.append("  ".join(cells).rstrip())
+    lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if not job.complete]
+    return "\n".join(lines)
+
+
+def _row(job: JobResult) -> list[str]:
+    if not job.complete:
+        return [job.job, job.status, "", "", "", "", ""]
+    loose = job.names("loose")
+    total = job.seconds.get("total")
+    return [
+        job.job,
+        job.status,
+        (_short(loose) or "none") if job.bolts else "",
+        ", ".join(f"{group.damping_exponent:.2f}" for group in job.damping()),
+        "" if job.misfit is None else f"{job.misfit.initial:.2f} -> {job.misfit.final:.2f}",
+        "" if job.evaluations is None else f"{job.evaluations:.0f}",
+        "" if total is None else f"{total:.1f}",
+    ]
+
+
+def _short(names: Sequence[str], limit: int = 6) -> str:
+    return ", ".join(names) if len(names) <= limit else f"{len(names)}: " + ", ".join(names[:limit]) + ", ..."

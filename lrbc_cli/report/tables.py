@@ -1,0 +1,272 @@
+"""The tables of the page: verdicts, bolts, misfit per response, damping, cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.report import format as fmt
+from lrbc_cli.report.html import Cell, Markup, table, tag
+from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult, Reduction
+
+#: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
+PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
+PAPER["full_total"] = PAPER["evaluations"] * PAPER["full_line"]
+_MARKS = {"loose": "✕", "undecided": "?", "tight": "·"}
+
+
+def status_badge(job: JobResult) -> Markup:
+    """Return the status as a small coloured word."""
+    return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
+
+
+def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
+    """Return names in a row, their number first where they are many.
+
+    Parameters
+    ----------
+    names
+        What to list.
+    order
+        Where given, the names follow it, and three or more neighbours in it are written as a range.
+    """
+    if not names:
+        return "none"
+    place = {name: index for index, name in enumerate(order)}
+    known = sorted((name for name in names if name in place), key=place.__getitem__)
+    runs: list[list[str]] = []
+    for name in known:
+        if runs and place[name] == place[runs[-1][-1]] + 1:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    parts = [part for run in runs for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else run)]
+    parts += [name for name in names if name not in place]
+    return ", ".join(parts) if len(names) <= 2 else f"{len(names)}: " + ", ".join(parts)
+
+
+def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mapping[str, str]) -> Markup:
+    """Return one row a job: what was found, how well, at what cost."""
+    bolts = any(job.bolts for job in jobs)
+    known = any(job.removed is not None for job in jobs)
+    damped = any(job.damping() for job in jobs)
+    head: list[str | Cell] = ["Job", "Status"]
+    head += ["Judged loose"] if bolts else []
+    head += ["Undecided"] if bolts else []
+    head += ["Known to be removed"] if known else []
+    words = len(head)
+    head += [Cell("Damping", tag("br"), "exponent (factor)")] if damped else []
+    head += [Cell("Misfit, used", tag("br"), "before → after [dB]"), Cell("Misfit, held out", tag("br"), "before → after [dB]")]
+    head += [Cell("Evalu-", tag("br"), "ations"), "Time"]
+    rows: list[list[str | Cell]] = []
+    for job in jobs:
+        title: list[str | None] = [tag("a", job.job, href=f"#{anchors[job.job]}") if job.job in anchors else job.job]
+        if job.job == campaign.reference:
+            title.append(tag("small", " reference"))
+        row: list[str | Cell] = [Cell(*title), Cell(status_badge(job))]
+        if not job.complete:
+            rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
+            continue
+        if bolts:
+            loose, undecided = job.names("loose"), job.names("undecided")
+            row.append(
+                Cell(names_of(loose, campaign.bolts), class_="names loose" if loose else "names none") if job.bolts else Cell(fmt.MISSING)
+            )
+            row.append(
+                Cell(names_of(undecided, campaign.bolts), class_="names" if undecided else "names none") if job.bolts else Cell(fmt.MISSING)
+            )
+        if known:
+            row.append(
+                Cell(
+                    fmt.MISSING if job.removed is None else names_of(job.removed, campaign.bolts),
+                    class_="names none" if not job.removed else "names",
+                )
+            )
+        if damped:
+            pairs = [f"{fmt.fixed(group.damping_exponent)} ({fmt.figures(group.damping_factor)})" for group in job.damping()]
+            row.append(", ".join(pairs) or fmt.MISSING)
+        row += [
+            fmt.MISSING if job.misfit is None else fmt.change(job.misfit.initial, job.misfit.final),
+            held_out_misfit(job),
+            fmt.count(job.evaluations),
+            fmt.seconds(job.seconds.get("total")),
+        ]
+        rows.append(row)
+    return table("What was found, job by job", head, rows, class_="verdicts", text_columns=words)
+
+
+def held_out_misfit(job: JobResult) -> str:
+    """Return the mean misfit over responses that the updating did not see, before → after."""
+    unseen = [entry for entry in job.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
+    if not unseen:
+        return fmt.MISSING
+    return fmt.change(float(np.mean([entry.initial for entry in unseen])), float(np.mean([entry.final for entry in unseen])))
+
+
+def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
+    """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
+    shown = [job for job in jobs if job.bolts]
+    names = list(dict.fromkeys([*campaign.bolts, *(bolt.name for job in shown for bolt in job.bolts)]))
+    if not shown or not names:
+        return None
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        found = {bolt.name: bolt for bolt in job.bolts}
+        rows.append([job.job, *(_bolt_cell(found.get(name)) for name in names)])
+    return table(
+        "Bolts at a glance: change of log10 stiffness against the reference job", ["Job", *names], rows, class_="bolts", text_columns=1
+    )
+
+
+def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
+    if bolt is None:
+        return Cell(fmt.MISSING)
+    value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
+    truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
+    words = [f"{bolt.name}: {bolt.verdict}", truth and f"known to be {truth}", f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
+    if bolt.probability_loose is not None:
+        words.append(f"probability of being loose {fmt.fixed(bolt.probability_loose)}")
+    if bolt.note:
+        words.append(bolt.note)
+    content = [
+        tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
+        value,
+        tag("sup", "†") if bolt.note else None,
+        tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
+    ]
+    classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
+    return Cell(*content, class_=classes, title=", ".join(filter(None, words)))
+
+
+def hits(jobs: Iterable[JobResult]) -> str | None:
+    """Say how the verdicts compare with what is known; None where nothing is known."""
+    bolts = [bolt for job in jobs for bolt in job.bolts if bolt.removed is not None]
+    removed = [bolt.verdict for bolt in bolts if bolt.removed]
+    tight = [bolt.verdict for bolt in bolts if not bolt.removed]
+    if not bolts:
+        return None
+    parts = []
+    if removed:
+        parts.append(
+            f"Of {len(removed)} bolts known to be removed, {removed.count('loose')} are judged loose, "
+            f"{removed.count('undecided')} undecided, {removed.count('tight')} tight."
+        )
+    if tight:
+        parts.append(
+            f"Of {len(tight)} bolts known to be in place, {tight.count('tight')} are judged tight, "
+            f"{tight.count('undecided')} undecided, {tight.count('loose')} loose."
+        )
+    return " ".join(parts)
+
+
+def misfit_table(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
+    """Return the misfit of every response and job; None where no job has any."""
+    shown = [job for job in jobs if job.responses]
+    names = list(dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for job in shown for name in job.responses)]))
+    if not shown or not names:
+        return None
+    head: list[str | Cell] = ["Job"]
+    for name in names:
+        used = any(job.responses[name].used for job in shown if name in job.responses)
+        head.append(Cell(name, None if used else tag("small", " held out")))
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        rows.append([job.job, *(_misfit_cell(job.responses.get(name)) for name in names)])
+    return table("Mean absolute misfit over all lines of the band, before → after [dB]", head, rows, class_="misfits")
+
+
+def _misfit_cell(entry: Change | None) -> Cell:
+    if entry is None:
+        return Cell(fmt.MISSING)
+    return Cell(fmt.change(entry.initial, entry.final), class_=None if entry.used else "unseen")
+
+
+def damping_table(jobs: Sequence[JobResult]) -> Markup | None:
+    """Return the identified damping per job and group (paper, Table 3); None where none was identified."""
+    shown = [job for job in jobs if job.damping()]
+    if not shown:
+        return None
+    several = len({group.name for job in shown for group in job.damping()}) > 1
+    head: list[str | Cell] = ["Job", *(["Group"] if several else []), "Bolts removed", "Exponent p_damp", "Factor 10^p_damp"]
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        for group in job.damping():
+            removed = fmt.MISSING if job.removed is None else str(len(job.removed))
+            group_cells: list[str | Cell] = [group.name] if several else []
+            rows.append([job.job, *group_cells, removed, fmt.fixed(group.damping_exponent), fmt.figures(group.damping_factor)])
+    return table("Damping of the identified stiffness, eq. (33)", head, rows, text_columns=2 if several else 1)
+
+
+@dataclass(frozen=True)
+class Account:
+    """Time spent on some jobs, reduction included, and what the full model would have taken; None where unknown."""
+
+    jobs: int
+    line_evaluations: float
+    spent: float
+    full: float | None
+
+    @property
+    def speed_up(self) -> float | None:
+        """How many times faster."""
+        return None if self.full is None or not self.spent else self.full / self.spent
+
+
+def account(jobs: Sequence[JobResult], reduction: Reduction | None) -> Account | None:
+    """Add up the jobs that say what they took; None where none does."""
+    done = [job for job in jobs if job.line_evaluations and "total" in job.seconds]
+    if not done:
+        return None
+    evaluations = sum(job.line_evaluations or 0.0 for job in done)
+    line = reduction.seconds.get("full_line") if reduction else None
+    spent = (_reduction_total(reduction) or 0.0) + sum(job.seconds["total"] for job in done)
+    return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
+
+
+def _reduction_total(reduction: Reduction | None) -> float | None:
+    if reduction is None:
+        return None
+    if "total" in reduction.seconds:
+        return reduction.seconds["total"]
+    parts = [reduction.seconds[part] for part in ("basis", "projection", "certificate") if part in reduction.seconds]
+    return sum(parts) if parts else None
+
+
+def cost_table(jobs: Sequence[JobResult], reduction: Reduction | None) -> Markup | None:
+    """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4); None without any figure."""
+    whole = account(jobs, reduction)
+    if reduction is None and whole is None:
+        return None
+    spent = reduction.seconds if reduction else {}
+    line = spent.get("full_line")
+    rows: list[list[str | Cell]] = []
+
+    def time(text: str | Cell, own: float | None, paper: float | None = None) -> None:
+        share = own / line if own is not None and line else None
+        paper_share = None if paper is None else paper / PAPER["full_line"]
+        rows.append([text, fmt.seconds(own), fmt.inverse(share), fmt.seconds(paper), fmt.inverse(paper_share)])
+
+    def part(title: str, note: str, own: Account, paper: Mapping[str, float]) -> None:
+        rows.append([Cell(title, tag("small", f" {note}"), class_="part", span=5)])
+        rows.append(["Line evaluations", fmt.count(own.line_evaluations), "", fmt.count(paper.get("evaluations")), ""])
+        time("Reduced model, reduction included", own.spent, paper.get("total"))
+        time(Cell("Full model", tag("small", " evaluations × full line")), own.full, paper.get("full_total"))
+        paper_factor = paper["full_total"] / paper["total"] if paper else None
+        rows.append(["Speed-up", Cell(fmt.factor(own.speed_up), class_="strong"), "", fmt.factor(paper_factor), ""])
+
+    time("One frequency line, full model", line, PAPER["full_line"])
+    time("One frequency line, reduced model", spent.get("reduced_line"), PAPER["reduced_line"])
+    time("One frequency line, port formula", spent.get("port_line"))
+    time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
+    time("Projection", spent.get("projection"), PAPER["projection"])
+    time("Certificate: measured error", spent.get("certificate"))
+    time("Reduction, total", _reduction_total(reduction), PAPER["basis"] + PAPER["projection"])
+    if whole is not None:
+        hardest = max((job for job in jobs if "total" in job.seconds), key=lambda job: job.line_evaluations or 0.0)
+        one = account([hardest], reduction) or whole
+        part("One job", f"{hardest.job}, the one with most line evaluations; paper: four bolts removed", one, PAPER)
+        part("Whole campaign", f"{whole.jobs} job{'' if whole.jobs == 1 else 's'}", whole, {})
+    return table("Time, against the full model", ["", "This campaign", "in full lines", "Paper", "in full lines"], rows, class_="cost")

@@ -1,0 +1,134 @@
+"""All figures and the page, from the result files of a campaign."""
+
+from __future__ import annotations
+
+import difflib
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.report.chart import Chart
+from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
+from lrbc_cli.report.files import frf_file, replace
+from lrbc_cli.report.page import Content, FrfFigure, render
+from lrbc_cli.report.png import draw, is_current
+from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job, read_reduction
+
+#: Fewer figures than this are drawn here: starting processes takes about as long.
+_WORTH_PROCESSES = 40
+
+_Task = tuple[Chart, Path]
+
+
+def write_report(
+    output: Path, *, jobs: Sequence[str] | None = None, workers: int = 2, progress: Callable[[str], None] | None = None
+) -> Path:
+    """Draw all figures and write ``report.html``; reads result files only.
+
+    Figures whose content did not change since they were drawn are left alone.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    jobs
+        Names of the jobs to show; all that have results where None.
+    workers
+        Processes that draw figures.
+    progress
+        Called with one line of text now and then.
+
+    Returns
+    -------
+    Path
+        Of ``report.html``.
+
+    Raises
+    ------
+    ConfigError
+        Where a job is named that the campaign does not have.
+    DataError
+        Where a result file is missing or damaged, or nothing can be written.
+    """
+    say = progress or (lambda line: None)
+    campaign, results = read_results(output, jobs)
+    reduction = read_reduction(output)
+    done = [job for job in results if job.complete]
+    scales = profile_scales(done)
+    profiles: dict[str, Chart] = {}
+    frfs: list[FrfFigure] = []
+    tasks: list[_Task] = []
+    for job in done:
+        profile = profile_chart(job, scales)
+        if profile is not None:
+            profiles[job.job] = profile
+            tasks.append((profile, output / job.job / "profile.png"))
+        frf = read_frf(output, job.job)
+        for name in frf.responses:
+            response = campaign.response(name)
+            change = job.responses.get(name)
+            chart = frf_chart(job, response, frf)
+            frfs.append(FrfFigure(job.job, name, response.used if change is None else change.used, chart))
+            tasks.append((chart, output / job.job / frf_file(name)))
+    drawn = _draw_all(tasks, workers, say)
+    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+    page = output / "report.html"
+    text = render(Content(campaign, results, reduction, profiles, frfs))
+    with replace(page) as sink:
+        sink.write(text.encode("utf-8", errors="replace"))
+    say(f"{page} written")
+    return page
+
+
+def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campaign, list[JobResult]]:
+    """Read the campaign and its jobs, in the campaign's order.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    jobs
+        Names of the jobs wanted; all that have results where None.
+
+    Raises
+    ------
+    ConfigError
+        Where a job is named that the campaign does not have.
+    DataError
+        Where a file is missing or damaged, or no job has results.
+    """
+    campaign = read_campaign(output)
+    for name in jobs or ():
+        if name not in campaign.jobs:
+            near = difflib.get_close_matches(name, campaign.jobs, n=1)
+            hint = f"did you mean {near[0]}?" if near else "name one of the campaign's jobs"
+            raise ConfigError(
+                "no such job in the results", file=output / "campaign.json", expected=", ".join(campaign.jobs), found=name, hint=hint
+            )
+    wanted = [job for job in campaign.jobs if not jobs or job in jobs]
+    # A job that has not run yet is no error, unless it was asked for.
+    present = [job for job in wanted if jobs or (output / job / "result.json").exists()]
+    if not present:
+        raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows what it wrote")
+    return campaign, [read_job(output, job) for job in present]
+
+
+def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) -> int:
+    todo = [(chart, file) for chart, file in tasks if not is_current(chart, file)]
+    if todo:
+        say(f"drawing {len(todo)} figures")
+    if workers > 1 and len(todo) >= _WORTH_PROCESSES:
+        # Spawned: a fork would copy the threads of numerical libraries in a state of their own.
+        with ProcessPoolExecutor(min(workers, len(todo)), mp_context=multiprocessing.get_context("spawn")) as pool:
+            for _ in pool.map(_draw_one, todo, chunksize=8):
+                pass
+    else:
+        for task in todo:
+            _draw_one(task)
+    return len(todo)
+
+
+def _draw_one(task: _Task) -> None:
+    draw(*task)

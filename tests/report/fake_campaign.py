@@ -1,0 +1,216 @@
+"""A deterministic campaign of invented results, in the layout of the result files; shaped like a SoundBox, without its physics."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+NODES, Y = 31, np.linspace(0.2, 0.7, 31)
+BOLTS = 17
+BOLT_Y = np.linspace(0.18, 0.72, BOLTS)
+ORDER = [8, 9, 10, 11, 7, 12, 5, 6, 13, 14, 4, 15, 3, 2, 16, 1, 17]
+COUNTS = (0, 4, 6, 10, 12, 15, 17)
+MODES = np.array([47.0, 62.0, 88.0, 121.0, 139.0, 163.0, 171.0, 204.0, 228.0, 251.0, 287.0, 302.0, 341.0, 366.0, 389.0])
+
+
+def _write(file: Path, document: dict) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps({"version": 1, **document}), encoding="utf-8")
+
+
+def _frf(frequency, shift, loss, seed):
+    omega, modes = 2 * np.pi * frequency[:, None], 2 * np.pi * MODES * (1 + shift)
+    amplitude = np.random.default_rng(seed).normal(size=len(MODES)) * 4e3
+    return (amplitude / (modes**2 - omega**2 + 1j * loss * modes * omega)).sum(axis=1) * 8
+
+
+def _columns(name, state, values):
+    return {
+        f"{name}_{state}_db": 20 * np.log10(np.abs(values)),
+        f"{name}_{state}_phase_deg": np.degrees(np.angle(values)),
+    }
+
+
+def write_frf(file: Path, removed: int, responses: Sequence[str], lines: int, coherence: bool) -> np.ndarray:
+    frequency = np.linspace(20.0, 400.0, lines)
+    table = {"frequency_hz": frequency}
+    sag = -0.06 * removed / 17 * np.linspace(1, 0.3, len(MODES))
+    for index, name in enumerate(responses):
+        noise = np.random.default_rng(1000 + index + 31 * removed).normal(size=(2, lines)) @ np.eye(lines)
+        measured = _frf(frequency, sag, 0.006 + 0.0006 * removed, index)
+        measured = measured * (1 + 0.02 * noise[0] + 0.02j * noise[1]) + 2e-4 * (noise[1] + 1j * noise[0])
+        table |= _columns(name, "measured", measured)
+        table |= _columns(name, "initial", _frf(frequency, 0.012, 0.004, index))
+        table |= _columns(name, "updated", _frf(frequency, sag + 0.001, 0.0065 + 0.0006 * removed, index))
+        if coherence:
+            table[f"{name}_coherence"] = np.clip(1 - 2e-4 / (np.abs(measured) + 1e-3), 0, 1)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    rows = [",".join(table)] + [",".join(f"{value:.6g}" for value in row) for row in np.column_stack(list(table.values()))]
+    file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return frequency
+
+
+def write_reduction(output: Path) -> None:
+    rng = np.random.default_rng(7)
+    kinds = {"free": 0.3, "initial": 0.15, "loose": 0.2, "clamped": 0.1, "beyond": 0.12, "random": 1.0}
+    held_out = [
+        {"frequency_hz": f, "errors": {kind: float(4e-4 * scale * 10 ** -rng.uniform(0, 1.5)) for kind, scale in kinds.items()}}
+        for f in (33.3, 97.1, 151.7, 202.9, 266.6, 318.2, 377.7)
+    ]
+    band = np.linspace(20, 400, 77)
+    taken, trace = [210.0], []
+    for step, place in enumerate((60.0, 350.0, 130.0, 285.0, 395.0, 20.0, 170.0), start=1):
+        near = np.min(np.abs(band[:, None] - np.array(taken)[None, :]), axis=1)
+        estimate = 10 ** (-6.5 + 5.2 * np.tanh(near / 45)) * (1 + 0.5 * np.sin(band / 3))
+        trace.append(
+            {
+                "step": step,
+                "size": 30 * step,
+                "factorised_hz": taken[-1],
+                "measured_error": None if step == 1 else float(estimate.max()) / 2,
+                "frequency_hz": band.tolist(),
+                "estimate": estimate.tolist(),
+            }
+        )
+        taken.append(place)
+    _write(
+        output / "reduction.json",
+        {
+            "format": "lrbc-reduction", "size": 210, "size_structure": 105, "size_acoustic": 105, "full_size": 23041, "terms": 31, "inputs": 1,
+            "outputs": 10, "band_hz": [20, 400], "tolerance": 1e-3, "reached": True, "backend": "pardiso",
+            "expansion_points": [{"frequency_hz": f, "order": 1, "added": 30} for f in taken[:-1]],
+            "certificate": {"held_out": held_out, "worst": max(max(h["errors"].values()) for h in held_out), "vectors": 24},
+            "trace": trace,
+            "seconds": {
+                "full_line": 0.61, "reduced_line": 0.0019, "port_line": 4.4e-5, "basis": 5.91, "projection": 0.42, "certificate": 2.2,
+                "total": 8.66, "full_lines_worth": 14.2,
+            },
+            "machine": {"platform": "Linux-6.1-x86_64", "processor": "x86_64", "cores": 2},
+            "date": "2026-11-21T09:14:03Z",
+            "cache": {"key": "9f2c11ab", "hit": False, "reason": "no reduced model with this key"},
+            "versions": {"lrbc": "0.1.0", "numpy": "2.0.0", "scipy": "1.14.0"},
+        },
+    )  # fmt: skip
+
+
+def write_job(
+    output: Path,
+    job: str,
+    removed: int,
+    *,
+    responses: Sequence[str],
+    used: Sequence[str],
+    status: str = "converged",
+    truth: bool = True,
+    bolts: bool = True,
+    reference: bool = True,
+    damping: bool = True,
+    groups: Sequence[str] = ("left_edge",),
+    band: bool = False,
+    coherence: bool = False,
+    lines: int = 381,
+) -> None:
+    names = [f"B{number:02d}" for number in ORDER[:removed]]
+    rng = np.random.default_rng(100 + removed)
+    frequency = write_frf(output / job / "frf.csv", removed, responses, lines, coherence)
+    tight = 4.6 + 0.25 * np.sin(9 * Y) + 0.1 * np.random.default_rng(3).normal(size=NODES)
+    effective = tight + 0.12 * rng.normal(size=NODES)
+    for number in ORDER[:removed]:
+        effective -= 1.3 * np.exp(-(((Y - BOLT_Y[number - 1]) / 0.024) ** 2))
+    parameters = {}
+    for index, group in enumerate(groups):
+        entry = {
+            "kind": "stiffness", "unit": "N m/rad", "log10": (effective + 0.1).tolist(), "log10_effective": (effective - 0.4 * index).tolist(),
+            "initial": [4.0] * NODES, "reference_log10_effective": tight.tolist() if reference else None, "bounds": [-1.0, 7.0],
+            "positions": [[0.1 + 0.8 * index, float(y), -0.035] for y in Y], "arc_length": (Y - Y[0]).tolist(),
+        }  # fmt: skip
+        if band:
+            entry |= {"std": [0.2] * NODES, "lower95": (effective - 0.4).tolist(), "upper95": (effective + 0.5).tolist()}
+        if damping:
+            exponent = -0.3 + 0.19 * removed
+            entry |= {"damping_exponent": exponent, "damping_factor": 10**exponent}
+        parameters[group] = entry
+    found = []
+    for number in range(1, BOLTS + 1) if bolts else ():
+        name = f"B{number:02d}"
+        change = float(np.interp(BOLT_Y[number - 1], Y, effective - tight))
+        end = not Y[0] <= BOLT_Y[number - 1] <= Y[-1]
+        found.append(
+            {
+                "name": name, "position": [0.09, float(BOLT_Y[number - 1]), -0.035],
+                "log10_stiffness": float(np.interp(BOLT_Y[number - 1], Y, effective)), "change": change if reference else None,
+                "verdict": "loose" if change < -0.9 else "undecided" if change < -0.6 else "tight",
+                "removed": name in names if truth else None, "note": "no term near: the nearest is 20 mm away" if end else None,
+            }
+        )  # fmt: skip
+    evaluations = 14 + removed
+    start, end = 5.1 + 0.05 * removed, 3.7 + 0.01 * removed
+    history = [
+        {"evaluation": k, "cost": end + (start - end) * np.exp(-k / 3), "misfit_db": 1.0 + (2.2 + 0.2 * removed) * np.exp(-k / 3)}
+        for k in range(evaluations)
+    ]
+    per = {
+        name: {"initial": 3.0 + 0.2 * removed + 0.1 * i, "final": 1.0 + 0.07 * i, "used": name in used} for i, name in enumerate(responses)
+    }
+    mean = {state: float(np.mean([per[name][state] for name in responses if name in used])) for state in ("initial", "final")}
+    selected = frequency[(np.abs(frequency[:, None] - MODES[None, :]) < 4).any(axis=1)]
+    _write(
+        output / job / "result.json",
+        {
+            "format": "lrbc-result", "job": job, "status": status, "reason": "gradient below 1e-4" if status == "converged" else "limit of iterations",
+            "removed": names if truth else None, "parameters": parameters, "cost": {"initial": start, "final": end},
+            "misfit_db": {**mean, "responses": per}, "bolts": found, "iterations": 12 + removed, "evaluations": evaluations,
+            "line_evaluations": evaluations * len(selected), "history": history, "lines": {"frequency_hz": selected.tolist(), "count": len(selected)},
+            "optimiser": {"method": "gauss-newton"}, "seconds": {"read": 0.11, "port": 0.4, "optimise": 0.05 * evaluations, "total": 0.6 + 0.05 * evaluations},
+            "provenance": {
+                "versions": {"lrbc": "0.1.0", "numpy": "2.0.0"}, "inputs": {f"frf/{job}.uff": f"{removed:064x}", "model.h5": "ab" * 32},
+                "configuration": {"campaign": "soundbox-left-edge", "update": {"method": "gauss-newton", "regularisation": 0.04}},
+                "certificate": {"worst": 4e-4, "tolerance": 1e-3},
+            },
+        },
+    )  # fmt: skip
+
+
+def write_failed_job(output: Path, job: str, reason: str) -> None:
+    _write(
+        output / job / "result.json",
+        {"format": "lrbc-result", "job": job, "status": "failed", "reason": reason, "provenance": {"versions": {"lrbc": "0.1.0"}}},
+    )
+
+
+def write_campaign(
+    output: Path,
+    counts: Sequence[int] = COUNTS,
+    *,
+    responses: Sequence[str] = tuple(f"mic{k:02d}" for k in range(1, 11)),
+    used: Sequence[str] = ("mic01", "mic03", "mic04", "mic05", "mic09", "mic10"),
+    failed: Sequence[str] = (),
+    reduction: bool = True,
+    bolts: bool = True,
+    reference: bool = True,
+    name: str = "soundbox-left-edge",
+    **job_options,
+) -> list[str]:
+    """Write a whole campaign; returns the names of its jobs in order."""
+    jobs = [f"bolts-{count:02d}" for count in counts]
+    if len(set(jobs)) != len(jobs):
+        jobs = [f"job-{index:03d}" for index in range(len(counts))]
+    for job, count in zip(jobs, counts, strict=True):
+        write_job(output, job, count, responses=responses, used=used, bolts=bolts, reference=reference, **job_options)
+    for job in failed:
+        write_failed_job(output, job, "the record mic03 holds no line inside the band 20 to 400 Hz")
+    places = [{"name": f"B{k + 1:02d}", "position": [0.09, float(BOLT_Y[k]), -0.035]} for k in range(BOLTS)] if bolts else []
+    _write(
+        output / "campaign.json",
+        {
+            "format": "lrbc-campaign", "campaign": name, "reference": jobs[0] if reference else None, "jobs": [*jobs, *failed], "bolts": places,
+            "responses": [{"name": entry, "quantity": "pressure", "unit": "Pa/N", "used": entry in used} for entry in responses],
+            "tool": {"name": "lrbc", "version": "0.1.0"},
+        },
+    )  # fmt: skip
+    if reduction:
+        write_reduction(output)
+    return [*jobs, *failed]
