@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from lrbc_cli.config.fields import FilePath, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
+from lrbc_cli.config.fields import FilePath, FrozenDict, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
 from lrbc_cli.config.structure import Record
 
 
@@ -95,20 +95,55 @@ class UpdateConfig(Strict):
     )
 
 
-class TextFormat(Strict):
-    """Layout of a text file of FRFs; what is absent is recognised from the file."""
+SEPARATORS = {"tab": "\t", "blank": " "}
 
-    delimiter: str | None = Field(
-        default=None, min_length=1, max_length=10, description="Column separator: ',', ';', 'tab' or 'blank'; absent: recognised."
+
+def _separator(value: str) -> str:
+    return SEPARATORS.get(value, value)
+
+
+def _column_form(value: object) -> str:
+    return "form:name" if isinstance(value, str) else "form:number"
+
+
+Column = Annotated[
+    Annotated[str, Field(min_length=1), Tag("form:name")] | Annotated[int, Field(ge=1), Tag("form:number")], Discriminator(_column_form)
+]
+
+
+class TextFormat(Strict):
+    """Layout of a text file of FRFs; what is absent is recognised. Unit and quantity hold for files of any format."""
+
+    delimiter: Annotated[Literal[",", ";", "\t", " ", "tab", "blank"], AfterValidator(_separator)] | None = Field(
+        default=None, description="Column separator: ',', ';', tab or blank (any run of blanks); absent: recognised."
     )
     decimal: Literal[".", ","] | None = Field(default=None, description="Decimal sign; absent: recognised.")
-    skip: int | None = Field(default=None, ge=0, description="Lines to skip before the heading; absent: recognised.")
-    representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
-        default=None, description="What the columns of a response hold; absent: recognised from the heading."
+    skip: int | None = Field(
+        default=None, ge=0, description="Lines before the heading, or before the numbers where there is none; absent: recognised."
     )
-    phase_unit: Literal["deg", "rad"] = Field(default="deg", description="Unit of the phase.")
-    quantity: Quantity | None = Field(default=None, description="Quantity of the responses; absent: from the heading, else the response's.")
-    unit: str | None = Field(default=None, min_length=1, description="Unit of the FRFs, for instance Pa/N or g/N; absent: SI.")
+    frequency: Column | None = Field(default=None, description="Name or number (from 1) of the column of frequencies; absent: recognised.")
+    frequency_unit: Literal["Hz", "kHz", "rad/s"] | None = Field(default=None, description="Hz, kHz or rad/s; absent: from the heading.")
+    representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
+        default=None, description="What the two columns of a response hold; absent: recognised from the heading."
+    )
+    phase: Literal["deg", "rad"] | None = Field(default=None, description="Unit of the phase; absent: recognised.")
+    unit: str | None = Field(
+        default=None, min_length=1, description="Unit of the FRFs, for instance Pa/N or g/N; it takes precedence over what the file says."
+    )
+    quantity: Quantity | None = Field(
+        default=None, description="pressure, displacement, velocity or acceleration; it takes precedence over what the file says."
+    )
+    columns: Annotated[dict[str, tuple[Column, Column]], AfterValidator(FrozenDict)] = Field(
+        default={},
+        validate_default=True,
+        description="Two columns (names, or numbers from 1) of each record, by its name; others are left out. Absent: recognised.",
+    )
+
+    @model_validator(mode="after")
+    def _different_signs(self) -> TextFormat:
+        if self.delimiter is not None and self.delimiter == self.decimal:
+            raise problem("delimiter and decimal sign are the same", "delimiter", expected="two signs", found=f"'{self.delimiter}'")
+        return self
 
 
 class JobConfig(Strict):
@@ -118,7 +153,9 @@ class JobConfig(Strict):
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(), description="Names of the bolts known to be removed; for the report only, the identification never sees them."
     )
-    format: TextFormat | None = Field(default=None, description="Layout of a text file; absent: recognised.")
+    format: TextFormat | None = Field(
+        default=None, description="Layout of a text file, and unit and quantity of any file; absent: recognised."
+    )
     records: NameMap[Record] = Field(
         default={}, validate_default=True, description="What this file calls a response, by response: a name, or {node:, direction:}."
     )

@@ -186,6 +186,10 @@ CASES = [
     (swap("lines: resonances", "lines: {every: 0}"), "update.lines.every", ["at least 1"]),
     (swap("lines: resonances", "lines: {list: []}"), "update.lines.list", ["at least 1"]),
     (swap("initial: 4.0", "initial: automatic"), "parameters.left_edge.initial", ["auto", "'automatic'"]),
+    (swap("frf/bolts-00.uff", "a.csv, format: {delimiter: comma}"), "jobs.bolts-00.format.delimiter", ["';'", "the text 'comma'"]),
+    (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [0, 1]}}"), "jobs.bolts-00.format.columns.a[0]", ["at least 1"]),
+    (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [1]}}"), "jobs.bolts-00.format.columns.a", ["exactly 2"]),
+    (swap("frf/bolts-00.uff", "a.csv, format: {decimal: ',', delimiter: ','}"), "jobs.bolts-00.format.delimiter", ["the same"]),
     # ranges
     (swap("band: [20.0, 400]", "band: [400, 20]"), "reduction.band", ["lower below upper", "[400, 20]"]),
     (swap("band: [20.0, 400]", "band: [0, 400]"), "reduction.band", ["above 0 Hz"]),
@@ -275,6 +279,16 @@ def test_formats_are_those_of_the_readers() -> None:
 
     matrices = pytest.importorskip("lrbc_cli.io.matrices")
     assert set(get_args(MatrixFormat)) == set(matrices.FORMATS)
+
+
+def test_text_formats_are_those_of_the_reader(write) -> None:  # type: ignore[no-untyped-def]
+    layouts = pytest.importorskip("lrbc_cli.io.text_layout")
+    text = swap("frf/bolts-00.uff", "a.csv, format: {delimiter: tab, decimal: ',', frequency: f, unit: g/N, columns: {acc 1: [2, im]}}")
+    layout = load_campaign(write(text)).jobs["bolts-00"].format
+    assert layout is not None
+    read = layouts.TextLayout(**layout.model_dump())
+    assert (read.delimiter, read.decimal, read.frequency, read.columns) == ("\t", ",", "f", {"acc 1": (2, "im")})
+    assert set(vars(read)) == set(type(layout).model_fields)
 
 
 def values() -> st.SearchStrategy[object]:
