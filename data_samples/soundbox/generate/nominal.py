@@ -36,7 +36,7 @@ from skfem.helpers import dot, grad
 COMPONENTS = ("UZ", "ROTX", "ROTY", "TWIST")
 # The plate's DOFs of a node are w, w_y, w_x, w_xy; ROTY is -w_x.
 COMPONENT_SIGN = (1.0, 1.0, -1.0, 1.0)
-# Blocks are stored as whole multiples of 2^-BITS of a power of two above their largest entry: exact symmetry and row sums.
+# Blocks are stored in steps of 2^-BITS of a power of two above their largest entry: exact symmetry and row sums.
 BITS = 31
 
 
@@ -235,9 +235,8 @@ def main() -> None:
     model = build()
     write(model, out)
     distance = np.linalg.norm(model.xyz[model.component == "UZ"] - HAMMER, axis=1).min()
-    print(
-        f"n {model.mass.shape[0]}, plate {model.structure_size}, nnz K {model.stiffness.nnz}, M {model.mass.nnz}, hammer {distance:.1e} m off a node"
-    )
+    print(f"n {model.mass.shape[0]}, plate {model.structure_size}, nnz K {model.stiffness.nnz}, nnz M {model.mass.nnz}")
+    print(f"nearest node to the hammer point: {distance:.1e} m")
 
 
 if __name__ == "__main__":
