@@ -6,12 +6,13 @@ import json
 import logging
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import jsonschema
 import pytest
-from click.testing import CliRunner, Result
 
 from lrbc_cli import __version__
 from lrbc_cli.cli.main import COMMANDS, LazyGroup, main
@@ -60,8 +61,24 @@ group = LazyGroup(
 verbosity_options(group.callback)
 
 
-def run(*args: str, command: click.Command = group, **env: str) -> Result:
-    return CliRunner().invoke(command, list(args), env=env)
+@dataclass
+class Result:
+    exit_code: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Result]:
+    """Run a command as from a shell."""
+
+    def run(*args: str, command: click.Command = group) -> Result:
+        with pytest.raises(SystemExit) as caught:
+            command.main(list(args))
+        out = capsys.readouterr()
+        return Result(int(caught.value.code or 0), out.out, out.err)
+
+    return run
 
 
 @pytest.mark.parametrize(
@@ -76,13 +93,13 @@ def run(*args: str, command: click.Command = group, **env: str) -> Result:
         ("nothing", 0, ""),
     ],
 )
-def test_exit_codes(what: str, code: int, message: str) -> None:
+def test_exit_codes(run, what: str, code: int, message: str) -> None:  # type: ignore[no-untyped-def]
     result = run("trial", what)
     assert (result.exit_code, result.stdout, result.stderr) == (code, "", message)
 
 
 @pytest.mark.parametrize(("what", "name"), [("defect", "ZeroDivisionError: division by zero)"), ("eof", "EOFError: pipe)")])
-def test_a_defect_is_told_shortly(what: str, name: str) -> None:
+def test_a_defect_is_told_shortly(run, what: str, name: str) -> None:  # type: ignore[no-untyped-def]
     result = run("trial", what)
     assert result.exit_code == 1
     assert f"a defect of the program ({name}" in result.stderr
@@ -91,7 +108,7 @@ def test_a_defect_is_told_shortly(what: str, name: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["defect", "data"])
-def test_tracebacks_are_for_vv(what: str) -> None:
+def test_tracebacks_are_for_vv(run, what: str) -> None:  # type: ignore[no-untyped-def]
     assert "Traceback" in run("trial", "-vv", what).stderr
     assert "Traceback" not in run("trial", what).stderr, "the level of one run must not outlive it"
 
@@ -107,7 +124,7 @@ def test_tracebacks_are_for_vv(what: str) -> None:
         (["-vvv", "-q"], ["DEBUG", "INFO", "WARNING", "ERROR"]),
     ],
 )
-def test_verbosity(args: list[str], levels: list[str]) -> None:
+def test_verbosity(run, args: list[str], levels: list[str]) -> None:  # type: ignore[no-untyped-def]
     result = run("trial", *args, "log")
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == levels
     assert result.stdout == ""
@@ -122,7 +139,7 @@ def test_verbosity(args: list[str], levels: list[str]) -> None:
         (["schema", "more"], ["lrbc schema: got unexpected extra argument"]),
     ],
 )
-def test_usage_errors(args: list[str], parts: list[str]) -> None:
+def test_usage_errors(run, args: list[str], parts: list[str]) -> None:  # type: ignore[no-untyped-def]
     result = run(*args, command=main)
     assert result.exit_code == 2
     assert result.stdout == ""
@@ -131,7 +148,7 @@ def test_usage_errors(args: list[str], parts: list[str]) -> None:
         assert part in result.stderr
 
 
-def test_help_lists_all_commands_without_importing_them() -> None:
+def test_help_lists_all_commands_without_importing_them(run) -> None:  # type: ignore[no-untyped-def]
     result = run("--help", command=main)
     assert result.exit_code == 0
     for name, (_, text) in COMMANDS.items():
@@ -141,7 +158,7 @@ def test_help_lists_all_commands_without_importing_them() -> None:
     assert run("--version", command=main).stdout == f"lrbc {__version__}\n"
 
 
-def test_help_is_quick() -> None:
+def test_help_is_quick(run) -> None:  # type: ignore[no-untyped-def]
     code = "import sys; from lrbc_cli.cli.main import main; main(['--help'], standalone_mode=False); print(*sys.modules, file=sys.stderr)"
     modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split()
     assert "click" in modules
@@ -149,7 +166,7 @@ def test_help_is_quick() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_the_table_is_right(name: str) -> None:
+def test_the_table_is_right(run, name: str) -> None:  # type: ignore[no-untyped-def]
     module = COMMANDS[name][0].partition(":")[0]
     if not (Path(__file__).parents[2] / (module.replace(".", "/") + ".py")).exists():
         pytest.skip("not written yet")
@@ -158,20 +175,22 @@ def test_the_table_is_right(name: str) -> None:
     assert "-v, --verbose" in result.stdout
 
 
-def test_campaign_options(tmp_path: Path) -> None:
+def test_campaign_options(run, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     result = run("echo", "-v", "c.yaml", "--override", "a=1", "--override", "b.c=[1, 2]", "--cache", "x", "--json", "-q")
     assert json.loads(result.stdout) == ["c.yaml", ["a=1", "b.c=[1, 2]"], "x", True]
-    assert json.loads(run("echo", "c.yaml", LRBC_CACHE="y").stdout) == ["c.yaml", [], "y", False]
-    assert json.loads(run("echo", "c.yaml", LRBC_CACHE="").stdout) == ["c.yaml", [], None, False]
+    monkeypatch.setenv("LRBC_CACHE", "y")
+    assert json.loads(run("echo", "c.yaml").stdout) == ["c.yaml", [], "y", False]
+    monkeypatch.setenv("LRBC_CACHE", "")
+    assert json.loads(run("echo", "c.yaml").stdout) == ["c.yaml", [], None, False]
 
 
-def test_schema_is_a_json_schema() -> None:
+def test_schema_is_a_json_schema(run) -> None:  # type: ignore[no-untyped-def]
     result = run("schema", command=main)
     assert result.exit_code == 0
     jsonschema.Draft202012Validator.check_schema(json.loads(result.stdout))
 
 
-def test_init(tmp_path: Path) -> None:
+def test_init(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     result = run("init", str(tmp_path / "new"), command=main)
     assert result.exit_code == 0
     assert result.stdout.splitlines()[0] == str(tmp_path / "new" / "campaign.yaml")

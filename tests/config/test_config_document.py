@@ -6,7 +6,7 @@ import math
 import os
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lrbc_cli.config.document import MAX_BYTES, MAX_DEPTH, parse, read_document, resolve_scalar
@@ -180,6 +180,7 @@ FRAGMENTS = st.sampled_from(
 )
 
 
+@settings(deadline=None)
 @given(st.one_of(st.text(max_size=200), st.lists(FRAGMENTS, max_size=60).map("".join)))
 def test_any_text_is_read_or_refused(text: str) -> None:
     try:

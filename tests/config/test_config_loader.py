@@ -318,7 +318,7 @@ def refusal(path: Path, *overrides: str) -> ConfigError | None:
     return None
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], deadline=None)
 @given(path=st.sampled_from(paths(TREE)), value=values())
 def test_any_value_anywhere_is_accepted_or_refused_with_its_place(write, path: tuple[str | int, ...], value: object) -> None:  # type: ignore[no-untyped-def]
     tree = json.loads(json.dumps(TREE))
@@ -331,7 +331,7 @@ def test_any_value_anywhere_is_accepted_or_refused_with_its_place(write, path: t
     assert error is None or (error.file == str(file) and error.place.startswith("line ") and len(error.message) < 4000)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], deadline=None)
 @given(st.binary(max_size=60), st.integers(0, len(VALID)), st.integers(0, 30))
 def test_damaged_files_are_refused(write, junk: bytes, start: int, length: int) -> None:  # type: ignore[no-untyped-def]
     content = VALID.encode()
@@ -339,7 +339,7 @@ def test_damaged_files_are_refused(write, junk: bytes, start: int, length: int) 
     assert error is None or error.file
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], deadline=None)
 @given(st.text(max_size=40) | st.sampled_from([".".join(map(str, path)) for path in paths(TREE)]), st.text(max_size=20))
 def test_any_override_is_accepted_or_refused(write, key: str, value: str) -> None:  # type: ignore[no-untyped-def]
     error = refusal(write(VALID), f"{key}={value}")
