@@ -66,6 +66,22 @@ def not_finite(path: Path, place: str, value: object) -> DataError:
     )
 
 
+def scaled(values: NDArray[Any], factor: float, path: Path, place: str) -> NDArray[np.complex128]:
+    """Values times a factor.
+
+    Raises
+    ------
+    DataError
+        If a product is too large for a number.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = np.asarray(values * factor, dtype=np.complex128)
+    bad = first_bad(product)
+    if bad is not None:
+        raise not_finite(path, f"{place}, point {bad + 1}", f"{values[bad]} times {factor:.6g}")
+    return product
+
+
 def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArray[np.float64], bool]:
     """Coherence between 0 and 1; undefined values (0/0) count as 0, and whether there were any is told.
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite
+from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.io.uff_datasets import Axis, UffFunction, UffUnits, read_datasets
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
@@ -136,7 +136,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
     return FrfRecord(
         name=_name(function),
         frequency_hz=frequency,
-        values=np.asarray(function.values * (sign * scale), dtype=np.complex128),
+        values=scaled(function.values, sign * scale, path, f"record {function.record}"),
         quantity=quantity,
         response_node=function.response_node or None,
         response_direction=abs(function.response_direction),

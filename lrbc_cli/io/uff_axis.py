@@ -27,7 +27,8 @@ def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.floa
     note = None
     if abs(step - float(increment)) > 1e-12 * step:
         note = f"the increment {increment} was read as {step!r}"
-    return np.asarray(start + step * np.arange(count), dtype=np.float64), note
+    with np.errstate(over="ignore"):
+        return np.asarray(start + step * np.arange(count), dtype=np.float64), note
 
 
 def restore(printed: str) -> float:

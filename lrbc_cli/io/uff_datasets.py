@@ -183,8 +183,8 @@ def _units(body: bytes, path: Path, place: str) -> UffUnits:
     try:
         code = int(lines[0][:10])
         length, force = (float(word) for word in lines[1].upper().replace("D", "E").split()[:2])
-        if not (0 < length < np.inf and 0 < force < np.inf):
-            raise ValueError("factors must be positive")
+        if not (1e-30 < length < 1e30 and 1e-30 < force < 1e30):
+            raise ValueError("factors out of range")
     except (IndexError, ValueError) as error:
         found = " / ".join(line.strip() for line in lines[:2])[:120]
         raise DataError(

@@ -1,0 +1,158 @@
+"""Frequency response functions from and to files; formats are told apart by content."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.common import head, require_file
+from lrbc_cli.io.frf_csv import read_frf_text, read_text_coherence, write_frf_csv
+from lrbc_cli.io.frf_hdf5 import read_frf_hdf5, write_frf_hdf5
+from lrbc_cli.io.frf_mat import read_frf_mat
+from lrbc_cli.io.hdf5_tools import is_hdf5
+from lrbc_cli.io.mat5 import is_mat5
+from lrbc_cli.io.text_layout import TextLayout
+from lrbc_cli.io.uff import read_uff, read_uff_coherence
+from lrbc_cli.io.uff_datasets import is_uff
+from lrbc_cli.io.uff_write import write_uff
+from lrbc_cli.model.frf import FrfSet
+
+__all__ = ["READERS", "WRITERS", "CoherenceKey", "TextLayout", "detect_frf_format", "read_coherence", "read_frf", "write_frf"]
+
+#: Name of a record, or (node, direction) of its response.
+CoherenceKey = str | tuple[int, int]
+
+#: Reader of each format; a new format is a module, a line here and a line in ``detect_frf_format``.
+READERS: dict[str, Callable[[Path, TextLayout | None], FrfSet]] = {
+    "uff": read_uff,
+    "hdf5": read_frf_hdf5,
+    "mat-v5": read_frf_mat,
+    "text": read_frf_text,
+}
+
+#: Writer by the file's ending.
+WRITERS: dict[str, Callable[[Path, FrfSet], None]] = {
+    ".csv": write_frf_csv,
+    ".uff": write_uff,
+    ".unv": write_uff,
+    ".h5": write_frf_hdf5,
+    ".hdf5": write_frf_hdf5,
+}
+
+
+def detect_frf_format(path: Path) -> str:
+    """Format of a file of FRFs, by its content.
+
+    Raises
+    ------
+    DataError
+        If the content is none of the formats that are read.
+    """
+    require_file(path)
+    start = head(path, 4096)
+    if is_hdf5(path):
+        return "hdf5"
+    if is_mat5(start):
+        return "mat-v5"
+    if is_uff(start):
+        return "uff"
+    if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "text"
+    raise DataError(
+        "the format of this file is not known",
+        file=path,
+        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB v5",
+        found=f"binary data starting with {start[:8].hex(' ')}",
+        hint="export a universal file or CSV",
+    )
+
+
+def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
+    """Read all FRFs of a measurement file, converted to SI, signs applied.
+
+    Parameters
+    ----------
+    path
+        Universal file (58, 58b), CSV or other text, HDF5 in the package's own layout, or MATLAB v5.
+    layout
+        What the file does not say by itself; ``unit`` and ``quantity`` hold for every format.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
+    """
+    path = Path(path)
+    return READERS[detect_frf_format(path)](path, layout)
+
+
+def write_frf(path: Path, frf: FrfSet) -> None:
+    """Write FRFs as CSV, universal file 58 or HDF5, by the file's ending; the file is replaced as a whole.
+
+    Raises
+    ------
+    ConfigError
+        If the ending is not known.
+    DataError
+        If the format cannot hold these records.
+    """
+    path = Path(path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise ConfigError("this ending of a file of FRFs is not known", file=path, expected=", ".join(WRITERS), found=path.suffix or "none")
+    writer(path, frf)
+
+
+def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[CoherenceKey, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Read coherence functions.
+
+    Parameters
+    ----------
+    path
+        Universal file with functions of type 6, HDF5 in the package's own layout, or text with a column each.
+    layout
+        Layout of a text file.
+
+    Returns
+    -------
+    dict
+        Frequencies in Hz and coherences, both (F,), by name and, where the file knows nodes, by (node, direction). A key
+        that several functions share is left out.
+
+    Raises
+    ------
+    DataError
+        If the file holds no coherence, or a value lies outside 0 to 1.
+    """
+    path = Path(path)
+    kind = detect_frf_format(path)
+    if kind == "text":
+        return {name: pair for name, pair in read_text_coherence(path, layout).items()}
+    if kind == "uff":
+        entries = [(c.name, c.dof[:2], c.frequency_hz, c.values) for c in read_uff_coherence(path)]
+    else:
+        records = READERS[kind](path, layout).records
+        entries = [
+            (r.name, (r.response_node or 0, r.response_direction), r.frequency_hz, r.coherence) for r in records if r.coherence is not None
+        ]
+    found: dict[CoherenceKey, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    shared: set[CoherenceKey] = set()
+    for name, (node, direction), frequency, values in entries:
+        keys: list[CoherenceKey] = ([name] if name else []) + ([(node, direction)] if node else [])
+        for key in keys:
+            if key in found:
+                shared.add(key)
+            found[key] = (frequency, values)
+    result = {key: value for key, value in found.items() if key not in shared}
+    if not result:
+        raise DataError(
+            "the file holds no coherence that can be told apart",
+            file=path,
+            expected="names or nodes that differ",
+            found=f"{len(entries)} functions",
+        )
+    return result

@@ -1,0 +1,181 @@
+"""FRFs in HDF5, in this package's own layout.
+
+The file's root carries ``encoding-type`` = ``lrbc-frf`` and ``encoding-version``. It holds ``frequency_hz`` (F,),
+``frf`` (F, n_out, n_in) complex in SI, optionally ``coherence`` of the same shape (NaN where there is none), and for the
+outputs ``name``, ``quantity`` (empty where unknown), ``unit``, ``response_node`` (-1 where unknown), ``response_direction``, all
+(n_out,), and for the inputs ``reference_node`` and ``reference_direction``, (n_in,) or (n_out, n_in).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import atomic_path
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
+from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, text_attribute
+from lrbc_cli.io.sparse import numeric
+from lrbc_cli.io.text_layout import TextLayout
+from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
+
+ENCODING = "lrbc-frf"
+VERSION = "0.1.0"
+_UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s^2/N", "": ""}
+
+
+def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
+    """Read a file of ``write_frf_hdf5``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    layout
+        Only ``unit`` and ``quantity`` count.
+
+    Raises
+    ------
+    DataError
+        If the layout or its version is not known, sizes differ, or a value is not finite.
+    """
+    layout = layout or TextLayout()
+    with open_hdf5(path) as file:
+        kind, version = text_attribute(file, "encoding-type"), text_attribute(file, "encoding-version")
+        if kind != ENCODING or version != VERSION:
+            raise DataError(
+                "this HDF5 file holds no FRFs in a known layout",
+                file=path,
+                expected=f"encoding-type {ENCODING}, encoding-version {VERSION}",
+                found=f"{kind or 'none'}, {version or 'none'}; it holds {listing(list(file))}",
+            )
+        frequency = numeric(_dataset(file, "frequency_hz", path), path, "frequency_hz")
+        values = numeric(_dataset(file, "frf", path), path, "frf")
+        if frequency.ndim != 1 or values.ndim != 3 or values.shape[0] != frequency.size or frequency.dtype.kind == "c":
+            expected = "frequency_hz (F,) and frf (F, n_out, n_in)"
+            raise DataError(
+                "the arrays do not fit together", file=path, place="frf", expected=expected, found=f"{frequency.shape} and {values.shape}"
+            )
+        check_frequencies(frequency, path, "frequency_hz")
+        _, n_out, n_in = values.shape
+        names = _texts(file, "name", n_out, path)
+        quantities = _texts(file, "quantity", n_out, path)
+        response_node, response_direction = (_integers(file, f"response_{part}", (n_out, 1), path)[:, 0] for part in ("node", "direction"))
+        reference_node, reference_direction = (_integers(file, f"reference_{part}", (n_out, n_in), path) for part in ("node", "direction"))
+        coherence = numeric(_dataset(file, "coherence", path), path, "coherence") if "coherence" in file else None
+    if coherence is not None and (coherence.shape != values.shape or coherence.dtype.kind == "c"):
+        raise DataError("the arrays do not fit together", file=path, place="coherence", expected=values.shape, found=coherence.shape)
+    unknown = [quantity for quantity in quantities if quantity and quantity not in QUANTITIES]
+    if unknown:
+        raise DataError("a quantity is not known", file=path, place="quantity", expected=", ".join(QUANTITIES), found=listing(unknown))
+    factor = layout.si_unit.factor if layout.si_unit is not None else 1.0
+    records = []
+    for i in range(n_out):
+        for j in range(n_in):
+            place = f"output {i + 1} ({names[i]})" + (f", input {j + 1}" if n_in > 1 else "")
+            bad = first_bad(values[:, i, j])
+            if bad is not None:
+                raise not_finite(path, f"{place}, line {bad + 1} ({frequency[bad]:.10g} Hz)", values[bad, i, j])
+            quality = None
+            if coherence is not None and not np.isnan(coherence[:, i, j]).all():
+                quality, _ = clean_coherence(coherence[:, i, j], path, place)
+            records.append(
+                FrfRecord(
+                    name=names[i],
+                    frequency_hz=frequency,
+                    values=scaled(values[:, i, j], factor, path, place),
+                    quantity=layout.stated_quantity or quantities[i] or None,
+                    response_node=_known(response_node[i]),
+                    response_direction=int(response_direction[i]),
+                    reference_node=_known(reference_node[i, j]),
+                    reference_direction=int(reference_direction[i, j]),
+                    coherence=quality,
+                    place=place,
+                )
+            )
+    if not records:
+        raise DataError("the file holds no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
+    return FrfSet(str(path), tuple(records))
+
+
+def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
+    """Write FRFs in SI, one output a record.
+
+    Raises
+    ------
+    DataError
+        If the records have different lines.
+    """
+    records = frf.records
+    if not records:
+        raise DataError("there is no FRF to write", file=path, expected="at least one", found="none")
+    frequency = records[0].frequency_hz
+    for record in records:
+        if not np.array_equal(record.frequency_hz, frequency):
+            found = f"{record.frequency_hz.size} lines in {record.name}, {frequency.size} in {records[0].name}"
+            raise DataError(
+                "this layout needs the same lines for every FRF", file=path, expected="one axis", found=found, hint="write .uff"
+            )
+    quantities = [record.quantity or "" for record in records]
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["encoding-type"], file.attrs["encoding-version"] = ENCODING, VERSION
+        arrays: dict[str, NDArray[Any]] = {
+            "frequency_hz": np.asarray(frequency, dtype=np.float64),
+            "frf": np.stack([record.values for record in records], axis=1)[:, :, None],
+            "response_node": _nodes([record.response_node for record in records]),
+            "response_direction": np.array([record.response_direction for record in records]),
+            "reference_node": _nodes([record.reference_node for record in records])[:, None],
+            "reference_direction": np.array([record.reference_direction for record in records])[:, None],
+        }
+        if any(record.coherence is not None for record in records):
+            missing = np.full(frequency.size, np.nan)
+            parts = [missing if record.coherence is None else record.coherence for record in records]
+            arrays["coherence"] = np.stack(parts, axis=1)[:, :, None]
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, track_times=False)
+        text = h5py.string_dtype("utf-8")
+        for name, texts in (
+            ("name", [record.name for record in records]),
+            ("quantity", quantities),
+            ("unit", [_UNITS[q] for q in quantities]),
+        ):
+            file.create_dataset(name, data=np.array(texts, dtype=object), dtype=text, track_times=False)
+
+
+def _nodes(nodes: list[int | None]) -> NDArray[np.int64]:
+    return np.array([-1 if node is None else node for node in nodes], dtype=np.int64)
+
+
+def _known(node: np.int64) -> int | None:
+    return int(node) if node >= 0 else None
+
+
+def _dataset(file: h5py.File, name: str, path: Path) -> Any:
+    try:
+        return load(lookup(file, name, path), path)
+    except KeyError:
+        raise DataError("a dataset is missing", file=path, place=name, expected=repr(name), found=listing(list(file))) from None
+
+
+def _texts(file: h5py.File, name: str, count: int, path: Path) -> list[str]:
+    values = np.ravel(_dataset(file, name, path))
+    texts = [value.decode("utf-8", "replace") if isinstance(value, bytes) else value for value in values.tolist()]
+    if len(texts) != count or not all(isinstance(text, str) for text in texts):
+        raise DataError("the arrays do not fit together", file=path, place=name, expected=f"{count} texts", found=f"{len(texts)} values")
+    return texts
+
+
+def _integers(file: h5py.File, name: str, shape: tuple[int, int], path: Path) -> NDArray[np.int64]:
+    values = np.asarray(_dataset(file, name, path))
+    fits = values.dtype.kind in "iu" and (values.shape == shape or values.shape == shape[:1] or values.shape == shape[1:])
+    if not fits:
+        expected = f"whole numbers, {shape}"
+        raise DataError("the arrays do not fit together", file=path, place=name, expected=expected, found=f"{values.dtype}, {values.shape}")
+    if values.shape == shape[:1] and shape[1] == 1:
+        values = values[:, None]
+    return np.broadcast_to(values, shape).astype(np.int64)

@@ -1,0 +1,194 @@
+"""The package's own store: nested dictionaries of arrays and plain values in HDF5, never a pickle.
+
+Every group and dataset carries ``encoding-type`` and ``encoding-version``; a reader refuses what it does not know.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.sparse import csc_array, issparse
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import atomic_path
+from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.sparse import numeric
+
+VERSION = "0.1.0"
+_ROOT = "lrbc-store"
+_KINDS = ("dict", "list", "array", "string-array", "json", "csc_matrix")
+_PLAIN = (str, int, float, bool, type(None))
+
+
+def write_store(path: Path, tree: dict[str, Any]) -> None:
+    """Write a tree; the file is replaced as a whole, after it was read back and compared in structure.
+
+    Parameters
+    ----------
+    path
+        The file.
+    tree
+        Nested dictionaries with text keys; leaves are arrays (real, complex, integer, bool or text), sparse matrices
+        (stored as CSC), text, numbers, bool, None, and lists of any of these.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the tree holds something else, or a key is empty or holds ``/``.
+    DataError
+        If what was written cannot be read back.
+    """
+    if not isinstance(tree, dict):
+        raise TypeError(f"a store holds a dictionary, not {type(tree).__name__}")
+    with atomic_path(path) as temporary:
+        with h5py.File(temporary, "w") as file:
+            file.attrs["store"] = _ROOT
+            _write_group(file, tree)
+        with open_hdf5(temporary) as file:
+            _verify(file, tree, path)
+
+
+def read_store(path: Path) -> dict[str, Any]:
+    """Read a tree that ``write_store`` wrote; lists come back as lists, sparse matrices as ``csc_array``.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, no such store, or of an unknown version.
+    """
+    with open_hdf5(path) as file:
+        if text_attribute(file, "store") != _ROOT:
+            raise DataError(
+                "this is not a store of this package",
+                file=path,
+                expected=f"attribute store = {_ROOT}",
+                found=text_attribute(file, "store") or "none",
+            )
+        tree = _read(file, path)
+    if not isinstance(tree, dict):
+        raise DataError("this store holds no dictionary", file=path, expected="a dictionary", found=type(tree).__name__)
+    return tree
+
+
+def _mark(node: Any, kind: str) -> None:
+    node.attrs["encoding-type"], node.attrs["encoding-version"] = kind, VERSION
+
+
+def _write_group(node: h5py.Group, tree: dict[str, Any]) -> None:
+    _mark(node, "dict")
+    for key, value in tree.items():
+        if not isinstance(key, str) or not key or "/" in key or "\0" in key or key in (".", ".."):
+            raise ValueError(f"a key of a store must be a text without '/', not {key!r}")
+        _write(node, key, value)
+
+
+def _write(parent: h5py.Group, key: str, value: Any) -> None:
+    if isinstance(value, dict):
+        _write_group(parent.create_group(key), value)
+    elif issparse(value):
+        matrix = csc_array(value)
+        node = parent.create_group(key)
+        _mark(node, "csc_matrix")
+        node.attrs["shape"] = np.asarray(matrix.shape, dtype=np.int64)
+        for name in ("data", "indices", "indptr"):
+            node.create_dataset(name, data=getattr(matrix, name), track_times=False)
+    elif isinstance(value, np.ndarray) or (isinstance(value, np.generic) and value.dtype.kind == "c") or isinstance(value, complex):
+        _write_array(parent, key, np.asarray(value))
+    elif isinstance(value, list | tuple) and not _is_plain(value):
+        node = parent.create_group(key)
+        _mark(node, "list")
+        for index, item in enumerate(value):
+            _write(node, str(index), item)
+    else:
+        value = value.item() if isinstance(value, np.generic) else value
+        if not _is_plain(value):
+            raise TypeError(f"a store cannot hold {type(value).__name__} ({key!r})")
+        node = parent.create_dataset(key, data=json.dumps(value), dtype=h5py.string_dtype("utf-8"), track_times=False)
+        _mark(node, "json")
+
+
+def _write_array(parent: h5py.Group, key: str, array: Any) -> None:
+    if array.dtype.kind == "U":
+        data, dtype = array.astype(object), h5py.string_dtype("utf-8")
+        node = parent.create_dataset(key, shape=array.shape, data=data if array.size else None, dtype=dtype, track_times=False)
+        _mark(node, "string-array")
+    elif array.dtype.kind in "fiubc":
+        node = parent.create_dataset(key, data=array, track_times=False)
+        _mark(node, "array")
+    else:
+        raise TypeError(f"a store cannot hold an array of type {array.dtype} ({key!r})")
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_plain(item) for item in value)
+    return isinstance(value, _PLAIN) and not isinstance(value, np.generic)
+
+
+def _read(node: Any, path: Path) -> Any:
+    kind, version = text_attribute(node, "encoding-type"), text_attribute(node, "encoding-version")
+    place = str(node.name).lstrip("/")
+    if kind not in _KINDS or version != VERSION:
+        raise DataError(
+            "this store was written in another layout",
+            file=path,
+            place=place or None,
+            expected=f"one of {', '.join(_KINDS)}, version {VERSION}",
+            found=f"{kind or 'none'}, version {version or 'none'}",
+            hint="delete the file; it will be built anew",
+        )
+    is_group = isinstance(node, h5py.Group)
+    if is_group != (kind in ("dict", "list", "csc_matrix")):
+        raise DataError("this store is damaged", file=path, place=place, expected=kind, found="a group" if is_group else "a dataset")
+    if kind == "dict":
+        return {key: _read(lookup(node, key, path), path) for key in node}
+    if kind == "list":
+        return [_read(lookup(node, str(index), path), path) for index in range(len(node))]
+    if kind == "csc_matrix":
+        return _read_sparse(node, path, place)
+    value = load(node, path)
+    if kind == "json":
+        return json.loads(value)
+    if kind == "string-array":
+        texts = [item.decode("utf-8") for item in np.ravel(value).tolist()]
+        return np.array(texts, dtype=np.str_).reshape(node.shape)
+    return np.asarray(value)
+
+
+def _read_sparse(node: Any, path: Path, place: str) -> Any:
+    shape = shape_attribute(node, "shape")
+    data, indices, indptr = (np.asarray(load(lookup(node, name, path), path)) for name in ("data", "indices", "indptr"))
+    well_formed = (
+        shape is not None
+        and min(shape) >= 0
+        and all(array.ndim == 1 for array in (data, indices, indptr))
+        and indices.dtype.kind == indptr.dtype.kind == "i"
+        and indptr.size == shape[1] + 1
+        and indptr[0] == 0
+        and bool(np.all(indptr[1:] >= indptr[:-1]))
+        and int(indptr[-1]) == indices.size == data.size
+        and (indices.size == 0 or (int(indices.min()) >= 0 and int(indices.max()) < shape[0]))
+    )
+    if not well_formed:
+        raise DataError("a sparse matrix in the store is damaged", file=path, place=place, hint="delete the file; it will be built anew")
+    return csc_array((numeric(data, path, place), indices, indptr), shape=shape)
+
+
+def _verify(node: Any, value: Any, path: Path) -> None:
+    """Compare structure, shapes and types of what was written with the tree."""
+    if isinstance(value, dict):
+        if set(node) != set(value):
+            raise DataError("the store could not be written", file=path, place=node.name, expected=sorted(value), found=sorted(node))
+        for key, item in value.items():
+            _verify(node[key], item, path)
+    elif isinstance(value, np.ndarray) and value.dtype.kind != "U" and (node.shape != value.shape or node.dtype != value.dtype):
+        expected, found = f"{value.shape} {value.dtype}", f"{node.shape} {node.dtype}"
+        raise DataError("the store could not be written", file=path, place=node.name, expected=expected, found=found)
+    elif issparse(value) and tuple(node.attrs["shape"]) != value.shape:
+        raise DataError(
+            "the store could not be written", file=path, place=node.name, expected=value.shape, found=tuple(node.attrs["shape"])
+        )

@@ -1,0 +1,188 @@
+"""Where the numbers of a text file start, and how its columns are divided and named."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.text import read_lines
+from lrbc_cli.io.text_layout import TextLayout
+from lrbc_cli.io.units import parse_unit
+
+_POINT = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
+_COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
+_CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
+# Lines from the end of a file by which its separators are judged.
+_SAMPLE = 200
+_NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Numbers of a text file with the names and units of their columns.
+
+    Attributes
+    ----------
+    values : (lines, columns) float array
+        Unreadable leading lines are left out.
+    lines : (lines,) int array
+        Line number of each row in the file.
+    names, units : tuple of str
+        One a column; empty strings where the file has none.
+    notes : tuple of str
+        What was found out rather than told.
+    """
+
+    values: NDArray[np.float64]
+    lines: NDArray[np.int64]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def read_table(path: Path, layout: TextLayout) -> TextTable:
+    """Find the block of numbers of a text file and its header.
+
+    Raises
+    ------
+    DataError
+        If there is no such block, or a line in it does not fit.
+    """
+    lines = read_lines(path)
+    skip = layout.skip or 0
+    candidates = [(d, p) for d, p in _CANDIDATES if layout.delimiter in (None, d) and layout.decimal in (None, p)]
+    tail = [line for line in lines[skip:] if line.strip()][-_SAMPLE:]
+    best: tuple[int, int, str, str] | None = None
+    for delimiter, decimal in candidates:
+        count, width = _extent(tail, delimiter, decimal)
+        if width >= 2 and count > (best[0] if best else 0):
+            best = (count, width, delimiter, decimal)
+    if best is None:
+        raise DataError(
+            "no table of numbers was found",
+            file=path,
+            expected="lines of a frequency and values, divided by tab, semicolon, comma or blanks",
+            found=repr(next((line for line in lines if line.strip()), "")[:80]),
+            hint="describe the layout under 'format:' of the job",
+        )
+    _, width, delimiter, decimal = best
+    start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
+    rows, numbers = _rows(lines, start, delimiter, decimal, width, path)
+    names, units = _header(lines[skip:start], delimiter, width)
+    notes = []
+    if layout.delimiter is None or layout.decimal is None:
+        notes.append(f"columns divided by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
+    notes.append(f"numbers from line {start + 1} on, {'header found' if any(names) else 'no header'}")
+    usable = np.isfinite(rows).all(axis=1)
+    first = int(np.argmax(usable)) if usable.any() else 0
+    if first:
+        notes.append(f"the first {first} line{'s' if first > 1 else ''} of numbers cannot be used (empty or not finite); left out")
+    return TextTable(rows[first:], numbers[first:], names, units, tuple(notes))
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    if '"' in line:
+        line = line.replace('"', "")
+    return [cell.strip() for cell in line.split(delimiter)]
+
+
+def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
+    """Whether a line is one of numbers; empty cells pass if the first cell and another are numbers."""
+    cells = _split(line, delimiter)
+    while len(cells) > 2 and not cells[-1] and len(cells) > (width or 0):
+        cells.pop()
+    pattern = _POINT if decimal == "." else _COMMA
+    if len(cells) < 2 or not cells[0] or (width is not None and len(cells) != width):
+        return False
+    return all(pattern.fullmatch(cell) for cell in cells)
+
+
+def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
+    """Lines of numbers that share the most frequent width, and that width."""
+    widths: dict[int, int] = {}
+    for line in lines:
+        if _fits(line, delimiter, decimal, None):
+            cells = _split(line, delimiter)
+            while len(cells) > 2 and not cells[-1]:
+                cells.pop()
+            widths[len(cells)] = widths.get(len(cells), 0) + 1
+    if not widths:
+        return 0, 0
+    width = max(widths, key=lambda w: (widths[w], w))
+    return widths[width], width
+
+
+def _rows(
+    lines: list[str], start: int, delimiter: str, decimal: str, width: int, path: Path
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    cells: list[str] = []
+    numbers: list[int] = []
+    for index in range(start, len(lines)):
+        line = lines[index]
+        if not line.strip() or line.lstrip()[0] in "#%":
+            continue
+        if not _fits(line, delimiter, decimal, width):
+            raise DataError(
+                "a line does not fit the table",
+                file=path,
+                place=f"line {index + 1}",
+                expected=f"{width} numbers",
+                found=repr(line[:80]),
+                hint="mend the line, or say under 'format: {skip: ...}' how many lines stand before the table",
+            )
+        cells += _split(line, delimiter)[:width]
+        numbers.append(index + 1)
+    texts = [(cell.replace(",", ".") if decimal == "," else cell).upper().replace("D", "E") or "nan" for cell in cells]
+    values = np.array(texts, dtype=np.str_).astype(np.float64)
+    return values.reshape(len(numbers), width), np.asarray(numbers, dtype=np.int64)
+
+
+def _header(lines: list[str], delimiter: str, width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units from the lines right above the numbers."""
+    above: list[list[str]] = []
+    for line in reversed(lines[-5:]):
+        text = line.strip().lstrip("#%").strip()
+        if not text:
+            continue
+        cells = _header_cells(text, delimiter)
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        if len(cells) != width:
+            break
+        above.append(cells)
+    none = ("",) * width
+    if not above:
+        return none, none
+    if len(above) > 1 and _is_unit_row(above[0]):
+        return tuple(above[1]), tuple(cell.strip("[]() ") for cell in above[0])
+    split = [_split_unit(cell) for cell in above[0]]
+    return tuple(name for name, _ in split), tuple(unit for _, unit in split)
+
+
+def _header_cells(text: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return text.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
+    except csv.Error:
+        return text.split(delimiter)
+
+
+def _is_unit_row(cells: list[str]) -> bool:
+    return all(not cell or cell.upper() == "DB" or parse_unit(cell.strip("[]() ")) is not None for cell in cells) and any(cells)
+
+
+def _split_unit(cell: str) -> tuple[str, str]:
+    """Divide ``mic01 [Pa/N]`` or ``mic01 (Pa/N)`` into name and unit."""
+    match = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]]*?)[\])]", cell)
+    if match and (cell.endswith("]") or match.group(2).upper() == "DB" or parse_unit(match.group(2)) is not None):
+        return match.group(1), match.group(2).strip()
+    return cell, ""
