@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import io
+import itertools
 import json
 import logging
 from dataclasses import asdict, dataclass
@@ -143,7 +144,7 @@ def write_model(folder: Path) -> None:
 
     edges = np.linspace(0, LY, SEGMENTS + 1)
     columns, positions = [], []
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in itertools.pairwise(edges):
         middles = mesh.p[:, mesh.facets].mean(axis=1)
         facets = np.flatnonzero((middles[0] < 1e-9) & (middles[1] > start) & (middles[1] < end))
         edge = skfem.FacetBasis(mesh, skfem.ElementQuadBFS(), facets=facets, intorder=6)
@@ -207,12 +208,12 @@ def write_measurements(folder: Path, seed: int) -> None:
         level = 0.003 * np.abs(frfs) + 0.001 * np.sqrt(np.mean(np.abs(frfs) ** 2, axis=0))
         frfs = frfs + noise * level / np.sqrt(2)
         heading = ",".join(["frequency_hz", *(f"{name}_{part}" for name in SENSORS for part in ("real", "imag"))])
-        table = [
-            ",".join([f"{f:g}", *(f"{part:.5e}" for h in row for part in (h.real, h.imag))]) for f, row in zip(LINES, frfs, strict=True)
-        ]
+        table = []
+        for frequency, row in zip(LINES, frfs, strict=True):
+            table.append(",".join([f"{frequency:g}", *(f"{part:.5e}" for h in row for part in (h.real, h.imag))]))
         write_table(folder / f"{job}.csv", heading, table)
         states[job] = {"loose": loose, "tightness": settled.round(4).tolist()}
-        print(job, np.sqrt(values[:6]).round(1) / (2 * np.pi))
+        print(f"{job}: first modes", (np.sqrt(values[:4]) / (2 * np.pi)).round(1), "Hz")
     record = {"seed": seed, "plate": asdict(plate), "damping_factors": damping.tolist(), "jobs": states}
     (folder / "truth.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8", newline="\n")
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from cavity import block_grid
+from cavity import Grid, block_grid
 from coupled import Cavity, PlateModes, factorise, lowest_modes
 from geometry import (
     ACOUSTIC_DAMPING,
@@ -144,6 +144,14 @@ def _line(stops: list[float], counts: list[int]) -> Array:
     return np.unique(np.concatenate([np.linspace(a, b, c + 1) for a, b, c in zip(stops[:-1], stops[1:], counts, strict=True)]).round(12))
 
 
+def hexahedra(grid: Grid) -> skfem.Basis:
+    """Quadratic hexahedra on a block grid."""
+    corners = ((0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 0), (1, 1, 1))
+    cells = np.stack([grid.cells[:, a, b, c] for a, b, c in corners])
+    mesh = skfem.MeshHex(np.ascontiguousarray(grid.points.T), np.ascontiguousarray(cells))
+    return skfem.Basis(mesh, skfem.ElementHex2(), intorder=5)
+
+
 class Rig:
     """The true model; assemble once, then ask for the plate of each configuration.
 
@@ -166,10 +174,7 @@ class Rig:
 
     def _assemble_cavity(self) -> None:
         grid = block_grid(self.APERTURE, self.SIDES, list(self.DEPTHS), 1, snap=False)
-        corners = ((0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 0), (1, 1, 1))
-        cells = np.stack([grid.cells[:, a, b, c] for a, b, c in corners])
-        mesh = skfem.MeshHex(np.ascontiguousarray(grid.points.T), np.ascontiguousarray(cells))
-        self.air = skfem.Basis(mesh, skfem.ElementHex2(), intorder=5)
+        self.air = hexahedra(grid)
         stiffness = sp.csr_array(_laplace.assemble(self.air)) / self.materials.air_density
         mass = sp.csr_array(_product.assemble(self.air)) * self.materials.compliance
         self.cavity = Cavity(0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T))
