@@ -119,14 +119,15 @@ class Chart:
     height: float = 330.0
 
     def legend(self) -> list[tuple[str, str, str]]:
-        """Return (role, kind, label) of all labelled items, each label once."""
+        """Return (role, kind, label) of all labelled items, each label once; lines first, stripes last."""
         found: dict[str, tuple[str, str, str]] = {}
         for panel in self.panels:
             for item in panel.items:
                 label = "" if isinstance(item, Note) else item.label
                 if label and label not in found:
                     found[label] = (item.role, type(item).__name__.lower(), label)
-        return list(found.values())
+        order = ("curve", "area", "marks", "level", "span")
+        return sorted(found.values(), key=lambda entry: order.index(entry[1]))
 
     def digest(self, version: str) -> str:
         """Return a hash of everything that the drawing depends on.

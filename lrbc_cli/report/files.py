@@ -3,47 +3,31 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import atomic_write
 
 
 @contextmanager
-def replace(file: Path) -> Iterator[BinaryIO]:
+def replace(file: Path) -> Iterator[IO[bytes]]:
     """Open a file for writing that takes its place only when it is complete.
 
     Raises
     ------
     DataError
-        Where the folder cannot be written.
+        Where it cannot be written.
     """
     try:
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.stem[:40]}-", suffix=".part")
-    except OSError as error:
-        raise DataError(f"the file cannot be written: {error.strerror}", file=file, hint="check the folder and its permissions") from None
-    part = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as sink:
+        with atomic_write(file, "wb") as sink:
             yield sink
-        part.chmod(0o666 & ~_umask())
-        part.replace(file)
     except OSError as error:
-        raise DataError(f"the file cannot be written: {error.strerror}", file=file, hint="check free space and permissions") from None
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    # The only way to read it is to set it.
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        hint = "check the folder, its permissions and the free space"
+        raise DataError(f"the file cannot be written: {error.strerror or error}", file=file, hint=hint) from None
 
 
 def frf_file(response: str) -> str:

@@ -35,7 +35,7 @@
     return parsed.get(path);
   };
   const range = (panel, key) => panel.dataset[key].split(" ").map(Number);
-  const show = (value) => Number(value.toPrecision(4)).toString().replace("-", "\u2212");
+  const show = (value, digits = 4) => Number(value.toPrecision(digits)).toString().replace("-", "\u2212");
   let cursor = null;
   const clear = () => {
     box.hidden = true;
@@ -51,7 +51,7 @@
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
     const [x0, x1] = range(panel, "x"), [y0, y1] = range(panel, "y");
     const power = panel.dataset.scale === "log";
-    const value = (y) => { const v = y0 + ((top + height - y) / height) * (y1 - y0); return power ? (10 ** v).toExponential(2) : show(v); };
+    const value = (y) => { const v = y0 + ((top + height - y) / height) * (y1 - y0); return power ? (10 ** v).toExponential(2) : show(v, 3); };
     const lines = [];
     let snap = at.x;
     for (const path of panel.querySelectorAll("path[data-name]")) {

@@ -170,10 +170,11 @@ def _verdicts(content: Content) -> _Section:
     parts: list[Markup | None] = [tables.verdict_table(content.campaign, content.jobs, anchors)]
     if grid is not None:
         hits = tables.hits(done)
-        key = [
-            tag("li", text)
-            for text in ("✕ judged loose", "? undecided", "· judged tight", "framed: known to be removed", "†: see its note")
-        ]
+        bolts = [bolt for job in done for bolt in job.bolts]
+        signs = ["✕ judged loose", "? undecided", "· judged tight"]
+        signs += ["framed: known to be removed"] if any(bolt.removed for bolt in bolts) else []
+        signs += ["† see its note"] if any(bolt.note for bolt in bolts) else []
+        key = [tag("li", text) for text in signs]
         parts += [tag("h3", "Bolts"), tag("p", hits) if hits else None, tag("ul", *key, class_="key"), grid]
         parts.append(_notes(done))
     return "verdicts", "Verdicts", parts
@@ -205,7 +206,9 @@ def _profiles(content: Content) -> _Section | None:
     )
     richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
     more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
-    return "profiles", "Stiffness along the edge", [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
+    kinds = {group.kind for job in content.jobs for group in job.groups}
+    title = "Stiffness along the edge" if kinds == {"stiffness"} else "Identified profiles"
+    return "profiles", title, [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
 
 
 def _frfs(content: Content) -> _Section | None:
@@ -335,7 +338,7 @@ def _certificate(content: Content) -> _Section | None:
     text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
     parts: list[Markup | None] = [tag("p", text)]
     charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
-    drawn = [tag("div", legend(chart), _drawn(chart)) for chart in charts]
+    drawn = [tag("div", _drawn(chart), legend(chart)) for chart in charts]
     parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
     if reduction.held_out:
         kinds = list(dict.fromkeys(kind for line in reduction.held_out for kind in line.errors))

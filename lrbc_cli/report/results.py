@@ -243,13 +243,15 @@ def read_job(output: Path, job: str) -> JobResult:
         Where it is missing or damaged.
     """
     node = read_document(output / job / "result.json", "lrbc-result")
+    # The name becomes part of paths: it has to be the folder's, which was checked.
+    node.choice("job", (job,))
     status = node.choice("status", STATUSES)
     done = status != "failed"
     misfit = node.node("misfit_db") if done else node.maybe_node("misfit_db")
     parameters = node.node("parameters") if done else node.maybe_node("parameters")
     lines = node.maybe_node("lines").maybe_array("frequency_hz")
     return JobResult(
-        job=node.text("job"),
+        job=job,
         status=status,
         reason=node.maybe_text("reason") or "",
         removed=node.texts("removed") if node.has("removed") else None,

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.report import format as fmt
-from lrbc_cli.report.html import Cell, Markup, table, tag
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult, Reduction
 
 #: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
 PAPER["full_total"] = PAPER["evaluations"] * PAPER["full_line"]
+#: Tables with more rows than this are folded away, but for the verdicts.
+_LONG = 40
 _MARKS = {"loose": "✕", "undecided": "?", "tight": "·"}
 
 
@@ -106,6 +108,11 @@ def held_out_misfit(job: JobResult) -> str:
     return fmt.change(float(np.mean([entry.initial for entry in unseen])), float(np.mean([entry.final for entry in unseen])))
 
 
+def fold(made: Markup, title: str, rows: int) -> Markup:
+    """Fold a long table away."""
+    return made if rows <= _LONG else details(f"{title} ({rows} rows)", made)
+
+
 def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
     """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
     shown = [job for job in jobs if job.bolts]
@@ -116,9 +123,9 @@ def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
     for job in shown:
         found = {bolt.name: bolt for bolt in job.bolts}
         rows.append([job.job, *(_bolt_cell(found.get(name)) for name in names)])
-    return table(
-        "Bolts at a glance: change of log10 stiffness against the reference job", ["Job", *names], rows, class_="bolts", text_columns=1
-    )
+    changes = any(bolt.change is not None for job in shown for bolt in job.bolts)
+    caption = "Bolts at a glance: " + ("change of log10 stiffness against the reference job" if changes else "log10 stiffness")
+    return fold(table(caption, ["Job", *names], rows, class_="bolts"), caption, len(rows))
 
 
 def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
@@ -175,7 +182,8 @@ def misfit_table(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None
     rows: list[list[str | Cell]] = []
     for job in shown:
         rows.append([job.job, *(_misfit_cell(job.responses.get(name)) for name in names)])
-    return table("Mean absolute misfit over all lines of the band, before → after [dB]", head, rows, class_="misfits")
+    caption = "Mean absolute misfit over all lines of the band, before → after [dB]"
+    return fold(table(caption, head, rows, class_="misfits"), caption, len(rows))
 
 
 def _misfit_cell(entry: Change | None) -> Cell:
@@ -197,7 +205,8 @@ def damping_table(jobs: Sequence[JobResult]) -> Markup | None:
             removed = fmt.MISSING if job.removed is None else str(len(job.removed))
             group_cells: list[str | Cell] = [group.name] if several else []
             rows.append([job.job, *group_cells, removed, fmt.fixed(group.damping_exponent), fmt.figures(group.damping_factor)])
-    return table("Damping of the identified stiffness, eq. (33)", head, rows, text_columns=2 if several else 1)
+    caption = "Damping of the identified stiffness, eq. (33)"
+    return fold(table(caption, head, rows, text_columns=2 if several else 1), caption, len(rows))
 
 
 @dataclass(frozen=True)
@@ -245,6 +254,8 @@ def cost_table(jobs: Sequence[JobResult], reduction: Reduction | None) -> Markup
     rows: list[list[str | Cell]] = []
 
     def time(text: str | Cell, own: float | None, paper: float | None = None) -> None:
+        if reduction is None and own is None:
+            return
         share = own / line if own is not None and line else None
         paper_share = None if paper is None else paper / PAPER["full_line"]
         rows.append([text, fmt.seconds(own), fmt.inverse(share), fmt.seconds(paper), fmt.inverse(paper_share)])
@@ -252,8 +263,10 @@ def cost_table(jobs: Sequence[JobResult], reduction: Reduction | None) -> Markup
     def part(title: str, note: str, own: Account, paper: Mapping[str, float]) -> None:
         rows.append([Cell(title, tag("small", f" {note}"), class_="part", span=5)])
         rows.append(["Line evaluations", fmt.count(own.line_evaluations), "", fmt.count(paper.get("evaluations")), ""])
-        time("Reduced model, reduction included", own.spent, paper.get("total"))
+        time("Reduced model, reduction included" if reduction else "Identification alone", own.spent, paper.get("total"))
         time(Cell("Full model", tag("small", " evaluations × full line")), own.full, paper.get("full_total"))
+        if own.speed_up is None:
+            return
         paper_factor = paper["full_total"] / paper["total"] if paper else None
         rows.append(["Speed-up", Cell(fmt.factor(own.speed_up), class_="strong"), "", fmt.factor(paper_factor), ""])
 

@@ -46,7 +46,7 @@ def write_frf(file: Path, removed: int, responses: Sequence[str], lines: int, co
         table |= _columns(name, "initial", _frf(frequency, 0.012, 0.004, index))
         table |= _columns(name, "updated", _frf(frequency, sag + 0.001, 0.0065 + 0.0006 * removed, index))
         if coherence:
-            table[f"{name}_coherence"] = np.clip(1 - 2e-4 / (np.abs(measured) + 1e-3), 0, 1)
+            table[f"{name}_coherence"] = np.clip(1 - 4e-3 / (np.abs(measured) + 1e-3), 0, 1)
     file.parent.mkdir(parents=True, exist_ok=True)
     rows = [",".join(table)] + [",".join(f"{value:.6g}" for value in row) for row in np.column_stack(list(table.values()))]
     file.write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -79,7 +79,9 @@ def write_reduction(output: Path) -> None:
     _write(
         output / "reduction.json",
         {
-            "format": "lrbc-reduction", "size": 210, "size_structure": 105, "size_acoustic": 105, "full_size": 23041, "terms": 31, "inputs": 1,
+            "format": "lrbc-reduction",
+            "size": 210, "size_structure": 105, "size_acoustic": 105, "full_size": 23041, "terms": 31,
+            "inputs": 1,
             "outputs": 10, "band_hz": [20, 400], "tolerance": 1e-3, "reached": True, "backend": "pardiso",
             "expansion_points": [{"frequency_hz": f, "order": 1, "added": 30} for f in taken[:-1]],
             "certificate": {"held_out": held_out, "worst": max(max(h["errors"].values()) for h in held_out), "vectors": 24},
@@ -123,7 +125,8 @@ def write_job(
     parameters = {}
     for index, group in enumerate(groups):
         entry = {
-            "kind": "stiffness", "unit": "N m/rad", "log10": (effective + 0.1).tolist(), "log10_effective": (effective - 0.4 * index).tolist(),
+            "kind": "stiffness", "unit": "N m/rad", "log10": (effective + 0.1).tolist(),
+            "log10_effective": (effective - 0.4 * index).tolist(),
             "initial": [4.0] * NODES, "reference_log10_effective": tight.tolist() if reference else None, "bounds": [-1.0, 7.0],
             "positions": [[0.1 + 0.8 * index, float(y), -0.035] for y in Y], "arc_length": (Y - Y[0]).tolist(),
         }  # fmt: skip
@@ -160,11 +163,14 @@ def write_job(
     _write(
         output / job / "result.json",
         {
-            "format": "lrbc-result", "job": job, "status": status, "reason": "gradient below 1e-4" if status == "converged" else "limit of iterations",
+            "format": "lrbc-result", "job": job, "status": status,
+            "reason": "gradient below 1e-4" if status == "converged" else "limit of iterations",
             "removed": names if truth else None, "parameters": parameters, "cost": {"initial": start, "final": end},
             "misfit_db": {**mean, "responses": per}, "bolts": found, "iterations": 12 + removed, "evaluations": evaluations,
-            "line_evaluations": evaluations * len(selected), "history": history, "lines": {"frequency_hz": selected.tolist(), "count": len(selected)},
-            "optimiser": {"method": "gauss-newton"}, "seconds": {"read": 0.11, "port": 0.4, "optimise": 0.05 * evaluations, "total": 0.6 + 0.05 * evaluations},
+            "line_evaluations": evaluations * len(selected), "history": history,
+            "lines": {"frequency_hz": selected.tolist(), "count": len(selected)},
+            "optimiser": {"method": "gauss-newton"},
+            "seconds": {"read": 0.11, "port": 0.4, "optimise": 0.05 * evaluations, "total": 0.6 + 0.05 * evaluations},
             "provenance": {
                 "versions": {"lrbc": "0.1.0", "numpy": "2.0.0"}, "inputs": {f"frf/{job}.uff": f"{removed:064x}", "model.h5": "ab" * 32},
                 "configuration": {"campaign": "soundbox-left-edge", "update": {"method": "gauss-newton", "regularisation": 0.04}},
@@ -206,7 +212,8 @@ def write_campaign(
     _write(
         output / "campaign.json",
         {
-            "format": "lrbc-campaign", "campaign": name, "reference": jobs[0] if reference else None, "jobs": [*jobs, *failed], "bolts": places,
+            "format": "lrbc-campaign", "campaign": name, "reference": jobs[0] if jobs and reference else None,
+            "jobs": [*jobs, *failed], "bolts": places,
             "responses": [{"name": entry, "quantity": "pressure", "unit": "Pa/N", "used": entry in used} for entry in responses],
             "tool": {"name": "lrbc", "version": "0.1.0"},
         },

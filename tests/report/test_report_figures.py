@@ -1,0 +1,200 @@
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lrbc_cli.report import figures
+from lrbc_cli.report.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
+from lrbc_cli.report.layout import lay_out
+from lrbc_cli.report.png import draw, is_current
+from lrbc_cli.report.results import read_campaign, read_frf, read_job, read_reduction
+from lrbc_cli.report.style import STYLES, css
+from lrbc_cli.report.svg import path, svg
+
+
+def points_of(data: str) -> np.ndarray:
+    """Decode path data: absolute starts, relative steps."""
+    found = []
+    for piece in data.split("M")[1:]:
+        numbers = np.array(re.findall(r"-?\d+", piece.replace("h0", "")), dtype=float).reshape(-1, 2)
+        found.append(np.cumsum(numbers, axis=0) / 10)
+    return np.concatenate(found) if found else np.empty((0, 2))
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6), st.integers(2, 10))
+def test_ticks_are_few_round_and_inside(low, width, count):
+    axis = linear_axis("x", low, low + width, count)
+    values = [tick for tick, _ in axis.ticks]
+    assert len(values) <= 2 * count + 2
+    slack = 1e-6 * width + 1e-9 * abs(low)
+    assert all(axis.low - slack <= tick <= axis.high + slack for tick in values)
+
+
+@pytest.mark.parametrize(("low", "high"), [(float("nan"), 1.0), (2.0, 2.0), (0.0, 0.0), (-np.inf, np.inf)])
+def test_axes_of_nothing_are_still_axes(low, high):
+    for axis in (linear_axis("x", low, high), decade_axis("x", low, high)):
+        assert axis.high > axis.low
+        assert axis.ticks
+
+
+def test_decades_are_written_as_powers():
+    assert [text for _, text in decade_axis("k", -2.0, 2.0).ticks] == ["10⁻²", "10⁻¹", "10⁰", "10¹", "10²"]
+
+
+def test_path_data_gives_the_points_back():
+    points = np.random.default_rng(1).uniform(0, 500, (40, 2))
+    points[[0, 7, 20, 21, 39]] = np.nan
+    np.testing.assert_allclose(points_of(path(points)), points[~np.isnan(points[:, 0])], atol=0.0501)
+    assert path(np.full((3, 2), np.nan)) == ""
+
+
+def test_drawn_levels_are_those_of_the_file(finished):
+    campaign, job, frf = read_campaign(finished), read_job(finished, "bolts-04"), read_frf(finished, "bolts-04")
+    chart = figures.frf_chart(job, campaign.response("mic01"), frf)
+    root = ElementTree.fromstring(svg(chart))
+    panel = root.findall(".//g[@class='panel']")[0]
+    frame = panel.find("rect")
+    left, top, width, height = (float(frame.get(key)) / 10 for key in ("x", "y", "width", "height"))
+    (x0, x1), (y0, y1) = ([float(part) for part in panel.get(key).split()] for key in ("data-x", "data-y"))
+    drawn = points_of(panel.find("path[@data-name='measured']").get("d"))
+    np.testing.assert_allclose(x0 + (drawn[:, 0] - left) / width * (x1 - x0), frf.frequency_hz, atol=0.06 / width * (x1 - x0))
+    level = y1 - (drawn[:, 1] - top) / height * (y1 - y0)
+    np.testing.assert_allclose(level, frf.responses["mic01"]["measured_db"], atol=0.11 / height * (y1 - y0))
+
+
+def test_profiles_share_one_scale_and_mark_the_bolts(finished):
+    jobs = [read_job(finished, name) for name in ("bolts-00", "bolts-04", "bolts-15")]
+    scales = figures.profile_scales(jobs)
+    charts = [figures.profile_chart(job, scales) for job in jobs]
+    assert len({(chart.panels[0].y.low, chart.panels[0].y.high) for chart in charts}) == 1
+    items = charts[1].panels[0].items
+    marks = {item.role: item for item in items if isinstance(item, Marks)}
+    assert marks["removed"].names == ("B08", "B09", "B10", "B11")
+    assert len(marks["tight"].x) == 13
+    spans = [item for item in items if isinstance(item, Span) and item.role == "loose"]
+    assert len(spans[0].edges) == 4
+    for edges, where in zip(spans[0].edges, marks["removed"].x, strict=True):
+        assert edges[0] < where < edges[1]
+    # B01 and B17 lie beyond the ends of the edge, and are drawn there.
+    assert marks["tight"].x.min() == pytest.approx(-0.02)
+    assert marks["tight"].x.max() == pytest.approx(0.52)
+    assert "B08, B09, B10, B11" in charts[1].alt
+
+
+def test_each_bolt_stands_at_the_nearest_group(finished):
+    job = read_job(finished, "bolts-04")
+    edge, aside = job.groups[0], np.array([0.8, 0.0, 0.0])
+    far = replace(edge, name="right_edge", positions=edge.positions + aside)
+    moved = [replace(bolt, position=bolt.position + aside) if bolt.name == "B17" else bolt for bolt in job.bolts]
+    both = replace(job, groups=(edge, far), bolts=tuple(moved))
+    chart = figures.profile_chart(both, figures.profile_scales([both]))
+    names = [{name for item in panel.items if isinstance(item, Marks) for name in item.names} for panel in chart.panels]
+    assert names[1] == {"B17"}
+    assert len(names[0]) == 16
+
+
+def test_a_group_without_positions_is_drawn_over_its_terms(finished):
+    job = read_job(finished, "bolts-04")
+    bare = replace(job, groups=(replace(job.groups[0], positions=None, arc_length=None, reference=None),))
+    chart = figures.profile_chart(bare, figures.profile_scales([bare]))
+    assert chart.panels[0].x.label == "term"
+    assert not any(isinstance(item, Marks | Span) for item in chart.panels[0].items)
+
+
+def test_phase_is_wrapped_and_cut():
+    wrapped = figures._wrapped(np.array([170.0, 179.0, 181.0, 190.0, 360.0, -200.0]))
+    np.testing.assert_allclose(wrapped, [170, 179, np.nan, -170, 0, 160], equal_nan=True)
+
+
+def test_thinning_keeps_peaks_and_notches():
+    frequency = np.linspace(20, 400, 9001)
+    level = np.sin(frequency)
+    level[1234], level[5678] = 90.0, -90.0
+    level[100:200] = np.nan
+    x, columns = figures._thinned(frequency, {"measured_db": level})
+    assert len(x) < 3000
+    assert {90.0, -90.0} <= set(columns["measured_db"])
+    assert x[0] == 20
+    assert x[-1] == 400
+
+
+def test_doubtful_lines_are_runs_of_low_coherence():
+    x = np.arange(10.0)
+    low = np.array([1, 0, 0, 1, 1, 1, 0, 0, 0, 1], dtype=bool)
+    np.testing.assert_allclose(figures._runs(x, low), [[-0.5, 0.5], [2.5, 5.5], [8.5, 9.5]])
+
+
+def test_infinite_and_missing_values_are_drawn_without_harm(finished, tmp_path):
+    job = read_job(finished, "bolts-04")
+    edge = job.groups[0]
+    values = edge.effective.copy()
+    values[:3] = [np.inf, -np.inf, np.nan]
+    odd = replace(job, groups=(replace(edge, effective=values, upper=np.full(31, np.inf), reference=np.full(31, np.nan)),))
+    chart = figures.profile_chart(odd, figures.profile_scales([odd]))
+    ElementTree.fromstring(svg(chart))
+    assert draw(chart, tmp_path / "profile.png")
+
+
+def test_reduction_charts_stand_zero_errors(finished):
+    reduction = read_reduction(finished)
+    line = replace(reduction.held_out[0], errors={"free": 0.0, "random": 1e-5})
+    step = replace(reduction.steps[0], estimate=np.zeros_like(reduction.steps[0].estimate))
+    odd = replace(reduction, held_out=(line,), steps=(step,))
+    for chart in (figures.certificate_chart(odd), figures.trace_chart(odd)):
+        ElementTree.fromstring(svg(chart))
+    assert figures.certificate_chart(replace(reduction, held_out=())) is None
+    assert figures.trace_chart(replace(reduction, steps=())) is None
+
+
+def test_many_jobs_share_one_quiet_colour(finished):
+    job = read_job(finished, "bolts-04")
+    charts = figures.convergence_charts([replace(job, job=f"job-{k}") for k in range(30)])
+    assert [chart.title for chart in charts] == ["Cost", "Misfit of the responses used"]
+    assert len(charts[0].legend()) == 1
+    assert figures.convergence_charts([replace(job, history=())]) == []
+
+
+def tiny(title: str = "a", last: float = 3.0) -> Chart:
+    axis = linear_axis("x", 0.0, 4.0)
+    curve = Curve("updated", np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.0, last]), "c")
+    return Chart(title, "", "alt", (Panel(axis, axis, (curve,)),), 200.0, 120.0)
+
+
+def test_a_figure_is_drawn_only_when_it_changes(tmp_path):
+    file = tmp_path / "a.png"
+    assert draw(tiny(), file)
+    assert not draw(tiny(), file)
+    assert not is_current(tiny(last=3.0001), file)
+    assert draw(tiny(title="b"), file)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-20])
+    assert draw(tiny(title="b"), file)
+    assert file.read_bytes() == whole
+    file.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xff\xff\xfftEXt" + b"IEND\xaeB`\x82")
+    assert draw(tiny(title="b"), file)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_texts_are_never_read_as_mathematics(tmp_path):
+    assert draw(tiny(title=r"$\frac{1}{$ 中文 &<b>"), tmp_path / "a.png")
+
+
+def test_shapes_stay_inside_the_picture(finished):
+    job = read_job(finished, "bolts-15")
+    drawing = lay_out(figures.profile_chart(job, figures.profile_scales([job])), header=True)
+    for shape in [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]:
+        points = getattr(shape, "points", None)
+        points = np.array([[shape.x, shape.y]]) if points is None else points[np.isfinite(points).all(axis=1)]
+        assert (points >= 0).all()
+        assert (points <= [drawing.width, drawing.height]).all()
+
+
+def test_every_role_has_its_colour_in_the_style_sheet():
+    sheet = css()
+    for role in STYLES:
+        assert sheet.count(f"--{role}:") == 2
+        assert f".r-{role}{{" in sheet
