@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -75,7 +74,7 @@ class Marks:
 
 @dataclass(frozen=True)
 class Note:
-    """A short text at ``x`` and the fraction ``at`` of the height."""
+    """A short text at ``x`` and the fraction ``at`` of the height: in its middle, at its end where it is rotated."""
 
     role: str
     x: float
@@ -99,7 +98,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure: panels from top to bottom over the same x axis.
+    """A figure: panels from top to bottom.
 
     Attributes
     ----------
@@ -128,35 +127,6 @@ class Chart:
                     found[label] = (item.role, type(item).__name__.lower(), label)
         order = ("curve", "area", "marks", "level", "span")
         return sorted(found.values(), key=lambda entry: order.index(entry[1]))
-
-    def digest(self, version: str) -> str:
-        """Return a hash of everything that the drawing depends on.
-
-        Parameters
-        ----------
-        version
-            Of the drawing itself.
-        """
-        sink = hashlib.sha256(version.encode())
-        _feed(sink.update, self)
-        return sink.hexdigest()
-
-
-def _feed(update, value: object) -> None:  # type: ignore[no-untyped-def]
-    if is_dataclass(value):
-        update(type(value).__name__.encode())
-        for field in fields(value):
-            _feed(update, getattr(value, field.name))
-    elif isinstance(value, np.ndarray):
-        update(repr((value.shape, value.dtype.str)).encode())
-        update(np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, tuple):
-        update(b"(")
-        for entry in value:
-            _feed(update, entry)
-        update(b")")
-    else:
-        update(repr(value).encode() + b"\0")
 
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -68,7 +68,7 @@ def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], sca
         if chosen.size:
             items.append(Span(verdict, np.column_stack([chosen - half, chosen + half]), label))
     items += [
-        Note("loose", where, 0.95, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
+        Note("loose", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
     ]
     if group.lower is not None and group.upper is not None:
         items.append(Area("band", place, group.lower, group.upper, "95 % band"))

@@ -88,17 +88,19 @@ def lay_out(chart: Chart, *, header: bool) -> Drawing:
     """
     around: list[Shape] = []
     offset = _header(chart, around) if header else 0.0
-    room = chart.height - TOP - BOTTOM - GAP * (len(chart.panels) - 1)
+    following = [*(panel.x for panel in chart.panels[1:]), None]
+    # Panels over the same axis share the labels of the lowest one.
+    below = [GAP if panel.x == axis else BOTTOM for panel, axis in zip(chart.panels, following, strict=True)]
+    room = chart.height - TOP - sum(below)
     total = sum(panel.weight for panel in chart.panels)
     top, frames = offset + TOP, []
-    for index, panel in enumerate(chart.panels):
+    for panel, gap in zip(chart.panels, below, strict=True):
         bottom = top + room * panel.weight / total
         box = (LEFT, top, chart.width - RIGHT, bottom)
-        last = index == len(chart.panels) - 1
-        around += _axes(panel, box, label_x=last)
+        around += _axes(panel, box, label_x=gap == BOTTOM)
         shapes = tuple(shape for item in sorted(panel.items, key=_depth) for shape in _item(item, panel, box))
         frames.append(Frame(box, panel, shapes))
-        top = bottom + GAP
+        top = bottom + gap
     return Drawing(chart.width, chart.height + offset, tuple(around), tuple(frames))
 
 
@@ -188,4 +190,14 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
             return [Symbols(item.role, points[present], names)] if present.any() else []
         case Note():
             place, level = float(across(np.array(item.x))), bottom - item.at * (bottom - top)
-            return [Text(item.role, place + (3.0 if item.rotated else 0.0), level, item.text, "middle", SMALL - 1, rotated=item.rotated)]
+            return [
+                Text(
+                    item.role,
+                    place + (3.0 if item.rotated else 0.0),
+                    level,
+                    item.text,
+                    "end" if item.rotated else "middle",
+                    SMALL - 1,
+                    rotated=item.rotated,
+                )
+            ]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import warnings
 from pathlib import Path
 from typing import Literal
 
 import matplotlib
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,12 +20,12 @@ from matplotlib.transforms import Affine2D, Transform
 
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.files import replace
-from lrbc_cli.report.layout import Fill, Line, Shape, Symbols, Text, lay_out
+from lrbc_cli.report.layout import Drawing, Fill, Line, Shape, Symbols, Text, lay_out
 from lrbc_cli.report.style import STYLES
 
 DPI = 120
 _KEY = b"lrbc-chart"
-_VERSION = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
+_BACKEND = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _MARKERS = {"circle": "o", "ring": "o", "cross": "x", "plus": "+", "square": "s", "diamond": "D", "up": "^", "down": "v", "bar": "|"}
 _ALIGN: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middle": "center", "end": "right"}
@@ -42,10 +44,10 @@ def draw(chart: Chart, file: Path) -> bool:
     DataError
         Where the file cannot be written.
     """
-    if is_current(chart, file):
-        return False
-    digest = chart.digest(_VERSION)
     drawing = lay_out(chart, header=True)
+    digest = _digest(drawing)
+    if _digest_in(file) == digest:
+        return False
     figure = Figure(figsize=(drawing.width / 72, drawing.height / 72), dpi=DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     transform = Affine2D().scale(1 / 72, -1 / 72).translate(0, drawing.height / 72) + figure.dpi_scale_trans
@@ -63,10 +65,23 @@ def draw(chart: Chart, file: Path) -> bool:
 
 def is_current(chart: Chart, file: Path) -> bool:
     """Tell whether the file is a whole PNG that says it was drawn from this chart."""
-    return _digest_in(file) == chart.digest(_VERSION).encode()
+    return _digest_in(file) == _digest(lay_out(chart, header=True))
 
 
-def _digest_in(file: Path) -> bytes | None:
+def _digest(drawing: Drawing) -> str:
+    """Hash everything that the picture depends on, to the last stroke."""
+    sink = hashlib.sha256(_BACKEND.encode())
+    for shape in [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]:
+        if isinstance(shape, Text):
+            sink.update(repr(shape).encode())
+        else:
+            sink.update(f"{type(shape).__name__} {shape.role} {shape.points.shape}".encode())
+            sink.update(np.ascontiguousarray(shape.points).tobytes())
+    sink.update(repr((drawing.width, drawing.height)).encode())
+    return sink.hexdigest()
+
+
+def _digest_in(file: Path) -> str | None:
     try:
         data = file.read_bytes()
     except OSError:
@@ -79,7 +94,7 @@ def _digest_in(file: Path) -> bytes | None:
         if kind == b"tEXt":
             key, _, value = data[place + 8 : place + 8 + size].partition(b"\0")
             if key == _KEY:
-                return value
+                return value.decode("latin-1")
         if kind == b"IDAT":
             break
         place += size + 12

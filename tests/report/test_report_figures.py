@@ -95,6 +95,9 @@ def test_each_bolt_stands_at_the_nearest_group(finished):
     names = [{name for item in panel.items if isinstance(item, Marks) for name in item.names} for panel in chart.panels]
     assert names[1] == {"B17"}
     assert len(names[0]) == 16
+    # The edges differ in length once the bolts are added, so each panel has its own labels.
+    assert chart.panels[0].x != chart.panels[1].x
+    assert [getattr(shape, "text", "") for shape in lay_out(chart, header=False).around].count("along the edge [m]") == 2
 
 
 def test_a_group_without_positions_is_drawn_over_its_terms(finished):
