@@ -82,8 +82,10 @@ class UpdateConfig(Strict):
     max_iterations: int = Field(
         default=100, ge=1, description="Limit of iterations; a job that reaches it is `stopped`, its result usable."
     )
-    tolerance: float = Field(
-        default=1e-3, gt=0, lt=1, description="Stop when successive costs (log10 of the sum, eq. (29)) differ by less."
+    tolerance: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        default=None,
+        description="Stop rule. bfgs: when successive costs (log10 of the sum, eq. (29)) differ by less, 1e-3 where absent, as in the paper; "
+        "gauss-newton: when the sum itself twice decreases by a smaller fraction, 1e-5 where absent.",
     )
     evaluation: Literal["auto", "port", "reduced", "full"] = Field(
         default="auto",

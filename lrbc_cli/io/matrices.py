@@ -21,19 +21,19 @@ from lrbc_cli.io.sparse import MatrixFile, require_square, stored_triangle
 __all__ = ["FORMATS", "MatrixFile", "detect_format", "read_matrix", "read_vectors", "split_reference", "write_matrix_hdf5"]
 
 
-def _matrix_market(path: Path, group: str | None, threads: int) -> MatrixFile:
+def _matrix_market(path: Path, group: str | None) -> MatrixFile:
     if group:
         raise DataError("a Matrix Market file holds one matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
-    return read_matrix_market(path, threads=threads)
+    return read_matrix_market(path)
 
 
 #: Reader of each format; a new format is a module, a line here and a line in ``detect_format``.
-FORMATS: dict[str, Callable[[Path, str | None, int], MatrixFile]] = {
+FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "matrix-market": _matrix_market,
-    "hdf5": lambda path, group, threads: read_hdf5_matrix(path, group),
-    "mat-v7.3": lambda path, group, threads: read_hdf5_matrix(path, group),
-    "mat-v5": lambda path, group, threads: read_mat5_matrix(path, group),
-    "npz": lambda path, group, threads: read_npz_matrix(path, group),
+    "hdf5": read_hdf5_matrix,
+    "mat-v7.3": read_hdf5_matrix,
+    "mat-v5": read_mat5_matrix,
+    "npz": read_npz_matrix,
 }
 
 
@@ -73,7 +73,7 @@ def detect_format(path: Path) -> str:
     )
 
 
-def read_matrix(path: Path, group: str | None = None, format: str | None = None, *, threads: int = 1) -> MatrixFile:
+def read_matrix(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
     """Read a square matrix.
 
     Parameters
@@ -84,8 +84,6 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None,
         Name of the HDF5 group, MATLAB variable or array; may be left out where there is only one.
     format
         One of ``FORMATS``, to skip the detection by content.
-    threads
-        Number of threads that a reader may use.
 
     Returns
     -------
@@ -99,7 +97,7 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None,
     ConfigError
         If ``format`` is unknown.
     """
-    result = read_vectors(path, group, format, threads=threads)
+    result = read_vectors(path, group, format)
     require_square(result.matrix, path, group or "matrix")
     triangle = stored_triangle(result.matrix)
     if triangle and result.format != "matrix-market":
@@ -107,7 +105,7 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None,
     return result
 
 
-def read_vectors(path: Path, group: str | None = None, format: str | None = None, *, threads: int = 1) -> MatrixFile:
+def read_vectors(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
     """Read a matrix of any shape, such as excitation, response or parameter vectors.
 
     Parameters and errors are those of ``read_matrix``, except that the matrix may be rectangular.
@@ -118,7 +116,7 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
         format = detect_format(path)
     if format not in FORMATS:
         raise ConfigError("this matrix format is not known", file=path, expected=", ".join(FORMATS), found=format)
-    return FORMATS[format](path, group, threads)
+    return FORMATS[format](path, group)
 
 
 def _unpacked_head(path: Path) -> bytes:

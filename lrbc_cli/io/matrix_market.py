@@ -1,29 +1,29 @@
-"""Matrix Market files, plain or compressed with gzip."""
+"""Matrix Market files, plain or compressed with gzip.
+
+The numbers are parsed with numpy: the reader of scipy (1.17) ends the whole process on some truncated files, and takes
+a damaged number such as ``1e`` for 1.
+"""
 
 from __future__ import annotations
 
 import gzip
-import inspect
 import io
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import mmread
-from scipy.sparse import coo_array
-from threadpoolctl import threadpool_limits
+from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import check_allocation, check_dimensions, damaged, require_file
-from lrbc_cli.io.sparse import MatrixFile, canonical, stored_triangle
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates, stored_triangle
 
 BANNER = b"%%matrixmarket"
 _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
-# Sparse arrays, not the older sparse matrices, wherever scipy lets one ask for them.
-_SPARSE_ARRAYS: dict[str, Any] = {"spmatrix": False} if "spmatrix" in inspect.signature(mmread).parameters else {}
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,13 @@ class _Header:
     symmetry: str
     shape: tuple[int, int]
     entries: int
+    line: int
+    offset: int
+
+    @property
+    def parts(self) -> int:
+        """Numbers a value has."""
+        return 2 if self.field == "complex" else 1
 
 
 def is_matrix_market(start: bytes) -> bool:
@@ -40,15 +47,13 @@ def is_matrix_market(start: bytes) -> bool:
     return start[: len(BANNER)].lower() == BANNER
 
 
-def read_matrix_market(path: Path, *, threads: int = 1) -> MatrixFile:
+def read_matrix_market(path: Path) -> MatrixFile:
     """Read a matrix in coordinate or array layout; the banner's symmetry is honoured.
 
     Parameters
     ----------
     path
         A ``.mtx`` file, or one compressed with gzip.
-    threads
-        Number of threads that may parse the text.
 
     Raises
     ------
@@ -61,30 +66,103 @@ def read_matrix_market(path: Path, *, threads: int = 1) -> MatrixFile:
     with damaged(path, "gzip file" if packed else "Matrix Market file"):
         content = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
     header = _header(content, path)
-    # The shortest entry is "1 1 0" and a line end; of the array layout, one digit and a line end.
-    if header.layout == "coordinate":
-        check_allocation(6 * header.entries - 1, len(content), path, "size line")
-        check_dimensions(header.shape, size, path, "size line")
+    body = content[header.offset :].strip()
+    # The shortest number takes one digit and a blank.
+    width = header.parts + (2 if header.layout == "coordinate" else 0)
+    check_allocation(2 * width * header.entries - 1, len(content), path, f"line {header.line}")
+    numbers = _numbers(body, header, width, path)
+    if header.layout == "array":
+        values = numbers.view(np.complex128) if header.parts == 2 else numbers
+        matrix = canonical(_unpack(values.ravel(), header), path, "matrix")
     else:
-        check_allocation(2 * header.entries - 1, len(content), path, "size line")
-    try:
-        with threadpool_limits(limits=threads, user_api="scipy"):
-            raw = mmread(io.BytesIO(content), **_SPARSE_ARRAYS)
-    except (ValueError, OverflowError, MemoryError, EOFError) as error:
-        line = re.match(r"Line (\d+): *(.*)", str(error))
-        raise DataError(
-            "an entry of the Matrix Market file cannot be read",
-            file=path,
-            place=f"line {line.group(1)}" if line else None,
-            expected=f"{header.entries} entries of a {header.shape[0]} x {header.shape[1]} {header.field} matrix",
-            found=line.group(2) if line else str(error),
-            hint="the file is damaged or truncated; export it again",
-        ) from error
-    if header.layout == "coordinate" and header.symmetry != "general":
-        _refuse_both_triangles(raw, path)
-    with damaged(path, "Matrix Market file"):
-        matrix = canonical(raw, path, "matrix")
+        check_dimensions(header.shape, size, path, f"line {header.line}")
+        matrix = _assemble(numbers, body, header, path, size)
     return MatrixFile(matrix, "matrix-market", _notes(header, matrix))
+
+
+def _numbers(body: bytes, header: _Header, width: int, path: Path) -> NDArray[np.float64]:
+    """All numbers after the size line, (entries, width)."""
+    numbers = np.empty(0)
+    if body:
+        with warnings.catch_warnings():
+            # Newer versions of numpy raise where older ones warn.
+            warnings.simplefilter("error", DeprecationWarning)
+            try:
+                numbers = np.fromstring(body, dtype=np.float64, sep=" ")
+            except (ValueError, DeprecationWarning):
+                raise _bad_line(body, header, width, path) from None
+    if numbers.size != width * header.entries:
+        raise _bad_line(body, header, width, path)
+    return numbers.reshape(header.entries, width)
+
+
+def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError:
+    """Error for the first line that is wrong, or for lines too many or too few."""
+    expected = "row, column, " + ("real and imaginary part" if header.parts == 2 else "value")
+    if header.layout == "array":
+        expected = "real and imaginary part" if header.parts == 2 else "a value"
+    count = 0
+    for number, line in _entry_lines(body, header):
+        words = line.split()
+        count += 1
+        if len(words) != width or not all(_is_number(word) for word in words):
+            found = repr(line[:60].decode("latin-1"))
+            return DataError("an entry cannot be read", file=path, place=f"line {number}", expected=expected, found=found)
+    found = f"{count} entries"
+    hint = "the file is truncated or its header wrong; export it again"
+    expected = f"{header.entries} entries"
+    return DataError("the number of entries is wrong", file=path, place=f"line {header.line}", expected=expected, found=found, hint=hint)
+
+
+def _entry_lines(body: bytes, header: _Header) -> list[tuple[int, bytes]]:
+    return [(header.line + 1 + number, line) for number, line in enumerate(body.split(b"\n")) if line.strip()]
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return b"_" not in word
+
+
+def _assemble(numbers: NDArray[np.float64], body: bytes, header: _Header, path: Path, size: int) -> Any:
+    """Matrix of a coordinate file, the banner's symmetry applied."""
+    for column, (name, limit) in enumerate(zip(("row", "column"), header.shape, strict=True)):
+        index = numbers[:, column]
+        bad = np.flatnonzero(~((index >= 1) & (index <= limit)) | (index != np.floor(index)))
+        if bad.size:
+            lines = _entry_lines(body, header)
+            place = f"line {lines[int(bad[0])][0]}" if len(lines) == header.entries else f"entry {int(bad[0]) + 1}"
+            found = f"{index[bad[0]]:.10g}"
+            raise DataError(f"a {name} is outside the matrix", file=path, place=place, expected=f"1 to {limit}", found=found)
+    row, column_ = (numbers[:, at].astype(np.int64) - 1 for at in (0, 1))
+    values = numbers[:, 2:].copy().view(np.complex128).ravel() if header.parts == 2 else numbers[:, 2]
+    if header.symmetry != "general":
+        off = row != column_
+        _refuse_both_triangles(row[off], column_[off], header.shape[1], path)
+        values = np.concatenate([values, _mirror(values[off], header.symmetry)])
+        row, column_ = np.concatenate([row, column_[off]]), np.concatenate([column_, row[off]])
+    return from_coordinates(values, row, column_, header.shape, path=path, place="matrix", file_size=size)
+
+
+def _mirror(values: NDArray[Any], symmetry: str) -> NDArray[Any]:
+    if symmetry == "hermitian":
+        return np.asarray(np.conj(values))
+    return np.negative(values) if symmetry == "skew-symmetric" else values
+
+
+def _unpack(values: NDArray[Any], header: _Header) -> NDArray[Any]:
+    """Dense matrix of an array file, which stores columns first, of symmetric matrices the lower triangle only."""
+    rows, columns = header.shape
+    if header.symmetry == "general":
+        return values.reshape((rows, columns), order="F")
+    matrix = np.zeros((rows, columns), dtype=values.dtype)
+    column, row = np.triu_indices(rows, 1 if header.symmetry == "skew-symmetric" else 0)
+    matrix[row, column] = values
+    off = row != column
+    matrix[column[off], row[off]] = _mirror(values[off], header.symmetry)
+    return matrix
 
 
 def explain_text(start: bytes) -> str | None:
@@ -159,25 +237,22 @@ def _header(content: bytes, path: Path) -> _Header:
             )
         if layout == "array":
             entries = rows * (rows - 1) // 2 if symmetry == "skew-symmetric" else rows * (rows + 1) // 2
-    return _Header(layout, field, symmetry, (rows, columns), entries)
+    return _Header(layout, field, symmetry, (rows, columns), entries, number, stream.tell())
 
 
-def _refuse_both_triangles(raw: Any, path: Path) -> None:
+def _refuse_both_triangles(row: NDArray[np.int64], column: NDArray[np.int64], columns: int, path: Path) -> None:
     """Refuse a symmetric banner over a full matrix: its off-diagonal entries would count twice."""
-    entries = coo_array(raw)
-    row, column = entries.coords
-    off = row != column
-    if not np.any(off):
-        return
-    places = row[off].astype(np.int64) * entries.shape[1] + column[off]
+    places = np.minimum(row, column) * columns + np.maximum(row, column)
     unique = np.unique(places).size
+    if not places.size:
+        return
     if 2 * unique <= places.size:
         raise DataError(
             "both triangles are stored though the banner says that one is",
             file=path,
             place="line 1",
             expected="entries of one triangle, or the word 'general'",
-            found=f"{places.size // 2} off-diagonal entries at {unique} places",
+            found=f"{places.size} off-diagonal entries in {unique} pairs",
             hint="change the banner's last word to 'general', or export one triangle",
         )
 

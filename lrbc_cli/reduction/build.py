@@ -6,10 +6,13 @@ of y is *measured* there for any parameter vector), and its solutions enrich the
 
 from __future__ import annotations
 
+import datetime
 import logging
+import os
+import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -50,12 +53,15 @@ class ReductionOptions:
         Lines outside the basis at which the final error is measured.
     max_points : int
         Expansion points after which the reduction gives up.
+    max_size : int or None
+        Reduced DOFs after which no expansion point is added.
     """
 
     band_hz: tuple[float, float]
     tolerance: float = 1e-3
     held_out: int = 5
     max_points: int = 40
+    max_size: int | None = None
 
 
 @dataclass(frozen=True)
@@ -110,8 +116,14 @@ class Reduction:
     coupling : str
     sizes : tuple of int
         Reduced DOFs of each field.
+    full_size : int
+        DOFs of the full model.
     vectors : int
         Parameter vectors for which each held-out error was measured.
+    machine : dict
+        Where the seconds were measured.
+    date : str
+        When, UTC.
     """
 
     model: ReducedModel
@@ -125,6 +137,8 @@ class Reduction:
     sizes: tuple[int, ...]
     full_size: int
     vectors: int
+    machine: dict[str, str | int]
+    date: str
 
     @property
     def worst(self) -> float:
@@ -301,7 +315,7 @@ class Reducer:
                 effectivity = max(effectivity, min(error / expected, 10.0))
             needs = error > 0.5 * options.tolerance or float(estimate.max()) * effectivity > 3 * options.tolerance
             order = added = 0
-            if needs and len(self.enriched) < options.max_points:
+            if needs and len(self.enriched) < options.max_points and self.projection.size < (options.max_size or np.inf):
                 self.clock.lap("certificate")
                 order, added = self.enrich(frequency, factorisation, X)
                 # Nothing new although the error is too large: the deflation hides what is missing.
@@ -358,6 +372,8 @@ class Reducer:
         return Reduction(
             model, self.options, reached, lines, tuple(self.trace), seconds, self.Z.backend, self.Z.coupling.text,
             tuple(self.projection.sizes), self.model.size, vectors,
+            {"platform": platform.platform(), "processor": platform.processor() or platform.machine(), "cores": os.cpu_count() or 1},
+            datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         )  # fmt: skip
 
 
@@ -441,4 +457,4 @@ def full_ports(
     return port_frf(H, s, reference_dynamic(reference, s), model.output_power, input_of)
 
 
-__all__ = ["HeldOut", "Reduction", "ReductionOptions", "Step", "full_ports", "reduce_model", "replace"]
+__all__ = ["HeldOut", "Reduction", "ReductionOptions", "Step", "full_ports", "reduce_model"]

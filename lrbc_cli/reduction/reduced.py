@@ -98,25 +98,49 @@ class ReducedModel:
         return self._solve(s, D, gradient=True, workers=workers)
 
     def _solve(self, s: Complexes, D: Complexes, *, gradient: bool, workers: int) -> tuple[Complexes, Complexes]:
-        R, n_in = self.L.shape[0], self.B.shape[1]
+        R = self.L.shape[0]
         y = np.empty((s.size, R), dtype=complex)
         dy = np.empty((s.size, R if gradient else 0, self.terms), dtype=complex)
         rows = np.arange(R)
+        stiff = self._stiff(s, D)
+        soft = ~stiff
+        r, extra = self.size, int(stiff.sum())
+        loads = np.vstack([self.B, np.zeros((extra, self.B.shape[1]))]).astype(complex)
+        outputs = np.vstack([self.L.T, np.zeros((extra, R))]).astype(complex)
 
         def work(part: slice) -> None:
-            Z = self.dynamic_stiffness(s[part], D[part])
+            d = np.where(stiff, 0.0, D[part])
+            # Stiff terms keep their auxiliary input u = -D cᵀ x as an unknown, E u + F cᵀ x = 0: no huge entries, clamping included.
+            clamped = np.isinf(D[part][:, stiff])
+            finite = np.where(clamped, 0.0, D[part][:, stiff])
+            E = np.where(clamped, 0.0, 1.0 / (1.0 + np.abs(finite)))
+            F = np.where(clamped, 1.0, finite * E)
+            A = np.zeros((d.shape[0], r + extra, r + extra), dtype=complex)
+            A[:, :r, :r] = self.dynamic_stiffness(s[part], d)
+            A[:, :r, r:] = -self.left[:, stiff]
+            A[:, r:, :r] = F[:, :, None] * self.right[:, stiff].T
+            A[:, r + np.arange(extra), r + np.arange(extra)] = E
             to_quantity = s[part, None] ** self.output_power[None, :]
-            x = np.linalg.solve(Z, self.B.astype(complex)[None])
-            y[part] = (self.L @ x)[:, rows, self.input_of] * to_quantity
+            x = np.linalg.solve(A, loads[None])
+            y[part] = (self.L @ x[:, :r])[:, rows, self.input_of] * to_quantity
             if gradient:
-                adjoint = np.linalg.solve(Z.transpose(0, 2, 1), self.L.T.astype(complex)[None])
-                before = self.left.T @ adjoint
-                after = self.right.T @ x
+                adjoint = np.linalg.solve(A.transpose(0, 2, 1), outputs[None])
+                before = np.empty((d.shape[0], self.terms, R), dtype=complex)
+                after = np.empty((d.shape[0], self.terms, self.B.shape[1]), dtype=complex)
+                before[:, soft] = self.left[:, soft].T @ adjoint[:, :r]
+                after[:, soft] = self.right[:, soft].T @ x[:, :r]
+                before[:, stiff] = E[:, :, None] * adjoint[:, r:]
+                after[:, stiff] = -(E / F)[:, :, None] * x[:, r:]
                 dy[part] = -(before * after[:, :, self.input_of]).transpose(0, 2, 1) * to_quantity[:, :, None]
 
-        assert n_in > 0  # a model without loads is refused when it is read
         in_chunks(s.size, work, chunk=8, workers=workers)
         return y, dy
+
+    def _stiff(self, s: Complexes, D: Complexes) -> NDArray[np.bool_]:
+        """(nt,) terms that dwarf the rest of the dynamic stiffness."""
+        size = np.linalg.norm(self.left, axis=0) * np.linalg.norm(self.right, axis=0) * np.abs(D).max(axis=0, initial=0.0)
+        rest = np.abs(self.K).max() + np.abs(s).max() ** 2 * np.abs(self.M).max()
+        return np.asarray(size > 100.0 * rest)
 
     def with_reference(self, reference: Floats) -> ReducedModel:
         """The same model with port FRFs about other values."""

@@ -1,0 +1,222 @@
+"""The cache of reduced models: keyed by contents, written whole or not at all, and able to say why it misses."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.store import read_store, write_store
+from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+
+log = logging.getLogger(__name__)
+
+FORMAT = "lrbc-reduced-model"
+FORMAT_VERSION = 1
+
+#: Names of the key's parts in messages.
+PARTS = {
+    "operators": "the matrices or the damping",
+    "terms": "the terms",
+    "loads": "the excitation",
+    "outputs": "the responses",
+    "band": "the band",
+    "tolerance": "the tolerance",
+    "limits": "held_out or max_size",
+    "version": "the version of the algorithm",
+}
+
+
+def cache_folder(folder: Path | None) -> Path:
+    """The folder of the cache: as given, or the platform's user cache."""
+    return (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+
+
+def _digest(*parts: Any) -> str:
+    h = hashlib.sha256()
+    for part in parts:
+        if sp.issparse(part):
+            h.update(repr(part.shape).encode())
+            for array in (part.indptr.astype(np.int64), part.indices.astype(np.int64), part.data):
+                h.update(np.ascontiguousarray(array).tobytes())
+        elif isinstance(part, np.ndarray):
+            h.update(repr((part.shape, part.dtype.str)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            h.update(repr(part).encode())
+        h.update(b"|")
+    return h.hexdigest()
+
+
+def key_parts(inputs: Inputs) -> dict[str, str]:
+    """Digest of everything that decides about the reduced model, by what it is; never paths or time stamps."""
+    m, r = inputs.model, inputs.campaign.reduction
+    return {
+        "operators": _digest(m.K, m.C, m.M, m.is_acoustic),
+        "terms": _digest(m.terms.left, m.terms.right, m.terms.power, m.terms.baseline),
+        "loads": _digest(m.B),
+        "outputs": _digest(m.L, m.output_power, inputs.input_of),
+        "band": _digest(r.band),
+        "tolerance": _digest(r.tolerance),
+        "limits": _digest(r.held_out, r.max_size),
+        "version": _digest(ALGORITHM_VERSION, FORMAT_VERSION),
+    }
+
+
+@dataclass(frozen=True)
+class CacheDecision:
+    """Whether a reduced model is there, and why.
+
+    Attributes
+    ----------
+    key : str
+    path : Path
+    hit : bool
+    reason : str
+    """
+
+    key: str
+    path: Path
+    hit: bool
+    reason: str
+
+
+def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
+    """Decide, without building or reading a model."""
+    key = _digest(sorted(parts.items()))[:32]
+    path = folder / key / "model.h5"
+    if path.is_file():
+        return CacheDecision(key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache")
+    nearest: list[str] | None = None
+    for other in folder.glob("*/key.json"):
+        try:
+            stored = json.loads(other.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(stored, dict):
+            different = [name for name, digest in parts.items() if stored.get(name) != digest]
+            if nearest is None or len(different) < len(nearest):
+                nearest = different
+    if nearest is None:
+        reason = "the cache is empty"
+    elif len(nearest) == len(parts) or "operators" in nearest and len(nearest) > 3:
+        reason = "no model of these matrices is in the cache"
+    else:
+        reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
+    return CacheDecision(key, path, False, reason)
+
+
+def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) -> None:
+    """Write a reduced model with its certificate."""
+    model = {name: getattr(reduction.model, name) for name in ReducedModel.__dataclass_fields__}
+    tree = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "model": model,
+        "options": asdict(reduction.options) | {"band_hz": list(reduction.options.band_hz)},
+        "certificate": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in reduction.held_out],
+        "trace": [
+            {
+                "frequency_hz": step.frequency_hz,
+                "size": step.size,
+                "order": step.order,
+                "added": step.added,
+                "measured_error": step.measured_error,
+                "grid_hz": step.grid_hz,
+                "estimate": step.estimate,
+            }
+            for step in reduction.trace
+        ],
+        "summary": {
+            "reached": reduction.reached,
+            "backend": reduction.backend,
+            "coupling": reduction.coupling,
+            "sizes": list(reduction.sizes),
+            "full_size": reduction.full_size,
+            "vectors": reduction.vectors,
+            "seconds": reduction.seconds,
+            "machine": reduction.machine,
+            "date": reduction.date,
+        },
+    }
+    try:
+        write_store(decision.path, tree)
+        with atomic_write(decision.path.with_name("key.json")) as file:
+            json.dump(parts, file, indent=1)
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be written ({error.strerror or error})", file=decision.path.parent, hint="name another folder with --cache or LRBC_CACHE"
+        ) from error
+
+
+def load(decision: CacheDecision) -> Reduction:
+    """Read a reduced model.
+
+    Raises
+    ------
+    DataError
+        Where the file is damaged; the caller builds anew.
+    """
+    tree = read_store(decision.path)
+    if tree.get("format") != FORMAT or tree.get("version") != FORMAT_VERSION:
+        raise DataError("this is not a reduced model of this version", file=decision.path, expected=f"{FORMAT} {FORMAT_VERSION}", found=str(tree.get("format")))
+    try:
+        options = tree["options"] | {"band_hz": tuple(tree["options"]["band_hz"])}
+        summary = tree["summary"]
+        model = ReducedModel(**tree["model"])
+        r, nt = model.size, model.terms
+        if model.K.shape != (r, r) or model.M.shape != (r, r) or model.C.shape != (r, r) or model.right.shape != (r, nt):
+            raise ValueError("shapes of the reduced matrices")
+        return Reduction(
+            model=model,
+            options=ReductionOptions(**options),
+            reached=bool(summary["reached"]),
+            held_out=tuple(HeldOut(float(line["frequency_hz"]), dict(line["errors"])) for line in tree["certificate"]),
+            trace=tuple(Step(**step) for step in tree["trace"]),
+            seconds=dict(summary["seconds"]),
+            backend=summary["backend"],
+            coupling=summary["coupling"],
+            sizes=tuple(summary["sizes"]),
+            full_size=int(summary["full_size"]),
+            vectors=int(summary["vectors"]),
+            machine=dict(summary["machine"]),
+            date=summary["date"],
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error
+
+
+def ports_path(decision: CacheDecision, s: NDArray[np.complex128], kind: str) -> Path:
+    """Where the port FRFs of these lines lie, beside the reduced model."""
+    return decision.path.parent / f"ports-{kind}-{_digest(s)[:16]}.h5"
+
+
+def store_ports(path: Path, ports: PortFrf) -> None:
+    """Write port FRFs; a full disk costs only the next run's time."""
+    try:
+        write_store(path, {name: getattr(ports, name) for name in PortFrf.__dataclass_fields__})
+    except OSError as error:
+        log.warning("port FRFs were not kept (%s)", error)
+
+
+def load_ports(path: Path) -> PortFrf | None:
+    """Read port FRFs; None where they are missing or damaged."""
+    if not path.is_file():
+        return None
+    try:
+        return PortFrf(**read_store(path))
+    except (DataError, TypeError) as error:
+        log.warning("port FRFs in the cache are computed anew: %s", error)
+        return None

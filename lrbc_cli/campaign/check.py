@@ -1,0 +1,169 @@
+"""What ``lrbc check`` finds: sizes, symmetry, fields, coupling, mass, terms, records, the plan and what it will cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign import cache
+from lrbc_cli.campaign.identify import select_lines
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.coupling import asymmetry, coupling_of
+from lrbc_cli.reduction import pardiso
+
+TRANSLATIONS = ("UX", "UY", "UZ")
+
+
+@dataclass
+class Findings:
+    """Sections of text for a person, and the same as a tree for programs.
+
+    Attributes
+    ----------
+    sections : dict of lists of str
+    warnings : list of str
+    errors : dict
+        By job.
+    jobs : list of JobPlan
+    tree : dict
+    """
+
+    sections: dict[str, list[str]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    errors: dict[str, LrbcError] = field(default_factory=dict)
+    jobs: list[JobPlan] = field(default_factory=list)
+    tree: dict[str, Any] = field(default_factory=dict)
+
+
+def check(inputs: Inputs, folder: Path) -> Findings:
+    """Examine the inputs of a campaign; changes nothing.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+
+    Returns
+    -------
+    Findings
+        Measurements that cannot be used are errors by job; everything else has raised already.
+    """
+    out = Findings()
+    out.sections["files"] = list(inputs.notes)
+    out.warnings += inputs.warnings
+    out.sections["model"] = _model(inputs, out)
+    parts = cache.key_parts(inputs)
+    decision = cache.look_up(folder, parts)
+    out.sections["reduced model"] = _reduction(inputs, decision)
+    out.sections["jobs"] = _jobs(inputs, parts, out)
+    model = inputs.model
+    out.tree = {
+        "campaign": inputs.campaign.name,
+        "dofs": model.size,
+        "acoustic_dofs": int(model.is_acoustic.sum()),
+        "terms": model.terms.size,
+        "parameters": {group.name: group.count for group in inputs.groups},
+        "responses": [r.name for r in inputs.responses],
+        "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
+        "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in out.jobs},
+        "errors": {name: error.message for name, error in out.errors.items()},
+        "warnings": out.warnings,
+        "text": out.sections,
+    }
+    return out
+
+
+def _model(inputs: Inputs, out: Findings) -> list[str]:
+    m = inputs.model
+    acoustic = int(m.is_acoustic.sum())
+    lines = [f"{m.size} DOFs: {m.size - acoustic} structural, {acoustic} acoustic"]
+    coupling = coupling_of(m.K, m.C, m.M, m.is_acoustic)
+    lines.append(f"symmetry: {coupling.text}")
+    for name, matrix in (("stiffness", m.K), ("mass", m.M), ("damping", m.C)):
+        lower, upper = _triangles(matrix)
+        if matrix.nnz and (lower == 0) != (upper == 0):
+            out.warnings.append(f"{name}: only one triangle is stored; if the matrix is symmetric, export it whole or with a symmetric banner")
+        defect = asymmetry(matrix)
+        if not acoustic and 0 < defect and not coupling.symmetric:
+            lines.append(f"{name}: relative asymmetry {defect:.1e}")
+    if np.iscomplexobj(m.K.data):
+        ratio = m.K.imag.diagonal().sum() / m.K.real.diagonal().sum()
+        lines.append(f"stiffness is complex (hysteretic damping), loss factor about {ratio:.3g}")
+        if ratio < 0:
+            out.warnings.append("the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix")
+    massless = int((np.abs(m.M).sum(axis=0) == 0).sum())
+    if massless:
+        lines.append(f"{massless} massless DOFs (singular mass matrix): allowed")
+    diagonal = np.abs(m.K.diagonal())
+    empty = int(((diagonal == 0) & (np.abs(m.M).sum(axis=0) == 0) & (np.abs(m.K).sum(axis=0) == 0)).sum())
+    if empty:
+        out.warnings.append(f"{empty} DOFs have neither stiffness nor mass (fixed or orphan nodes): remove them from the export")
+    penalty = int((diagonal[~m.is_acoustic] > 1e8 * max(float(np.median(diagonal[~m.is_acoustic])), 1e-300)).sum()) if acoustic < m.size else 0
+    if penalty:
+        out.warnings.append(f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned")
+    if inputs.dofs is not None:
+        masses = []
+        for component in TRANSLATIONS:
+            index = np.flatnonzero(inputs.dofs.component == component)
+            if index.size:
+                masses.append(f"{component} {float(m.M[index][:, index].sum()):.4g} kg")
+        if masses:
+            lines.append("mass sum over translations: " + ", ".join(masses) + " (free DOFs only; compare with the weight of the structure)")
+    symmetric = "same left and right vectors" if m.terms.symmetric else "left and right vectors differ"
+    lines.append(f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used")
+    return lines
+
+
+def _triangles(matrix: Any) -> tuple[int, int]:
+    coo = matrix.tocoo()
+    return int((coo.row > coo.col).sum()), int((coo.row < coo.col).sum())
+
+
+def _reduction(inputs: Inputs, decision: cache.CacheDecision) -> list[str]:
+    r = inputs.campaign.reduction
+    backend = r.backend if r.backend != "auto" else ("pardiso" if pardiso.library() else "superlu")
+    lines = [f"band {r.band[0]:g} to {r.band[1]:g} Hz, tolerance {r.tolerance:g}, back end {backend}"]
+    n, nnz = inputs.model.size, inputs.model.K.nnz + inputs.model.M.nnz
+    # Fill of nested dissection in three dimensions grows as n^(4/3); constants from the sample models.
+    fill = 9.0e6 * (n / 21_000) ** (4 / 3) * (nnz / n / 62.0)
+    memory = 16 * fill * (0.6 if backend == "pardiso" else 1.3) + 8 * n * 4 * 250 + 3e8
+    seconds = (0.2 if backend == "pardiso" else 0.7) * (n / 21_000) ** 2
+    if decision.hit:
+        lines.append(f"cache: hit ({decision.reason})")
+    else:
+        lines.append(f"cache: miss ({decision.reason})")
+        lines.append(f"rough estimate: {20 * seconds:.0f} s on two cores, {memory / 1e9:.1f} GB")
+    return lines
+
+
+def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings) -> list[str]:
+    if not inputs.campaign.jobs:
+        return ["none"]
+    lines = []
+    readable = []
+    for name, job in inputs.campaign.jobs.items():
+        try:
+            measurement = read_measurement(inputs, job, name)
+            selected = select_lines(inputs, measurement, name)
+        except LrbcError as error:
+            out.errors[name] = error
+            lines.append(f"{name}: unusable")
+            continue
+        readable.append(name)
+        records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
+        lines.append(f"{name}: {measurement.notes[0]}, {selected.size} selected, {records} of {len(inputs.responses)} responses matched")
+        out.warnings += measurement.warnings
+        lines += [f"  {note}" for note in measurement.notes[1:]]
+    try:
+        out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
+    except OSError:
+        out.jobs = []
+    lines += [f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})" for p in out.jobs]
+    return lines

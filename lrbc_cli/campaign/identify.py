@@ -1,0 +1,187 @@
+"""One updating job: from a measurement to identified parameters."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.stage import FrfSource
+from lrbc_cli.config.settings import EveryLine, ListedLines
+from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.updating.lines import resonance_lines
+from lrbc_cli.updating.misfit import Misfit, mean_misfit
+from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.saturation import Saturation, saturation
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of one job.
+
+    Attributes
+    ----------
+    name : str
+    solution : Solution
+    parameters : Parameterisation
+    saturations : dict
+        By stiffness group.
+    measurement : Measurement
+    selected : int array
+        Lines that entered the cost.
+    initial, updated : (F, R) complex arrays
+        FRFs of the model on all measured lines.
+    misfit_initial, misfit_final : (R,) float arrays
+        Mean absolute dB difference over all lines of the band.
+    cost_initial : float
+    line_evaluations : int
+    seconds : dict
+    """
+
+    name: str
+    solution: Solution
+    parameters: Parameterisation
+    saturations: dict[str, Saturation]
+    measurement: Measurement = field(repr=False)
+    selected: NDArray[np.int64] = field(repr=False)
+    initial: Complexes = field(repr=False)
+    updated: Complexes = field(repr=False)
+    misfit_initial: Floats = field(repr=False)
+    misfit_final: Floats = field(repr=False)
+    cost_initial: float = 0.0
+    line_evaluations: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
+    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s.
+
+    Returns
+    -------
+    Parameterisation
+    dict
+        Where the FRFs saturate, by stiffness group.
+    """
+    model = inputs.model
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * inputs.campaign.reduction.band[1])
+    # Other groups stand at their start values, or at their local stiffness while those are unknown.
+    nominal = np.array(scale)
+    for group in inputs.groups:
+        if group.config.initial != "auto":
+            nominal[group.terms] = 10.0**group.config.initial
+    D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
+    found: dict[str, Saturation] = {}
+    groups = []
+    for group in inputs.groups:
+        limits: Saturation | None = None
+        if group.config.kind == "stiffness":
+            empty = Parameterisation(())
+            values = source.model(s, empty, responses=inputs.used).values
+            typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
+            limits = found[group.name] = saturation(values, D, group.terms, typical, group.config.baseline)
+        groups.append(_group(group, limits))
+    return Parameterisation(tuple(groups)), found
+
+
+def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
+    config, count = group.config, group.count
+    W = smoothing_matrix(config.smoothing, count, config.normalised)
+    if config.bounds != "auto":
+        low, high = config.bounds
+    else:
+        assert limits is not None
+        low, high = limits.lower, limits.upper
+    if config.initial != "auto":
+        start = float(config.initial)
+        low, high = (min(low, start), max(high, start)) if config.bounds == "auto" else (low, high)
+    else:
+        assert limits is not None
+        start = float(np.clip(limits.start, low, high))
+    damping = None
+    if config.damping is not None:
+        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
+    return ParameterGroup(
+        group.name, config.kind, group.terms, group.parameter, np.full(count, start), np.tile([low, high], (count, 1)), W, config.baseline, damping,
+        group.xyz, group.arc_length,
+    )  # fmt: skip
+
+
+def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
+    """Indices of the lines that enter the cost.
+
+    Raises
+    ------
+    DataError
+        Where a listed line was not measured.
+    """
+    lines = inputs.campaign.update.lines
+    frequency = measurement.frequency_hz
+    if isinstance(lines, EveryLine):
+        return np.arange(0, frequency.size, lines.every)
+    if isinstance(lines, ListedLines):
+        wanted = np.sort(np.array(lines.frequencies, dtype=float))
+        distance = np.abs(frequency[None, :] - wanted[:, None])
+        nearest = distance.argmin(axis=1)
+        step = np.median(np.diff(frequency)) if frequency.size > 1 else 0.0
+        off = distance[np.arange(wanted.size), nearest] > 0.5 * step + 1e-9 * wanted
+        if off.any():
+            raise DataError(
+                "a listed line was not measured",
+                file=inputs.campaign.jobs[name].frf,
+                place=f"job {name}",
+                expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",
+                found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),
+                hint="correct update.lines",
+            )
+        return np.unique(nearest)
+    if lines == "all":
+        return np.arange(frequency.size)
+    return resonance_lines(frequency, measurement.values[:, inputs.used])
+
+
+def identify(inputs: Inputs, source: FrfSource, name: str) -> Identification:
+    """Run one job.
+
+    Raises
+    ------
+    DataError
+        Where its measurement is unusable.
+    NumericalError
+        Where the optimisation fails.
+    """
+    start = time.perf_counter()
+    settings = inputs.campaign.update
+    measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
+    read = time.perf_counter()
+    s = 2j * np.pi * measurement.frequency_hz
+    selected = select_lines(inputs, measurement, name)
+    parameters, limits = parameterise(inputs, source, s)
+    model = source.model(s, parameters, selected, inputs.used)
+    ports = time.perf_counter()
+    measured = measurement.values[np.ix_(selected, inputs.used)]
+    theta0 = parameters.initial
+    misfit = Misfit(model, measured, theta0, settings.regularisation)
+    if settings.method == "bfgs":
+        solution = bfgs(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
+    else:
+        solution = gauss_newton(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-5, max_iterations=settings.max_iterations)
+    if solution.status == "failed":
+        raise NumericalError(f"job {name}: {solution.reason}")
+    optimised = time.perf_counter()
+    band = source.model(s, parameters)
+    initial, updated = band.frf(theta0), band.frf(solution.theta)
+    return Identification(
+        name, solution, parameters, limits, measurement, selected, initial, updated,
+        mean_misfit(initial, measurement.values), mean_misfit(updated, measurement.values),
+        solution.history[0].cost, solution.evaluations * misfit.lines,
+        {"read": read - start, "port": ports - read, "optimise": optimised - ports, "total": time.perf_counter() - start},
+    )  # fmt: skip

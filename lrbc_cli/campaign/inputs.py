@@ -1,0 +1,441 @@
+"""From the campaign file to the full-order model: reads every input, resolves every DOF, says what it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping, ResponseConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.matrices import read_matrix, read_vectors
+from lrbc_cli.io.tables import read_dof_list, read_dof_table, read_points, read_positions
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
+from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.frf import QUANTITIES
+from lrbc_cli.model.selection import arc_length, at_node, in_box, nearest, spacing, unit_columns
+from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
+
+Floats = NDArray[np.float64]
+
+UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s²/N"}
+
+
+@dataclass(frozen=True)
+class Response:
+    """One response of the campaign.
+
+    Attributes
+    ----------
+    name, quantity, unit : str
+    input : int
+        Index of its excitation.
+    node : int or None
+        Node number of the model, for matching records.
+    text : str
+        Where it was found.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    input: int
+    node: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class TermGroup:
+    """The terms of one parameter group before start values and bounds are known.
+
+    Attributes
+    ----------
+    name : str
+    config : GroupConfig
+    terms, parameter : (m,) int arrays
+        Columns of the model's terms, and the parameter that scales each.
+    xyz : (k, 3) float array or None
+        Position of each parameter [m].
+    arc_length : (k,) float array or None
+    beta : float
+        Stiffness-proportional damping of the terms [s].
+    """
+
+    name: str
+    config: GroupConfig
+    terms: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    xyz: Floats | None
+    arc_length: Floats | None
+    beta: float
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return int(self.parameter.max()) + 1
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that a campaign reads but the FRFs.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    model : FeModel
+    dofs : DofTable or None
+    responses : tuple of Response
+    excitations : tuple of str
+    excitation_nodes : tuple
+        Node number of each excitation, or None.
+    groups : tuple of TermGroup
+    bolts : PointTable or None
+    notes : tuple of str
+        What ``lrbc check`` prints about the files.
+    warnings : tuple of str
+    hashes : dict
+        SHA-256 of every file that was read, by its path as written.
+    """
+
+    campaign: Campaign
+    model: FeModel
+    dofs: DofTable | None
+    responses: tuple[Response, ...]
+    excitations: tuple[str, ...]
+    excitation_nodes: tuple[int | None, ...]
+    groups: tuple[TermGroup, ...]
+    bolts: PointTable | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    hashes: dict[str, str] = field(repr=False)
+
+    @property
+    def input_of(self) -> NDArray[np.int64]:
+        """(R,) index of the excitation of each response."""
+        return np.array([response.input for response in self.responses], dtype=np.int64)
+
+    @property
+    def used(self) -> NDArray[np.int64]:
+        """Indices of the responses that enter the cost."""
+        names = self.campaign.update.responses
+        return np.array([i for i, r in enumerate(self.responses) if names is None or r.name in names], dtype=np.int64)
+
+    @property
+    def held_out(self) -> NDArray[np.int64]:
+        """Indices of the others."""
+        return np.setdiff1d(np.arange(len(self.responses)), self.used)
+
+
+class _Reader:
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.notes: list[str] = []
+        self.warnings: list[str] = []
+        self.hashes: dict[str, str] = {}
+        self.dofs: DofTable | None = None
+        self.n = 0
+
+    def hash(self, path: Path) -> None:
+        self.hashes[path.as_posix()] = file_hash(path)
+
+    def matrix(self, ref: MatrixRef, what: str, n: int | None = None) -> sp.csc_array:
+        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
+        self.hash(ref.path)
+        matrix = found.matrix
+        self.notes += [f"{what}: {note}" for note in found.notes]
+        if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
+            size = matrix.shape[0] if n is None else n
+            raise DataError(
+                f"the {what} matrix has the wrong size",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{size} x {size}" + (", as the stiffness matrix" if n is not None else ""),
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
+                hint="export all matrices of one model in one run",
+            )
+        self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
+        return matrix
+
+    def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
+        found = read_vectors(ref.path, ref.group, ref.format)
+        self.hash(ref.path)
+        matrix = found.matrix
+        if matrix.shape[0] != self.n and matrix.shape[1] == self.n:
+            matrix = matrix.T.tocsc()
+        if matrix.shape[0] != self.n:
+            raise DataError(
+                f"the vectors of {what} do not fit the model", file=ref.path, place=ref.group, expected=f"{self.n} rows", found=f"{matrix.shape[0]} x {matrix.shape[1]}"
+            )
+        if np.iscomplexobj(matrix.data):
+            raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
+        return matrix
+
+    def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
+        """One DOF, and where it was found in words."""
+        table, campaign = self.dofs, self.campaign
+        if point.dof is not None:
+            if point.dof >= self.n:
+                raise campaign.error("this DOF does not exist", *keys, "dof", expected=f"0 to {self.n - 1}", found=point.dof)
+            return point.dof, f"DOF {point.dof}"
+        if table is None:
+            raise campaign.error("nodes and coordinates need a DOF table", *keys, hint="add model.dofs, or give {dof: number}")
+        assert point.component is not None
+        components = ", ".join(sorted(set(table.component.tolist())))
+        if point.node is not None:
+            dofs = at_node(table, point.node, point.component)
+            if dofs.size != 1:
+                here = sorted(table.component[table.node == point.node].tolist())
+                raise campaign.error(
+                    f"node {point.node} has no DOF {point.component}" if not dofs.size else f"node {point.node} has several DOFs {point.component}",
+                    *keys,
+                    expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
+                    found=point.component if here else f"node {point.node}",
+                    hint="a fixed DOF that the export eliminated cannot be used" if here else None,
+                )
+            return int(dofs[0]), f"node {point.node} {point.component}"
+        assert point.near is not None
+        found = nearest(table, point.near, point.component)
+        if found is None:
+            raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
+        dof, distance = found
+        size = spacing(table, dof)
+        text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
+        if distance > 0.05 * size:
+            self.warnings.append(
+                f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
+                "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
+            )
+        return dof, text
+
+    # -- parts of the model -----------------------------------------------------------------------------------------
+
+    def loads(self) -> tuple[sp.csc_array, list[int | None]]:
+        columns, nodes = [], []
+        for name, point in self.campaign.excitation.items():
+            if point.vector is not None:
+                matrix = self.vectors(point.vector, f"excitation.{name}")
+                if matrix.shape[1] != 1 or matrix.nnz == 0:
+                    raise DataError("an excitation is one vector that is not zero", file=point.vector.path, expected="one column", found=f"{matrix.shape[1]}")
+                columns.append(matrix * point.scale)
+                nodes.append(None)
+                continue
+            dof, text = self.pick(point, "excitation", name)
+            self.notes.append(f"excitation {name}: {text}")
+            columns.append(unit_columns([dof], self.n, point.scale))
+            nodes.append(int(self.dofs.node[dof]) if self.dofs else None)
+        return sp.hstack(columns, format="csc"), nodes
+
+    def outputs(self, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, list[Response]]:
+        rows, responses = [], []
+        excitations = list(self.campaign.excitation)
+        for name, point in self.campaign.responses.items():
+            row, node, text, is_pressure = self.output(point, name, acoustic)
+            quantity = point.quantity or ("pressure" if is_pressure else "displacement")
+            if (quantity == "pressure") != is_pressure:
+                raise self.campaign.error(
+                    f"response {name} is a {'pressure' if is_pressure else 'motion'}, not a {quantity}",
+                    "responses",
+                    name,
+                    "quantity",
+                    expected="pressure" if is_pressure else "displacement, velocity or acceleration",
+                    found=quantity,
+                )
+            if point.excitation is None and len(excitations) > 1:
+                raise self.campaign.error(
+                    f"response {name} does not say to which excitation it belongs", "responses", name, expected=f"excitation: one of {', '.join(excitations)}"
+                )
+            at = excitations.index(point.excitation) if point.excitation else 0
+            self.notes.append(f"response {name}: {text}, {quantity}")
+            rows.append(row)
+            responses.append(Response(name, quantity, UNITS[quantity], at, node, text))
+        return sp.vstack(rows, format="csc"), responses
+
+    def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, int | None, str, bool]:
+        if point.matrix is not None or point.vector is not None:
+            ref = point.matrix or point.vector
+            assert ref is not None
+            matrix = self.vectors(ref, f"responses.{name}")
+            if point.row >= matrix.shape[1]:
+                raise self.campaign.error("this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row)
+            column = matrix[:, [point.row]]
+            fields = acoustic[column.indices]
+            if column.nnz == 0 or (fields.any() and not fields.all()):
+                raise DataError(
+                    f"the output row of {name} is {'empty' if column.nnz == 0 else 'a mixture of pressures and motions'}", file=ref.path, place=f"row {point.row}"
+                )
+            return (column.T * point.scale).tocsc(), None, f"row {point.row} of {ref.path.name}", bool(fields.all())
+        dof, text = self.pick(point, "responses", name)
+        node = int(self.dofs.node[dof]) if self.dofs else None
+        return unit_columns([dof], self.n, point.scale).T.tocsc(), node, text, bool(acoustic[dof])
+
+    def group(self, name: str, config: GroupConfig, first: int) -> tuple[TermGroup, sp.csc_array, sp.csc_array]:
+        select = config.select
+        names: tuple[str, ...] | None = None
+        xyz: Floats | None = None
+        if select.vectors is not None or select.left is not None:
+            left = self.vectors(select.vectors or select.left, f"parameters.{name}")  # type: ignore[arg-type]
+            right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
+            assert select.positions is not None
+            positions = read_positions(select.positions)
+            self.hash(select.positions)
+            if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
+                raise DataError(
+                    f"vectors and positions of {name} do not fit",
+                    file=select.positions,
+                    expected=f"{left.shape[1]} terms in all files",
+                    found=f"{right.shape[1]} right vectors, {positions.xyz.shape[0]} positions",
+                )
+            empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
+            if empty.size:
+                raise DataError(f"vector {empty[0]} of {name} is empty", file=(select.vectors or select.left).path)  # type: ignore[union-attr]
+            xyz, names = positions.xyz, positions.parameter
+        else:
+            dofs = self.term_dofs(name, config)
+            left = right = unit_columns(dofs, self.n)
+            xyz = self.dofs.xyz[dofs] if self.dofs else None
+        m = left.shape[1]
+        if names is None:
+            parameter = np.arange(m)
+        else:
+            order = {label: i for i, label in enumerate(dict.fromkeys(names))}
+            parameter = np.array([order[label] for label in names])
+        count = int(parameter.max()) + 1
+        if xyz is not None:
+            xyz = np.stack([xyz[parameter == k].mean(axis=0) for k in range(count)])
+        damping = self.campaign.model.damping
+        beta = damping.structure.beta if isinstance(damping, ProportionalDamping) else 0.0
+        if config.damping is not None:
+            beta = config.damping.beta if config.damping.beta is not None else beta
+            if beta <= 0:
+                raise self.campaign.error(
+                    "damping tied to stiffness needs a coefficient beta", "parameters", name, "damping", expected="beta: seconds, for instance 1e-6",
+                    found="no beta here, and no model.damping.structure.beta",
+                )  # fmt: skip
+        group = TermGroup(name, config, np.arange(first, first + m), parameter, xyz, arc_length(xyz) if xyz is not None else None, beta)
+        self.notes.append(
+            f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
+            + (f", {group.arc_length[-1]:.3f} m along the edge" if group.arc_length is not None and count > 1 else "")
+        )
+        return group, left, right
+
+    def term_dofs(self, name: str, config: GroupConfig) -> NDArray[np.int64]:
+        select, campaign = config.select, self.campaign
+        keys = ("parameters", name, "select")
+        if select.dofs is not None:
+            dofs = read_dof_list(select.dofs)
+            self.hash(select.dofs)
+            if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
+                raise DataError("this list of DOFs does not fit the model", file=select.dofs, expected=f"DOFs from 0 to {self.n - 1}", found=str(dofs[:5].tolist()))
+            return dofs
+        table = self.dofs
+        if table is None:
+            raise campaign.error("components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}")
+        assert select.component is not None
+        components = sorted(set(table.component.tolist()))
+        if select.component not in components:
+            raise campaign.error(
+                "no DOF has this component", *keys, "component", expected=f"one of {', '.join(components)}", found=select.component,
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )  # fmt: skip
+        if select.nodes is not None:
+            out = []
+            for node in select.nodes:
+                found = at_node(table, node, select.component)
+                if found.size != 1:
+                    known = bool(np.any(table.node == node))
+                    raise campaign.error(
+                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist", *keys, "nodes",
+                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
+                    )  # fmt: skip
+                out.append(int(found[0]))
+            return np.array(out)
+        assert select.box is not None
+        dofs = in_box(table, select.component, select.box)
+        if not dofs.size:
+            inside = table.xyz[table.component == select.component]
+            low, high = inside.min(axis=0), inside.max(axis=0)
+            raise campaign.error(
+                f"no DOF {select.component} lies in this box", *keys, "box",
+                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )  # fmt: skip
+        return dofs
+
+
+def read_inputs(campaign: Campaign) -> Inputs:
+    """Read model, terms, loads, outputs and bolts.
+
+    Parameters
+    ----------
+    campaign : Campaign
+
+    Returns
+    -------
+    Inputs
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, damaged or inconsistent.
+    ConfigError
+        Where the campaign file asks for a DOF that does not exist.
+    """
+    reader = _Reader(campaign)
+    K = reader.matrix(campaign.model.stiffness, "stiffness")
+    n = reader.n = K.shape[0]
+    M = reader.matrix(campaign.model.mass, "mass", n)
+    if np.iscomplexobj(M.data):
+        raise DataError("the mass matrix is complex", file=campaign.model.mass.path, expected="real numbers")
+    if campaign.model.dofs is not None:
+        reader.dofs = read_dof_table(campaign.model.dofs)
+        reader.hash(campaign.model.dofs)
+        if reader.dofs.size != n:
+            raise DataError(
+                "the DOF table does not fit the matrices", file=campaign.model.dofs, expected=f"{n} DOFs", found=f"{reader.dofs.size}",
+                hint="export matrices and DOF table of one model in one run",
+            )  # fmt: skip
+    acoustic = reader.dofs.is_acoustic if reader.dofs else np.zeros(n, dtype=bool)
+    damping = campaign.model.damping
+    if isinstance(damping, ProportionalDamping):
+        C = proportional_damping(K, M, acoustic, (damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+        reader.notes.append(
+            f"damping: proportional, structure alpha {damping.structure.alpha:g} beta {damping.structure.beta:g}"
+            + (f", acoustic alpha {damping.acoustic.alpha:g} beta {damping.acoustic.beta:g}" if acoustic.any() else "")
+        )
+    elif damping is None:
+        C = sp.csc_array((n, n))
+        reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
+    else:
+        C = reader.matrix(damping, "damping", n)
+    B, nodes = reader.loads()
+    L, responses = reader.outputs(acoustic)
+    groups, lefts, rights = [], [], []
+    first = 0
+    for name, config in campaign.parameters.items():
+        group, left, right = reader.group(name, config, first)
+        first += left.shape[1]
+        groups.append(group)
+        lefts.append(left)
+        rights.append(right)
+    power = np.concatenate([np.full(g.terms.size, KIND_POWER[g.config.kind]) for g in groups])
+    baseline = np.concatenate([np.full(g.terms.size, g.config.baseline) for g in groups])
+    terms = LowRankTerms(sp.hstack(lefts, format="csc"), sp.hstack(rights, format="csc"), power, baseline)
+    output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
+    bolts = None
+    if campaign.bolts is not None:
+        bolts = read_points(campaign.bolts)
+        reader.hash(campaign.bolts)
+    model = FeModel(K, C, M, B, L, output_power, acoustic, terms)
+    return Inputs(
+        campaign, model, reader.dofs, tuple(responses), tuple(campaign.excitation), tuple(nodes), tuple(groups), bolts,
+        tuple(reader.notes), tuple(reader.warnings), reader.hashes,
+    )  # fmt: skip
+
+
+__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_inputs"]

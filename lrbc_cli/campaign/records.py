@@ -1,0 +1,202 @@
+"""Matching the records of an FRF file to the responses of the campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs, Response
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.structure import RecordRef
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """FRFs of one job on the lines of the band.
+
+    Attributes
+    ----------
+    frequency_hz : (F,) float array
+    values : (F, R) complex array
+        NaN where a response has no record or no value.
+    coherence : (F, R) float array
+        NaN where unknown.
+    notes, warnings : tuples of str
+    hashes : dict
+    """
+
+    frequency_hz: Floats = field(repr=False)
+    values: Complexes = field(repr=False)
+    coherence: Floats = field(repr=False)
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    hashes: dict[str, str]
+
+
+def _describe(record: FrfRecord) -> str:
+    parts = [record.name or "(no name)"]
+    if record.response_node is not None:
+        parts.append(f"node {record.response_node} direction {record.response_direction}")
+    if record.reference_node is not None:
+        parts.append(f"over node {record.reference_node} direction {record.reference_direction}")
+    parts.append(record.quantity or "quantity unknown")
+    return f"{record.place}: {', '.join(parts)}"
+
+
+def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
+    """The record of a response: by what the campaign says, else by name, else by node and direction.
+
+    Returns
+    -------
+    FrfRecord or None
+        None where the file has none.
+
+    Raises
+    ------
+    DataError
+        Where several records fit.
+    """
+
+    def one(found: list[FrfRecord], how: str) -> FrfRecord | None:
+        if len(found) > 1:
+            # Several hammer points: the record over this response's own input.
+            node = inputs.excitation_nodes[response.input]
+            own = [r for r in found if node is not None and r.reference_node == node]
+            if len(own) == 1:
+                return own[0]
+            raise DataError(
+                f"several records fit response {response.name} ({how})", file=frf.source, found="; ".join(_describe(r) for r in found[:12]),
+                hint=f"say which one in responses.{response.name}.record or in the job's records",
+            )  # fmt: skip
+        return found[0] if found else None
+
+    if isinstance(wanted, RecordRef):
+        return one(
+            [r for r in frf.records if r.response_node == wanted.node and r.response_direction == wanted.direction],
+            f"node {wanted.node} direction {wanted.direction}",
+        )
+    name = wanted if wanted is not None else response.name
+    found = one([r for r in frf.records if r.name.strip().lower() == name.strip().lower()], f"name {name}")
+    if found is not None or wanted is not None:
+        return found
+    if response.node is None:
+        return None
+    pressure = response.quantity == "pressure"
+    return one(
+        [r for r in frf.records if r.response_node == response.node and (r.response_direction == 0) == pressure],
+        f"node {response.node}",
+    )
+
+
+def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
+    """Read a job's FRFs and arrange them by response on the lines inside the band.
+
+    Raises
+    ------
+    DataError
+        Where the file is unusable, a response that enters the cost has no record, or no line lies in the band.
+    """
+    campaign = inputs.campaign
+    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
+    frf = read_frf(job.frf, layout)
+    hashes = {job.frf.as_posix(): file_hash(job.frf)}
+    coherences = {}
+    if job.coherence is not None:
+        coherences = read_coherence(job.coherence)
+        hashes[job.coherence.as_posix()] = file_hash(job.coherence)
+    used = set(inputs.used.tolist())
+    records: list[FrfRecord | None] = []
+    notes, warnings = list(frf.notes), []
+    for i, response in enumerate(inputs.responses):
+        wanted = job.records.get(response.name, campaign.responses[response.name].record)
+        record = match_record(response, wanted, frf, inputs)
+        if record is None and i in used:
+            raise DataError(
+                f"no record of response {response.name}",
+                file=job.frf,
+                place=f"job {name}",
+                expected=(f"name {wanted}" if isinstance(wanted, str) else f"node {wanted.node} direction {wanted.direction}")
+                if wanted is not None
+                else f"a record named {response.name}" + (f", or of node {response.node}" if response.node is not None else ""),
+                found="; ".join(_describe(r) for r in frf.records[:12]) + (" ..." if len(frf.records) > 12 else ""),
+                hint=f"say which one in responses.{response.name}.record or in the job's records",
+            )
+        if record is None:
+            warnings.append(f"{job.frf.name}: no record of response {response.name}, which is only reported")
+        elif record.quantity is None:
+            notes.append(f"{response.name}: the file does not say the quantity; taken as {response.quantity} in {response.unit}")
+        elif record.quantity != response.quantity:
+            raise DataError(
+                f"the record of response {response.name} has another quantity",
+                file=job.frf,
+                place=record.place,
+                expected=response.quantity,
+                found=record.quantity,
+                hint=f"set responses.{response.name}.quantity, or correct the record",
+            )
+        records.append(record)
+        if record is not None:
+            notes.append(f"{response.name}: {_describe(record)}")
+    axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
+    values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
+    coherence = np.full((axis.size, len(records)), np.nan)
+    for i, record in enumerate(records):
+        if record is None:
+            continue
+        at, found = _indices(record.frequency_hz, axis)
+        values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
+        own = record.coherence
+        if own is not None:
+            coherence[found, i] = own[at[found]]
+        for key in (inputs.responses[i].name, record.name, (record.response_node, record.response_direction)):
+            if key in coherences:
+                lines, table = coherences[key]  # type: ignore[index]
+                at, found = _indices(lines, axis)
+                coherence[found, i] = table[at[found]]
+                break
+    for i in sorted(used):
+        if not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
+            raise DataError(f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values")
+    notes.insert(0, f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz" + (f" ({low} below and {high} above the band left out)" if low or high else ""))
+    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), hashes)
+
+
+def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -> tuple[Floats, int, int]:
+    """Lines of the band on which any record has a value, and how many were left out below and above."""
+    band = inputs.campaign.reduction.band
+    lines = np.unique(np.concatenate([r.frequency_hz for r in records]))
+    # Two records written with other precision share their lines all the same.
+    lines = lines[np.concatenate([[True], np.diff(lines) > 1e-6 * np.maximum(lines[1:], 1e-12)])]
+    eps = 1e-9 * band[1]
+    low, high = int((lines < band[0] - eps).sum()), int((lines > band[1] + eps).sum())
+    axis = lines[(lines >= band[0] - eps) & (lines <= band[1] + eps)]
+    if not axis.size:
+        raise DataError(
+            "no line of this measurement lies in the band of the reduced model",
+            file=job.frf,
+            place=f"job {name}",
+            expected=f"lines between {band[0]:g} and {band[1]:g} Hz",
+            found=f"{lines[0]:g} to {lines[-1]:g} Hz",
+            hint="change reduction.band, or check the unit of the frequency column",
+        )
+    return axis, low, high
+
+
+def _indices(lines: Floats, axis: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """For each line of the axis the nearest of ``lines``, and whether it is the same line."""
+    at = np.clip(np.searchsorted(lines, axis), 1, max(lines.size - 1, 1)) if lines.size > 1 else np.zeros(axis.size, dtype=np.int64)
+    if lines.size > 1:
+        at = np.where(np.abs(lines[at - 1] - axis) <= np.abs(lines[at] - axis), at - 1, at)
+    return at, np.abs(lines[at] - axis) <= 1e-5 * axis
+
+
+__all__ = ["Measurement", "match_record", "read_measurement"]

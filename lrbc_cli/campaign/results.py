@@ -1,0 +1,440 @@
+"""Result files under the output folder: written whole, ``result.json`` last, so that it vouches for the others."""
+
+from __future__ import annotations
+
+import csv
+import importlib.metadata
+import json
+import math
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli import __version__
+from lrbc_cli.campaign.identify import Identification
+from lrbc_cli.campaign.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.stage import ReductionStage
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.model.terms import ParameterGroup
+from lrbc_cli.updating.misfit import decibel
+from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
+
+Floats = NDArray[np.float64]
+
+RESULT_FORMAT, RESULT_VERSION = "lrbc-result", 1
+
+
+def versions() -> dict[str, str]:
+    """Versions of the tool and of what it computes with."""
+    out = {"lrbc": __version__, "python": platform.python_version()}
+    for package in ("numpy", "scipy", "h5py", "pymetis", "mkl"):
+        try:
+            out[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return out
+
+
+def plain(value: Any) -> Any:
+    """JSON-able copy; numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return value.as_posix()
+    return value
+
+
+def write_json(path: Path, tree: Mapping[str, Any]) -> None:
+    """Write one JSON document atomically.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    try:
+        with atomic_write(path) as file:
+            json.dump(plain(tree), file, indent=1, ensure_ascii=False, allow_nan=False)
+            file.write("\n")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> ConfigError:
+    return ConfigError(f"the results cannot be written ({error.strerror or error})", file=path, hint="choose another folder in `output`")
+
+
+def read_json(path: Path, expected: str) -> dict[str, Any] | None:
+    """Read a document of ours; None where it is missing.
+
+    Raises
+    ------
+    DataError
+        Where it is damaged or something else.
+    """
+    if not path.is_file():
+        return None
+    try:
+        tree = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DataError(f"this result file is damaged ({error})", file=path, hint="run lrbc update --force") from error
+    if not isinstance(tree, dict) or tree.get("format") != expected:
+        raise DataError("this is not a result file of this tool", file=path, expected=expected, hint="run lrbc update --force")
+    return tree
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table atomically; NaN and None become empty cells."""
+
+    def cell(value: Any) -> Any:
+        if value is None or (isinstance(value, float | np.floating) and not math.isfinite(value)):
+            return ""
+        return f"{value:.9g}" if isinstance(value, float | np.floating) else value
+
+    try:
+        with atomic_write(path) as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(header)
+            writer.writerows([cell(value) for value in row] for row in rows)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def unit_of(inputs: Inputs, group: TermGroup) -> str:
+    """Unit of the identified values, where the component tells."""
+    component = group.config.select.component or ""
+    base = {"stiffness": ("N m/rad", "N/m"), "damping": ("N m s/rad", "N s/m"), "mass": ("kg m²", "kg")}[group.config.kind]
+    if component.startswith("ROT"):
+        return base[0]
+    return base[1] if component.startswith("U") else ""
+
+
+def tributary(group: ParameterGroup) -> Floats | None:
+    """(k,) length of edge that belongs to each parameter [m]; None without positions."""
+    if group.arc_length is None or group.count < 2:
+        return None
+    a = group.arc_length
+    middle = 0.5 * (a[1:] + a[:-1])
+    # The ends carry as much as their only neighbour leaves them on the other side.
+    edges = np.concatenate([[2 * a[0] - middle[0]], middle, [2 * a[-1] - middle[-1]]])
+    return np.diff(edges)
+
+
+def effective(group: ParameterGroup, p: Floats) -> Floats:
+    """log10(W 10^p)."""
+    return np.asarray(np.log10(group.values(p)))
+
+
+def verdicts(inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None) -> list[BoltVerdict]:
+    """Judge the bolts of a job against the stored result of the reference job."""
+    if inputs.bolts is None:
+        return []
+    edges = []
+    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        if group.kind != "stiffness" or group.xyz is None or group.arc_length is None:
+            continue
+        log10 = effective(group, result.solution.theta[values])
+        before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
+        tight = np.array(before, dtype=float) if before is not None and len(before) == log10.size else None
+        edges.append(Edge(group.xyz, group.arc_length, log10, result.saturations[group.name].start, tight))
+    if not edges:
+        return []
+    update = inputs.campaign.update
+    return judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
+
+
+def write_result(output: Path, inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Write profile.csv, frf.csv and result.json of one job; returns the tree of the latter."""
+    folder = output / result.name
+    tree = result_tree(inputs, stage, result, identity, reference)
+    write_csv(folder / "profile.csv", *profile_rows(tree))
+    write_csv(folder / "frf.csv", *frf_rows(inputs, result))
+    write_json(folder / "result.json", tree)
+    return tree
+
+
+def result_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The content of ``result.json``."""
+    campaign, solution = inputs.campaign, result.solution
+    parameters: dict[str, Any] = {}
+    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
+        p = solution.theta[values]
+        before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
+        length = tributary(group)
+        entry: dict[str, Any] = {
+            "kind": group.kind,
+            "unit": unit_of(inputs, terms),
+            "log10": p,
+            "log10_effective": effective(group, p),
+            "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
+            "initial": group.initial,
+            "initial_effective": effective(group, group.initial),
+            "reference_log10_effective": before,
+            "bounds": group.bounds[0],
+            "positions": group.xyz,
+            "arc_length": group.arc_length,
+        }
+        if group.name in result.saturations:
+            limits = result.saturations[group.name]
+            entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
+        if at is not None and group.damping is not None:
+            entry["damping_exponent"] = solution.theta[at]
+            entry["damping_factor"] = 10.0 ** solution.theta[at]
+            entry["damping_beta"] = group.damping.beta
+            entry["damping_bounds"] = group.damping.bounds
+        parameters[group.name] = entry
+    used = inputs.used
+    names = [r.name for r in inputs.responses]
+    held_out = inputs.held_out
+    removed = campaign.jobs[result.name].removed
+    bolts = []
+    if inputs.bolts is not None:
+        found = verdicts(inputs, result, reference)
+        for i, (name, position) in enumerate(zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)):
+            verdict = found[i] if found else None
+            bolts.append(
+                {
+                    "name": name,
+                    "position": position,
+                    "log10_stiffness": verdict.log10_stiffness if verdict else None,
+                    "change": verdict.change if verdict else None,
+                    "verdict": verdict.verdict if verdict else "undecided",
+                    "removed": name in removed if _states_removed(inputs, result.name) else None,
+                    "note": verdict.note if verdict else "no stiffness group with positions",
+                }
+            )
+    provenance: dict[str, Any] = {
+        "identity": identity,
+        "versions": versions(),
+        "inputs": inputs.hashes | result.measurement.hashes,
+        "configuration": campaign.resolved(),
+    }
+    if stage is not None:
+        provenance["certificate"] = {
+            "key": stage.decision.key,
+            "size": stage.reduction.model.size,
+            "tolerance": stage.reduction.options.tolerance,
+            "worst": stage.reduction.worst,
+            "reached": stage.reduction.reached,
+        }
+    return {
+        "format": RESULT_FORMAT,
+        "version": RESULT_VERSION,
+        "job": result.name,
+        "status": solution.status,
+        "reason": solution.reason,
+        "removed": list(removed) if _states_removed(inputs, result.name) else None,
+        "parameters": parameters,
+        "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
+        "misfit_db": {
+            "initial": _mean(result.misfit_initial[used]),
+            "final": _mean(result.misfit_final[used]),
+            "held_out_initial": _mean(result.misfit_initial[held_out]),
+            "held_out_final": _mean(result.misfit_final[held_out]),
+            "responses": {
+                name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)} for i, name in enumerate(names)
+            },
+        },
+        "bolts": bolts,
+        "iterations": solution.iterations,
+        "evaluations": solution.evaluations,
+        "line_evaluations": result.line_evaluations,
+        "history": [
+            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted} for entry in solution.history
+        ],
+        "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
+        "optimiser": {
+            "method": campaign.update.method,
+            "regularisation": campaign.update.regularisation,
+            "regularisation_per_residual": campaign.update.regularisation / max(int(result.selected.size) * used.size, 1),
+        },
+        "seconds": result.seconds,
+        "notes": list(result.measurement.warnings),
+        "provenance": provenance,
+    }
+
+
+def _states_removed(inputs: Inputs, name: str) -> bool:
+    """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
+    return any(job.removed for job in inputs.campaign.jobs.values())
+
+
+def _mean(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
+
+
+def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows of ``profile.csv``."""
+    header = ["group", "term", "x", "y", "z", "arc_length_m", "log10_initial", "log10", "log10_effective", "log10_per_metre", "log10_reference"]
+    rows = []
+    for name, group in tree["parameters"].items():
+        for k in range(len(group["log10"])):
+
+            def pick(key: str, k: int = k, group: Mapping[str, Any] = group) -> Any:
+                return None if group[key] is None else group[key][k]
+
+            position = [None] * 3 if group["positions"] is None else list(group["positions"][k])
+            rows.append(
+                [
+                    name, k, *position, pick("arc_length"), pick("initial_effective"), pick("log10"), pick("log10_effective"), pick("log10_per_metre"),
+                    pick("reference_log10_effective"),
+                ]
+            )  # fmt: skip
+    return header, rows
+
+
+def frf_rows(inputs: Inputs, result: Identification) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows of ``frf.csv``: dB re 1 unit/N and phase in degrees."""
+    header = ["frequency_hz"]
+    columns: list[Floats] = [result.measurement.frequency_hz]
+    measured = result.measurement.values
+    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    for i, response in enumerate(inputs.responses):
+        for label, values in (("measured", measured), ("initial", result.initial), ("updated", result.updated)):
+            shown = np.where(valid[:, i], values[:, i], np.nan) if label == "measured" else values[:, i]
+            header += [f"{response.name}_{label}_db", f"{response.name}_{label}_phase_deg"]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                columns += [decibel(shown), np.asarray(np.degrees(np.angle(shown)))]
+        header.append(f"{response.name}_coherence")
+        columns.append(result.measurement.coherence[:, i])
+    chosen = np.zeros(measured.shape[0], dtype=int)
+    chosen[result.selected] = 1
+    header.append("selected")
+    rows = [[*(float(column[line]) for column in columns), int(chosen[line])] for line in range(measured.shape[0])]
+    return header, rows
+
+
+def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> dict[str, Any]:
+    """Record a job that failed; an earlier success is kept as ``result.previous.json``, its tables and figures stay."""
+    path = output / name / "result.json"
+    try:
+        before = read_json(path, RESULT_FORMAT)
+    except DataError:
+        before = None
+    if before is not None and before["status"] != "failed":
+        path.replace(path.with_name("result.previous.json"))
+    tree = {
+        "format": RESULT_FORMAT,
+        "version": RESULT_VERSION,
+        "job": name,
+        "status": "failed",
+        "reason": reason,
+        "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
+    }
+    write_json(path, tree)
+    return tree
+
+
+def write_campaign(output: Path, inputs: Inputs) -> None:
+    """Write ``campaign.json``: what the report needs to know of the campaign."""
+    campaign = inputs.campaign
+    bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
+    write_json(
+        output / "campaign.json",
+        {
+            "format": "lrbc-campaign",
+            "version": 1,
+            "campaign": campaign.name,
+            "reference": campaign.update.reference,
+            "jobs": list(campaign.jobs),
+            "bolts": bolts,
+            "responses": [
+                {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)} for i, r in enumerate(inputs.responses)
+            ],
+            "tool": {"name": "lrbc", "version": __version__},
+        },
+    )
+
+
+def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict[str, Any]:
+    """Write ``reduction.json``: certificate, trace and costs of the reduced model."""
+    r = stage.reduction
+    seconds = dict(r.seconds)
+    seconds["full_lines_worth"] = seconds["total"] / seconds["full_line"]
+    tree = {
+        "format": "lrbc-reduction",
+        "version": 1,
+        "size": r.model.size,
+        "size_structure": r.model.structure,
+        "size_acoustic": r.model.size - r.model.structure,
+        "full_size": r.full_size,
+        "terms": r.model.terms,
+        "inputs": int(r.model.B.shape[1]),
+        "outputs": int(r.model.L.shape[0]),
+        "band_hz": r.options.band_hz,
+        "tolerance": r.options.tolerance,
+        "reached": r.reached,
+        "backend": r.backend,
+        "symmetry": r.coupling,
+        "expansion_points": [{"frequency_hz": t.frequency_hz, "order": t.order, "added": t.added} for t in r.trace if t.order],
+        "certificate": {
+            "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in r.held_out],
+            "worst": r.worst,
+            "vectors": r.vectors,
+        },
+        "trace": [
+            {
+                "step": i + 1,
+                "size": t.size,
+                "factorised_hz": t.frequency_hz,
+                "measured_error": t.measured_error,
+                "frequency_hz": t.grid_hz if np.all(np.isfinite(t.estimate)) else [],
+                "estimate": t.estimate if np.all(np.isfinite(t.estimate)) else [],
+            }
+            for i, t in enumerate(r.trace)
+        ],
+        "seconds": seconds,
+        "machine": r.machine,
+        "date": r.date,
+        "cache": {"key": stage.decision.key, "hit": stage.decision.hit, "reason": stage.decision.reason},
+        "versions": versions(),
+    }
+    write_json(output / "reduction.json", tree)
+    return tree
+
+
+CAMPAIGN_COLUMNS = [
+    "job", "status", "loose", "undecided", "removed", "damping_exponent", "damping_factor", "misfit_initial_db", "misfit_final_db",
+    "held_out_misfit_final_db", "cost_initial", "cost_final", "iterations", "evaluations", "line_evaluations", "seconds", "reason",
+]  # fmt: skip
+
+
+def write_table(output: Path, jobs: Sequence[str]) -> None:
+    """Write ``campaign.csv``, one row a job that has a result."""
+    rows = []
+    for name in jobs:
+        try:
+            tree = read_json(output / name / "result.json", RESULT_FORMAT)
+        except DataError:
+            continue
+        if tree is None:
+            continue
+        if tree["status"] == "failed":
+            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 3), tree["reason"]])
+            continue
+        damped = [group for group in tree["parameters"].values() if "damping_exponent" in group]
+        misfit = tree["misfit_db"]
+        rows.append(
+            [
+                name, tree["status"], *(" ".join(b["name"] for b in tree["bolts"] if b["verdict"] == v) for v in ("loose", "undecided")),
+                " ".join(tree["removed"] or []),
+                " ".join(f"{g['damping_exponent']:.6g}" for g in damped), " ".join(f"{g['damping_factor']:.6g}" for g in damped),
+                misfit["initial"], misfit["final"], misfit["held_out_final"], tree["cost"]["initial"], tree["cost"]["final"],
+                tree["iterations"], tree["evaluations"], tree["line_evaluations"], tree["seconds"]["total"], tree["reason"],
+            ]
+        )  # fmt: skip
+    write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)

@@ -1,0 +1,198 @@
+"""FRFs of the model at initial, given or identified parameters, reduced or full order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identify import parameterise
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.results import RESULT_FORMAT, read_json
+from lrbc_cli.campaign.stage import FrfSource, obtain_reduction
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.frf import WRITERS, write_frf
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.model.terms import Parameterisation
+
+Floats = NDArray[np.float64]
+
+#: Lines at most in one call: a slip in the step must not fill the memory.
+MAX_LINES = 200_000
+
+
+def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
+    """Lines from ``START:STOP:STEP`` or ``33.3,71.7``; 1 Hz lines of the band where None.
+
+    Raises
+    ------
+    ConfigError
+        Where the text is neither, or lines lie outside the band.
+    """
+
+    def refuse(problem: str, found: object) -> ConfigError:
+        return ConfigError(problem, place=f"--lines {text}", expected="START:STOP:STEP or F1,F2,... in Hz, for instance 20:400:1 or 33.3,71.7", found=found)
+
+    if text is None:
+        return np.arange(np.ceil(band[0]), np.floor(band[1]) + 1e-9)
+    number = r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
+    if re.fullmatch(f"{number}:{number}(:{number})?", text):
+        values = [float(part) for part in text.split(":")]
+        start, stop, step = values[0], values[1], values[2] if len(values) == 3 else 1.0
+        if step <= 0 or stop < start or not np.isfinite((stop - start) / step):
+            raise refuse("this range holds no line", text)
+        if (stop - start) / step > MAX_LINES:
+            raise refuse(f"more than {MAX_LINES} lines", f"{(stop - start) / step:.3g}")
+        lines = start + step * np.arange(int(np.floor((stop - start) / step + 1e-9)) + 1)
+    elif re.fullmatch(f"{number}(,{number})*", text):
+        lines = np.unique([float(part) for part in text.split(",")])
+    else:
+        raise refuse("these are no lines", text)
+    if lines[0] <= 0:
+        raise refuse("lines start above 0 Hz", f"{lines[0]:g} Hz")
+    return lines
+
+
+def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:
+    """Theta with ``group=VALUE`` or ``group=V1,V2,...`` (log10; inf clamps, -inf frees) and ``group.damping=VALUE`` put in.
+
+    Raises
+    ------
+    ConfigError
+        Where a group is unknown or the number of values does not fit.
+    """
+    theta = theta.copy()
+    names = [group.name for group in parameters.groups]
+    for text in assignments:
+        name, equals, values = text.partition("=")
+        group_name, _, part = name.strip().partition(".")
+        damped = part == "damping"
+        if not equals or group_name not in names or part not in ("", "damping"):
+            raise ConfigError(
+                "not a value for a parameter group", place=f"--set {text}", expected="GROUP=LOG10, GROUP=V1,V2,... or GROUP.damping=LOG10 with GROUP one of "
+                + ", ".join(names), found=text,
+            )  # fmt: skip
+        index = names.index(group_name)
+        group, (where, at) = parameters.groups[index], parameters.slices[index]
+        try:
+            numbers = np.array([float(value) for value in values.split(",")])
+        except ValueError:
+            raise ConfigError("not a number", place=f"--set {text}", expected="log10 values, inf or -inf", found=values) from None
+        if damped:
+            if at is None or numbers.size != 1 or not np.isfinite(numbers[0]):
+                raise ConfigError(
+                    f"group {group_name} has no damping exponent" if at is None else "the damping exponent is one finite number", place=f"--set {text}"
+                )
+            theta[at] = numbers[0]
+            continue
+        if numbers.size not in (1, group.count):
+            raise ConfigError("the number of values does not fit the group", place=f"--set {text}", expected=f"1 or {group.count} values", found=numbers.size)
+        if np.isnan(numbers).any() or (np.isposinf(numbers).any() and group.kind != "stiffness"):
+            raise ConfigError("this value cannot be used", place=f"--set {text}", expected="log10 values; inf only clamps stiffness", found=values)
+        theta[where] = numbers
+    return theta
+
+
+def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Floats:
+    """Theta of a finished job.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the job is unknown, has no usable result, or belongs to other groups.
+    """
+    campaign = inputs.campaign
+    if name not in campaign.jobs:
+        raise ConfigError(f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name)
+    path = campaign.output / name / "result.json"
+    tree = read_json(path, RESULT_FORMAT)
+    if tree is None or tree["status"] == "failed":
+        raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
+    theta = parameters.initial
+    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+        stored = tree["parameters"].get(group.name)
+        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
+            raise DataError(f"the result of job {name} does not fit group {group.name} as it is now", file=path, hint="run lrbc update again")
+        theta[where] = stored["log10"]
+        if at is not None:
+            theta[at] = stored["damping_exponent"]
+    return theta
+
+
+def simulate(
+    inputs: Inputs,
+    folder: Path,
+    out: Path,
+    *,
+    job: str | None = None,
+    lines: str | None = None,
+    assignments: Sequence[str] = (),
+    full: bool = False,
+    accept: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> FrfSet:
+    """Compute FRFs and write them.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+    out : Path
+        ``.csv``, ``.uff`` or ``.h5``.
+    job : str or None
+        Use its identified parameters; start values otherwise.
+    lines, assignments
+        See ``parse_lines`` and ``parse_values``.
+    full : bool
+        Full order, one solve a line.
+    accept : bool
+        Accept a reduced model that misses its tolerance.
+    progress : callable
+
+    Returns
+    -------
+    FrfSet
+    """
+    if out.suffix.lower() not in WRITERS:
+        raise ConfigError("this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none")
+    band = inputs.campaign.reduction.band
+    frequency = parse_lines(lines, band)
+    if not full and (frequency[0] < band[0] * (1 - 1e-9) or frequency[-1] > band[1] * (1 + 1e-9)):
+        raise ConfigError(
+            "the reduced model does not hold outside its band", place=f"--lines {lines}", expected=f"{band[0]:g} to {band[1]:g} Hz",
+            found=f"{frequency[0]:g} to {frequency[-1]:g} Hz", hint="change reduction.band, or use --full",
+        )  # fmt: skip
+    s = 2j * np.pi * frequency
+    stage = None if full else obtain_reduction(inputs, folder, accept=accept, progress=progress)
+    kind = "full" if full else ("port" if stage and inputs.model.terms.size <= stage.reduction.model.size else "reduced")
+    source = FrfSource(inputs, stage, kind, progress)
+    parameters, _ = parameterise(inputs, source, s)
+    theta = parameters.initial if job is None else job_values(inputs, job, parameters)
+    theta = parse_values(assignments, parameters, theta)
+    y = source.model(s, parameters).frf(theta)
+    records = []
+    for i, response in enumerate(inputs.responses):
+        records.append(
+            FrfRecord(
+                response.name, frequency, y[:, i], response.quantity, response_node=response.node, response_direction=_direction(inputs, i),
+                reference_node=inputs.excitation_nodes[response.input], reference_direction=3, place=response.name,
+            )
+        )  # fmt: skip
+    frf = FrfSet(str(out), tuple(records))
+    try:
+        write_frf(out, frf)
+    except OSError as error:
+        raise ConfigError(f"the file cannot be written ({error.strerror or error})", file=out, place="--out") from error
+    return frf
+
+
+DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+
+
+def _direction(inputs: Inputs, response: int) -> int:
+    component = list(inputs.campaign.responses.values())[response].component
+    return DIRECTIONS.get(component or "", 0)

@@ -1,0 +1,187 @@
+"""The reduced model of a campaign: from the cache, or built and kept; and FRFs of the model from it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign import cache
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_ports, reduce_model
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.misfit import FrfModel, port_model, reduced_model
+
+log = logging.getLogger(__name__)
+
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class ReductionStage:
+    """A reduced model and where it came from.
+
+    Attributes
+    ----------
+    reduction : Reduction
+    decision : CacheDecision
+    seconds : float
+        This time: reading the cache, or building.
+    """
+
+    reduction: Reduction
+    decision: cache.CacheDecision
+    seconds: float
+
+
+def obtain_reduction(
+    inputs: Inputs, folder: Path, *, force: bool = False, accept: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> ReductionStage:
+    """Find the reduced model in the cache, or build and keep it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+    force : bool
+        Build anew.
+    accept : bool
+        Accept a model that does not reach the tolerance.
+    progress : callable
+
+    Returns
+    -------
+    ReductionStage
+
+    Raises
+    ------
+    NumericalError
+        Where the tolerance is not reached and not accepted; what was built is kept.
+    """
+    start = time.perf_counter()
+    parts = cache.key_parts(inputs)
+    decision = cache.look_up(folder, parts)
+    reduction: Reduction | None = None
+    if decision.hit and not force:
+        try:
+            reduction = cache.load(decision)
+        except DataError as error:
+            log.warning("the cached reduced model is built anew: %s", error)
+            decision = replace(decision, hit=False, reason="the file in the cache is damaged")
+    elif decision.hit:
+        decision = replace(decision, hit=False, reason="--force")
+    if reduction is None:
+        settings = inputs.campaign.reduction
+        options = ReductionOptions(settings.band, settings.tolerance, settings.held_out, max_size=settings.max_size)
+        reduction = reduce_model(inputs.model, inputs.input_of, options, backend=settings.backend, progress=progress)
+        reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+        for old in decision.path.parent.glob("ports-*.h5"):
+            old.unlink(missing_ok=True)
+        cache.store(decision, parts, reduction)
+    if not reduction.reached and not accept:
+        raise NumericalError(
+            "the reduced model does not reach its tolerance",
+            expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
+            found=f"{reduction.worst:.1e} with {reduction.model.size} DOFs; it is kept in {decision.path}",
+            hint="raise reduction.tolerance or reduction.max_size, or accept it with --accept-tolerance",
+        )
+    return ReductionStage(reduction, decision, time.perf_counter() - start)
+
+
+def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:
+    """Seconds for one line of the reduced dynamic stiffness, and of the port formula with its derivatives (Table 4)."""
+    s = 2j * np.pi * np.linspace(*band, 32)
+    D = model.reference_dynamic(s)
+    ports = model.ports(s, workers=1)
+
+    def best(work: Callable[[], object]) -> float:
+        times = []
+        for _ in range(3):
+            start = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - start)
+        return min(times) / s.size
+
+    return {"reduced_line": best(lambda: model.evaluate(s, D, workers=1)), "port_line": best(lambda: ports.linearise(D))}
+
+
+@dataclass
+class FrfSource:
+    """FRFs of the model on any lines; tables of port FRFs are computed once per set of lines and kept beside the reduced model.
+
+    Attributes
+    ----------
+    inputs : Inputs
+    stage : ReductionStage or None
+        None only for full-order evaluation.
+    kind : str
+        ``port``, ``reduced`` or ``full``.
+    """
+
+    inputs: Inputs
+    stage: ReductionStage | None
+    kind: str
+    progress: Callable[[str], None] = lambda _: None
+    _tables: dict[bytes, PortFrf] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    seconds: float = 0.0
+
+    def table(self, s: Complexes) -> PortFrf:
+        """Port FRFs for all responses on the lines s."""
+        with self._lock:
+            key = s.tobytes()
+            if key not in self._tables:
+                start = time.perf_counter()
+                self._tables[key] = self._compute(s)
+                self.seconds += time.perf_counter() - start
+            return self._tables[key]
+
+    def _compute(self, s: Complexes) -> PortFrf:
+        path = cache.ports_path(self.stage.decision, s, self.kind) if self.stage else None
+        found = cache.load_ports(path) if path else None
+        if found is not None:
+            return found
+        if self.kind == "full":
+            settings = self.inputs.campaign.reduction
+
+            def tell(done: int, count: int) -> None:
+                self.progress(f"full model: line {done} of {count}")
+
+            ports = full_ports(self.inputs.model, self.inputs.input_of, s, settings.band, backend=settings.backend, progress=tell)
+        else:
+            assert self.stage is not None
+            ports = self.stage.reduction.model.ports(s)
+        if path:
+            cache.store_ports(path, ports)
+        return ports
+
+    def model(
+        self, s: Complexes, parameters: Parameterisation, lines: NDArray[np.int64] | None = None, responses: NDArray[np.int64] | None = None
+    ) -> FrfModel:
+        """FRFs as a function of theta on some of the lines, for some of the responses (all where None)."""
+        rows = np.arange(len(self.inputs.responses)) if responses is None else responses
+        at = np.arange(s.size) if lines is None else lines
+        if self.kind == "reduced":
+            assert self.stage is not None
+            return reduced_model(self.stage.reduction.model, s[at], parameters, rows)
+        return port_model(self.table(s).select(at, rows), parameters)
+
+
+def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
+    """Choose how FRFs are evaluated: as configured, or the formula that is cheaper for this number of terms."""
+    kind = inputs.campaign.update.evaluation
+    if kind == "auto":
+        assert stage is not None
+        # One solve of order nt against one of order r, each with its right-hand sides.
+        kind = "port" if inputs.model.terms.size <= stage.reduction.model.size else "reduced"
+    return FrfSource(inputs, stage, kind, progress)

@@ -1,0 +1,33 @@
+"""The command ``lrbc check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lrbc_cli.campaign.check import check as examine
+from lrbc_cli.cli.common import cache_folder, load, say_json
+from lrbc_cli.cli.options import campaign_options
+
+
+@click.command()
+@campaign_options
+def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool) -> int:
+    """Read all inputs and print the plan; change nothing."""
+    inputs = load(config, overrides)
+    findings = examine(inputs, cache_folder(cache))
+    if as_json:
+        say_json(findings.tree)
+    else:
+        for title, lines in findings.sections.items():
+            click.echo(title)
+            for line in lines:
+                click.echo(f"  {line}")
+        if findings.warnings:
+            click.echo("warnings")
+            for line in findings.warnings:
+                click.echo(f"  {line}")
+    for error in findings.errors.values():
+        click.echo(error.message, err=True)
+    return max((error.exit_code for error in findings.errors.values()), default=0)

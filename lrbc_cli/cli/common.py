@@ -1,0 +1,48 @@
+"""What the commands that read a campaign share: loading it, progress on stderr, output on stdout."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lrbc_cli.campaign.cache import cache_folder
+from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.results import plain
+from lrbc_cli.cli.options import verbosity
+from lrbc_cli.config import load_campaign
+
+__all__ = ["cache_folder", "load", "progress", "say_json"]
+
+
+def load(config: Path, overrides: tuple[str, ...]) -> Inputs:
+    """Read the campaign file and its model; warnings go to stderr."""
+    inputs = read_inputs(load_campaign(config, overrides))
+    if verbosity.level >= 0:
+        for warning in inputs.warnings:
+            click.echo(f"warning: {warning}", err=True)
+    return inputs
+
+
+def progress() -> Callable[[str], None]:
+    """Write progress lines to stderr: kept with -v, one changing line on a terminal, nothing otherwise."""
+    if verbosity.level >= 1:
+        return lambda text: click.echo(text, err=True)
+    if verbosity.level == 0 and sys.stderr.isatty():
+        width = 100
+
+        def show(text: str) -> None:
+            click.echo("\r" + text[:width].ljust(width), err=True, nl=False)
+
+        click.get_current_context().call_on_close(lambda: click.echo("\r" + " " * width + "\r", err=True, nl=False))
+        return show
+    return lambda _: None
+
+
+def say_json(tree: Mapping[str, Any]) -> None:
+    """Print one JSON document."""
+    click.echo(json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False))

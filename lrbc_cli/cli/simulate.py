@@ -1,0 +1,43 @@
+"""The command ``lrbc simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lrbc_cli.campaign.simulate import simulate as compute
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.options import campaign_options
+
+
+@click.command()
+@campaign_options
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .csv, .uff or .h5.")
+@click.option("--job", metavar="NAME", help="Use the parameters that were identified from this job.")
+@click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
+@click.option("--set", "assignments", multiple=True, metavar="GROUP=LOG10", help="Value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.")
+@click.option("--full", is_flag=True, help="Full order: one solve of the whole model a line.")
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def simulate(
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    out: Path,
+    job: str | None,
+    lines: str | None,
+    assignments: tuple[str, ...],
+    full: bool,
+    accept_tolerance: bool,
+) -> None:
+    """Compute FRFs of the model and write them to a file."""
+    inputs = load(config, overrides)
+    frf = compute(
+        inputs, cache_folder(cache), out, job=job, lines=lines, assignments=assignments, full=full, accept=accept_tolerance, progress=progress()
+    )
+    count = frf.records[0].frequency_hz.size
+    if as_json:
+        say_json({"file": out, "lines": count, "responses": [r.name for r in frf.records]})
+    else:
+        click.echo(f"{out}: {len(frf.records)} responses, {count} lines, {'full' if full else 'reduced'} order")

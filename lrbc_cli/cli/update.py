@@ -1,0 +1,63 @@
+"""The command ``lrbc update``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from lrbc_cli.campaign.cache import key_parts, look_up
+from lrbc_cli.campaign.run import choose_jobs, plan, run_jobs
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.options import campaign_options, verbosity
+from lrbc_cli.report import summary_text
+
+
+@click.command()
+@campaign_options
+@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
+@click.option("--force", is_flag=True, help="Run finished jobs again.")
+@click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
+@click.option("--fail-on-loose", is_flag=True, help="Exit with 6 where all jobs ran and a bolt is judged loose.")
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def update(
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    jobs: tuple[str, ...],
+    workers: int,
+    force: bool,
+    dry_run: bool,
+    fail_on_loose: bool,
+    accept_tolerance: bool,
+) -> int:
+    """Identify the parameters of all jobs, or of those named; finished jobs whose inputs did not change are kept."""
+    inputs = load(config, overrides)
+    folder = cache_folder(cache)
+    output = inputs.campaign.output
+    if dry_run:
+        parts = key_parts(inputs)
+        decision = look_up(folder, parts)
+        plans = plan(inputs, parts, choose_jobs(inputs, jobs), force)
+        if as_json:
+            say_json({"cache": {"hit": decision.hit, "reason": decision.reason}, "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans}})
+        else:
+            if inputs.campaign.update.evaluation != "full":
+                click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+            for p in plans:
+                click.echo(f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})")
+        return 0
+    outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
+    if verbosity.level >= 0:
+        for name, error in outcome.errors.items():
+            click.echo(f"job {name} failed: {error.message}", err=True)
+    done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
+    code = outcome.exit_code(fail_on_loose)
+    if as_json:
+        say_json({"exit_code": code, "output": output, "kept": outcome.kept, "failed": {n: e.message for n, e in outcome.errors.items()}, "results": outcome.results})
+    else:
+        click.echo(summary_text(output, done))
+        click.echo(f"results in {output}")
+    return code

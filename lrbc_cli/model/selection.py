@@ -1,0 +1,67 @@
+"""Picking DOFs from the DOF table, and ordering terms along an edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.model.dofs import DofTable
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def at_node(table: DofTable, node: int, component: str) -> Integers:
+    """DOFs of a node with a component; empty where there is none."""
+    return np.flatnonzero((table.node == node) & (table.component == component))
+
+
+def nearest(table: DofTable, point: Sequence[float], component: str) -> tuple[int, float] | None:
+    """The DOF with a component that is nearest to a point, and its distance in metres; None where no DOF has the component."""
+    candidates = np.flatnonzero(table.component == component)
+    if not candidates.size:
+        return None
+    distance = np.linalg.norm(table.xyz[candidates] - np.asarray(point, dtype=float), axis=1)
+    best = int(np.argmin(distance))
+    return int(candidates[best]), float(distance[best])
+
+
+def spacing(table: DofTable, dof: int) -> float:
+    """Distance from a DOF to the nearest other node with the same component: the local mesh size in metres."""
+    same = np.flatnonzero((table.component == table.component[dof]) & (table.node != table.node[dof]))
+    if not same.size:
+        return 0.0
+    return float(np.linalg.norm(table.xyz[same] - table.xyz[dof], axis=1).min())
+
+
+def in_box(table: DofTable, component: str, box: Sequence[Sequence[float]]) -> Integers:
+    """DOFs with a component inside a box (borders included), ordered along its longest extent."""
+    low, high = (np.array([axis[side] for axis in box], dtype=float) for side in (0, 1))
+    inside = np.all((table.xyz >= low) & (table.xyz <= high), axis=1) & (table.component == component)
+    dofs = np.flatnonzero(inside)
+    return dofs[along(table.xyz[dofs])] if dofs.size else dofs
+
+
+def along(xyz: Floats) -> Integers:
+    """Order of points along their principal direction."""
+    if xyz.shape[0] < 3:
+        return np.lexsort(xyz.T[::-1])
+    centred = xyz - xyz.mean(axis=0)
+    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
+    direction = direction * np.sign(direction[int(np.argmax(np.abs(direction)))])
+    return np.argsort(np.round(centred @ direction, 12), kind="stable")
+
+
+def arc_length(xyz: Floats) -> Floats:
+    """Length along a polygon from its first point [m]."""
+    steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)]) if xyz.shape[0] else np.zeros(0)
+
+
+def unit_columns(dofs: Sequence[int] | Integers, n: int, scale: float = 1.0) -> sp.csc_array:
+    """(n, m) matrix of unit vectors."""
+    index = np.asarray(dofs, dtype=np.int64)
+    return sp.csc_array((np.full(index.size, scale), (index, np.arange(index.size))), shape=(n, index.size))

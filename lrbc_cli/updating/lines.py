@@ -1,0 +1,58 @@
+"""Choice of the lines that enter the cost: around the resonances, where noise matters least (Sec. 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from lrbc_cli.updating.misfit import decibel
+
+Floats = NDArray[np.float64]
+
+#: A resonance stands out of the mean spectrum by at least this [dB].
+PROMINENCE_DB = 2.0
+
+#: Lines within this of the peak belong to the resonance [dB] ...
+DEPTH_DB = 10.0
+
+#: ... as long as they are within this fraction of its frequency, or two lines.
+HALF_WIDTH = 0.03
+
+
+def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complex128]) -> NDArray[np.int64]:
+    """Indices of the lines around the resonances of the measured FRFs.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured : (F, R) complex array
+        NaN where a response was not measured.
+
+    Returns
+    -------
+    (m,) int array
+        Sorted; all lines where no resonance stands out.
+    """
+    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    level = np.where(valid, decibel(np.where(valid, measured, 1.0)), np.nan)
+    keep: NDArray[np.bool_] = np.zeros(frequency_hz.size, dtype=bool)
+    # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each.
+    spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]
+    if len(spectra) > 1:
+        centred = np.stack([spectrum - np.nanmean(spectrum) for spectrum in spectra])
+        spectra = [np.where(np.isfinite(centred).any(axis=0), np.nansum(centred, axis=0) / np.maximum(np.isfinite(centred).sum(axis=0), 1), -np.inf)]
+    for spectrum in spectra:
+        filled = np.where(np.isfinite(spectrum), spectrum, np.nanmin(spectrum[np.isfinite(spectrum)]))
+        peaks, _ = find_peaks(filled, prominence=PROMINENCE_DB)
+        for peak in peaks:
+            for direction in (-1, 1):
+                at = peak
+                while 0 <= at < filled.size and filled[at] > filled[peak] - DEPTH_DB:
+                    near = abs(frequency_hz[at] - frequency_hz[peak]) <= HALF_WIDTH * frequency_hz[peak] or abs(at - peak) <= 2
+                    if not near:
+                        break
+                    keep[at] = True
+                    at += direction
+    chosen = np.flatnonzero(keep)
+    return chosen if chosen.size else np.arange(frequency_hz.size)

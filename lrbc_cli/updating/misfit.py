@@ -1,0 +1,176 @@
+"""The cost of the paper (29): squared dB differences of the FRFs plus a Tikhonov term on the log10 parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+#: d(20 log10 x)/d ln x.
+DB = 20.0 / float(np.log(10.0))
+
+
+def decibel(H: Complexes | Floats) -> Floats:
+    """20 log10 |H|, eqs. (30), (31)."""
+    return np.asarray(20.0 * np.log10(np.abs(H)))
+
+
+@dataclass(frozen=True)
+class FrfModel:
+    """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
+
+    Attributes
+    ----------
+    s : (F,) complex array
+    parameters : Parameterisation
+    values, linearise : callables
+        From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt).
+    name : str
+        ``port`` or ``reduced``.
+    """
+
+    s: Complexes
+    parameters: Parameterisation
+    values: Callable[[Complexes], Complexes]
+    linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
+    name: str
+
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs."""
+        return self.values(self.parameters.dynamic(theta, self.s))
+
+    def sensitivities(self, theta: Floats) -> tuple[Complexes, Floats]:
+        """FRFs and the derivative of their dB values to theta.
+
+        ``d|H|dB/dtheta = 20/ln10 Re(conj(H) dH/dtheta)/|H|²`` with the chain rule through ``D_j = c_j(s) kappa_j``, eqs. (35), (36), (A.4).
+
+        Returns
+        -------
+        y : (F, R) complex array
+        J : (F, R, size) float array
+            dB per decade.
+        """
+        P = self.parameters
+        y, dy = self.linearised(P.dynamic(theta, self.s))
+        # Re(conj(H) dH)/|H|² = Re(dH/H)
+        relative = dy * (DB / y)[:, :, None]
+        c = P.spectra(theta, self.s)
+        by_term = np.einsum("frt,ft->frt", relative, c).real
+        J = by_term @ P.scale_jacobian(theta)
+        kappa = P.scales(theta)
+        for at, terms, slope in P.damping_spectra(theta, self.s):
+            J[:, :, at] = ((relative[:, :, terms] @ kappa[terms]) * slope[:, None]).real
+        return y, J
+
+
+def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
+    """FRFs by the port formula: cost of an evaluation independent of n and r."""
+    return FrfModel(ports.s, parameters, ports.evaluate, ports.linearise, "port")
+
+
+def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
+    """FRFs by the reduced dynamic stiffness (28), (32): cheaper where there are more terms than reduced DOFs."""
+
+    def linearise(D: Complexes) -> tuple[Complexes, Complexes]:
+        y, dy = model.linearise(s, D)
+        return y[:, responses], dy[:, responses]
+
+    return FrfModel(s, parameters, lambda D: model.evaluate(s, D)[:, responses], linearise, "reduced")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Cost and its ingredients at one theta.
+
+    Attributes
+    ----------
+    cost : float
+        log10 of ``total``, eq. (29).
+    total : float
+        Sum of squares of data and regularisation [dB²].
+    data : float
+        Part of the FRFs.
+    misfit_db : float
+        Mean absolute difference over the selected lines and responses.
+    residual : (m,) float array
+        Data residuals in dB, then weighted deviations from the prior.
+    jacobian : (m, size) float array
+    """
+
+    cost: float
+    total: float
+    data: float
+    misfit_db: float
+    residual: Floats = field(repr=False)
+    jacobian: Floats = field(repr=False)
+
+    @property
+    def gradient(self) -> Floats:
+        """Of ``cost``: 2 Jᵀr / (ln 10 total)."""
+        return np.asarray(2.0 * self.jacobian.T @ self.residual / (np.log(10.0) * self.total))
+
+
+class Misfit:
+    """Cost (29) with gradient and Jacobian at the selected lines.
+
+    Parameters
+    ----------
+    model : FrfModel
+        At the selected lines, responses used only.
+    measured : (F, R) complex array
+        Measured FRFs there; lines that are not to count are NaN.
+    prior : (size,) float array
+        p_init of the Tikhonov term.
+    eta : float
+        Weight of ``(p - p_init)²`` [dB²/decade²]; p_damp is not regularised.
+
+    Raises
+    ------
+    DataError
+        Where nothing is left to compare.
+    """
+
+    def __init__(self, model: FrfModel, measured: Complexes, prior: Floats, eta: float) -> None:
+        self.model = model
+        self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
+        if not self.valid.any():
+            raise DataError("no measured value is left to compare with", expected="finite, non-zero FRFs on the selected lines")
+        self.target = np.where(self.valid, decibel(np.where(self.valid, measured, 1.0)), 0.0)
+        self.prior = prior
+        self.root_eta = np.where(model.parameters.is_damping, 0.0, np.sqrt(eta))
+        self.evaluations = 0
+
+    @property
+    def lines(self) -> int:
+        """Lines of one evaluation."""
+        return int(self.model.s.size)
+
+    def __call__(self, theta: Floats) -> Evaluation:
+        """Evaluate cost, residual and Jacobian in a single pass."""
+        y, J = self.model.sensitivities(theta)
+        self.evaluations += 1
+        difference = (decibel(y) - self.target)[self.valid]
+        regularised = self.root_eta > 0
+        residual = np.concatenate([difference, (self.root_eta * (theta - self.prior))[regularised]])
+        jacobian = np.vstack([J[self.valid], np.diag(self.root_eta)[regularised]])
+        data = float(difference @ difference)
+        total = max(float(residual @ residual), np.finfo(float).tiny)
+        return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
+
+
+def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
+    """(R,) mean absolute dB difference of each response over the lines where it was measured."""
+    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    difference = np.abs(decibel(y) - decibel(np.where(valid, measured, 1.0)))
+    count = valid.sum(axis=0)
+    return np.where(count > 0, np.where(valid, difference, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
