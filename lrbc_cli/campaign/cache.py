@@ -98,7 +98,9 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     key = _digest(sorted(parts.items()))[:32]
     path = folder / key / "model.h5"
     if path.is_file():
-        return CacheDecision(key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache")
+        return CacheDecision(
+            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache"
+        )
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
         try:
@@ -111,7 +113,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
                 nearest = different
     if nearest is None:
         reason = "the cache is empty"
-    elif len(nearest) == len(parts) or "operators" in nearest and len(nearest) > 3:
+    elif len(nearest) == len(parts) or ("operators" in nearest and len(nearest) > 3):
         reason = "no model of these matrices is in the cache"
     else:
         reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
@@ -157,7 +159,9 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
             json.dump(parts, file, indent=1)
     except OSError as error:
         raise ConfigError(
-            f"the cache cannot be written ({error.strerror or error})", file=decision.path.parent, hint="name another folder with --cache or LRBC_CACHE"
+            f"the cache cannot be written ({error.strerror or error})",
+            file=decision.path.parent,
+            hint="name another folder with --cache or LRBC_CACHE",
         ) from error
 
 
@@ -171,7 +175,12 @@ def load(decision: CacheDecision) -> Reduction:
     """
     tree = read_store(decision.path)
     if tree.get("format") != FORMAT or tree.get("version") != FORMAT_VERSION:
-        raise DataError("this is not a reduced model of this version", file=decision.path, expected=f"{FORMAT} {FORMAT_VERSION}", found=str(tree.get("format")))
+        raise DataError(
+            "this is not a reduced model of this version",
+            file=decision.path,
+            expected=f"{FORMAT} {FORMAT_VERSION}",
+            found=str(tree.get("format")),
+        )
     try:
         options = tree["options"] | {"band_hz": tuple(tree["options"]["band_hz"])}
         summary = tree["summary"]
@@ -198,7 +207,7 @@ def load(decision: CacheDecision) -> Reduction:
         raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error
 
 
-def ports_path(decision: CacheDecision, s: NDArray[np.complex128], kind: str) -> Path:
+def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:
     """Where the port FRFs of these lines lie, beside the reduced model."""
     return decision.path.parent / f"ports-{kind}-{_digest(s)[:16]}.h5"
 

@@ -89,15 +89,19 @@ def _model(inputs: Inputs, out: Findings) -> list[str]:
     for name, matrix in (("stiffness", m.K), ("mass", m.M), ("damping", m.C)):
         lower, upper = _triangles(matrix)
         if matrix.nnz and (lower == 0) != (upper == 0):
-            out.warnings.append(f"{name}: only one triangle is stored; if the matrix is symmetric, export it whole or with a symmetric banner")
+            out.warnings.append(
+                f"{name}: only one triangle is stored; if the matrix is symmetric, export it whole or with a symmetric banner"
+            )
         defect = asymmetry(matrix)
-        if not acoustic and 0 < defect and not coupling.symmetric:
+        if not acoustic and defect > 0 and not coupling.symmetric:
             lines.append(f"{name}: relative asymmetry {defect:.1e}")
     if np.iscomplexobj(m.K.data):
         ratio = m.K.imag.diagonal().sum() / m.K.real.diagonal().sum()
         lines.append(f"stiffness is complex (hysteretic damping), loss factor about {ratio:.3g}")
         if ratio < 0:
-            out.warnings.append("the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix")
+            out.warnings.append(
+                "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix"
+            )
     massless = int((np.abs(m.M).sum(axis=0) == 0).sum())
     if massless:
         lines.append(f"{massless} massless DOFs (singular mass matrix): allowed")
@@ -105,9 +109,13 @@ def _model(inputs: Inputs, out: Findings) -> list[str]:
     empty = int(((diagonal == 0) & (np.abs(m.M).sum(axis=0) == 0) & (np.abs(m.K).sum(axis=0) == 0)).sum())
     if empty:
         out.warnings.append(f"{empty} DOFs have neither stiffness nor mass (fixed or orphan nodes): remove them from the export")
-    penalty = int((diagonal[~m.is_acoustic] > 1e8 * max(float(np.median(diagonal[~m.is_acoustic])), 1e-300)).sum()) if acoustic < m.size else 0
+    penalty = (
+        int((diagonal[~m.is_acoustic] > 1e8 * max(float(np.median(diagonal[~m.is_acoustic])), 1e-300)).sum()) if acoustic < m.size else 0
+    )
     if penalty:
-        out.warnings.append(f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned")
+        out.warnings.append(
+            f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
+        )
     if inputs.dofs is not None:
         masses = []
         for component in TRANSLATIONS:
@@ -117,7 +125,9 @@ def _model(inputs: Inputs, out: Findings) -> list[str]:
         if masses:
             lines.append("mass sum over translations: " + ", ".join(masses) + " (free DOFs only; compare with the weight of the structure)")
     symmetric = "same left and right vectors" if m.terms.symmetric else "left and right vectors differ"
-    lines.append(f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used")
+    lines.append(
+        f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used"
+    )
     return lines
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,14 @@ from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Misfit, mean_misfit
-from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.optimise import Solution, bfgs
 from lrbc_cli.updating.saturation import Saturation, saturation
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,18 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     if config.damping is not None:
         damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
     return ParameterGroup(
-        group.name, config.kind, group.terms, group.parameter, np.full(count, start), np.tile([low, high], (count, 1)), W, config.baseline, damping,
-        group.xyz, group.arc_length,
-    )  # fmt: skip
+        group.name,
+        config.kind,
+        group.terms,
+        group.parameter,
+        np.full(count, start),
+        np.tile([low, high], (count, 1)),
+        W,
+        config.baseline,
+        damping,
+        group.xyz,
+        group.arc_length,
+    )
 
 
 def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
@@ -173,15 +184,26 @@ def identify(inputs: Inputs, source: FrfSource, name: str) -> Identification:
     if settings.method == "bfgs":
         solution = bfgs(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
     else:
-        solution = gauss_newton(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-5, max_iterations=settings.max_iterations)
+        solution = gauss_newton_by_levels(
+            misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-4, max_iterations=settings.max_iterations
+        )
     if solution.status == "failed":
         raise NumericalError(f"job {name}: {solution.reason}")
     optimised = time.perf_counter()
     band = source.model(s, parameters)
     initial, updated = band.frf(theta0), band.frf(solution.theta)
     return Identification(
-        name, solution, parameters, limits, measurement, selected, initial, updated,
-        mean_misfit(initial, measurement.values), mean_misfit(updated, measurement.values),
-        solution.history[0].cost, solution.evaluations * misfit.lines,
+        name,
+        solution,
+        parameters,
+        limits,
+        measurement,
+        selected,
+        initial,
+        updated,
+        mean_misfit(initial, measurement.values),
+        mean_misfit(updated, measurement.values),
+        solution.history[0].cost,
+        solution.evaluations * misfit.lines,
         {"read": read - start, "port": ports - read, "optimise": optimised - ports, "total": time.perf_counter() - start},
-    )  # fmt: skip
+    )

@@ -170,7 +170,11 @@ class _Reader:
             matrix = matrix.T.tocsc()
         if matrix.shape[0] != self.n:
             raise DataError(
-                f"the vectors of {what} do not fit the model", file=ref.path, place=ref.group, expected=f"{self.n} rows", found=f"{matrix.shape[0]} x {matrix.shape[1]}"
+                f"the vectors of {what} do not fit the model",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{self.n} rows",
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
             )
         if np.iscomplexobj(matrix.data):
             raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
@@ -192,7 +196,9 @@ class _Reader:
             if dofs.size != 1:
                 here = sorted(table.component[table.node == point.node].tolist())
                 raise campaign.error(
-                    f"node {point.node} has no DOF {point.component}" if not dofs.size else f"node {point.node} has several DOFs {point.component}",
+                    f"node {point.node} has no DOF {point.component}"
+                    if not dofs.size
+                    else f"node {point.node} has several DOFs {point.component}",
                     *keys,
                     expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
                     found=point.component if here else f"node {point.node}",
@@ -216,12 +222,18 @@ class _Reader:
     # -- parts of the model -----------------------------------------------------------------------------------------
 
     def loads(self) -> tuple[sp.csc_array, list[int | None]]:
-        columns, nodes = [], []
+        columns: list[sp.csc_array] = []
+        nodes: list[int | None] = []
         for name, point in self.campaign.excitation.items():
             if point.vector is not None:
                 matrix = self.vectors(point.vector, f"excitation.{name}")
                 if matrix.shape[1] != 1 or matrix.nnz == 0:
-                    raise DataError("an excitation is one vector that is not zero", file=point.vector.path, expected="one column", found=f"{matrix.shape[1]}")
+                    raise DataError(
+                        "an excitation is one vector that is not zero",
+                        file=point.vector.path,
+                        expected="one column",
+                        found=f"{matrix.shape[1]}",
+                    )
                 columns.append(matrix * point.scale)
                 nodes.append(None)
                 continue
@@ -248,7 +260,10 @@ class _Reader:
                 )
             if point.excitation is None and len(excitations) > 1:
                 raise self.campaign.error(
-                    f"response {name} does not say to which excitation it belongs", "responses", name, expected=f"excitation: one of {', '.join(excitations)}"
+                    f"response {name} does not say to which excitation it belongs",
+                    "responses",
+                    name,
+                    expected=f"excitation: one of {', '.join(excitations)}",
                 )
             at = excitations.index(point.excitation) if point.excitation else 0
             self.notes.append(f"response {name}: {text}, {quantity}")
@@ -262,12 +277,16 @@ class _Reader:
             assert ref is not None
             matrix = self.vectors(ref, f"responses.{name}")
             if point.row >= matrix.shape[1]:
-                raise self.campaign.error("this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row)
+                raise self.campaign.error(
+                    "this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row
+                )
             column = matrix[:, [point.row]]
             fields = acoustic[column.indices]
             if column.nnz == 0 or (fields.any() and not fields.all()):
                 raise DataError(
-                    f"the output row of {name} is {'empty' if column.nnz == 0 else 'a mixture of pressures and motions'}", file=ref.path, place=f"row {point.row}"
+                    f"the output row of {name} is {'empty' if column.nnz == 0 else 'a mixture of pressures and motions'}",
+                    file=ref.path,
+                    place=f"row {point.row}",
                 )
             return (column.T * point.scale).tocsc(), None, f"row {point.row} of {ref.path.name}", bool(fields.all())
         dof, text = self.pick(point, "responses", name)
@@ -314,9 +333,13 @@ class _Reader:
             beta = config.damping.beta if config.damping.beta is not None else beta
             if beta <= 0:
                 raise self.campaign.error(
-                    "damping tied to stiffness needs a coefficient beta", "parameters", name, "damping", expected="beta: seconds, for instance 1e-6",
+                    "damping tied to stiffness needs a coefficient beta",
+                    "parameters",
+                    name,
+                    "damping",
+                    expected="beta: seconds, for instance 1e-6",
                     found="no beta here, and no model.damping.structure.beta",
-                )  # fmt: skip
+                )
         group = TermGroup(name, config, np.arange(first, first + m), parameter, xyz, arc_length(xyz) if xyz is not None else None, beta)
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
@@ -331,18 +354,29 @@ class _Reader:
             dofs = read_dof_list(select.dofs)
             self.hash(select.dofs)
             if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
-                raise DataError("this list of DOFs does not fit the model", file=select.dofs, expected=f"DOFs from 0 to {self.n - 1}", found=str(dofs[:5].tolist()))
+                raise DataError(
+                    "this list of DOFs does not fit the model",
+                    file=select.dofs,
+                    expected=f"DOFs from 0 to {self.n - 1}",
+                    found=str(dofs[:5].tolist()),
+                )
             return dofs
         table = self.dofs
         if table is None:
-            raise campaign.error("components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}")
+            raise campaign.error(
+                "components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}"
+            )
         assert select.component is not None
         components = sorted(set(table.component.tolist()))
         if select.component not in components:
             raise campaign.error(
-                "no DOF has this component", *keys, "component", expected=f"one of {', '.join(components)}", found=select.component,
+                "no DOF has this component",
+                *keys,
+                "component",
+                expected=f"one of {', '.join(components)}",
+                found=select.component,
                 hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )  # fmt: skip
+            )
         if select.nodes is not None:
             out = []
             for node in select.nodes:
@@ -350,9 +384,11 @@ class _Reader:
                 if found.size != 1:
                     known = bool(np.any(table.node == node))
                     raise campaign.error(
-                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist", *keys, "nodes",
+                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                        *keys,
+                        "nodes",
                         hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
-                    )  # fmt: skip
+                    )
                 out.append(int(found[0]))
             return np.array(out)
         assert select.box is not None
@@ -361,10 +397,12 @@ class _Reader:
             inside = table.xyz[table.component == select.component]
             low, high = inside.min(axis=0), inside.max(axis=0)
             raise campaign.error(
-                f"no DOF {select.component} lies in this box", *keys, "box",
+                f"no DOF {select.component} lies in this box",
+                *keys,
+                "box",
                 expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
                 hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )  # fmt: skip
+            )
         return dofs
 
 
@@ -397,13 +435,18 @@ def read_inputs(campaign: Campaign) -> Inputs:
         reader.hash(campaign.model.dofs)
         if reader.dofs.size != n:
             raise DataError(
-                "the DOF table does not fit the matrices", file=campaign.model.dofs, expected=f"{n} DOFs", found=f"{reader.dofs.size}",
+                "the DOF table does not fit the matrices",
+                file=campaign.model.dofs,
+                expected=f"{n} DOFs",
+                found=f"{reader.dofs.size}",
                 hint="export matrices and DOF table of one model in one run",
-            )  # fmt: skip
+            )
     acoustic = reader.dofs.is_acoustic if reader.dofs else np.zeros(n, dtype=bool)
     damping = campaign.model.damping
     if isinstance(damping, ProportionalDamping):
-        C = proportional_damping(K, M, acoustic, (damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+        C = proportional_damping(
+            K, M, acoustic, (damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta)
+        )
         reader.notes.append(
             f"damping: proportional, structure alpha {damping.structure.alpha:g} beta {damping.structure.beta:g}"
             + (f", acoustic alpha {damping.acoustic.alpha:g} beta {damping.acoustic.beta:g}" if acoustic.any() else "")
@@ -433,9 +476,18 @@ def read_inputs(campaign: Campaign) -> Inputs:
         reader.hash(campaign.bolts)
     model = FeModel(K, C, M, B, L, output_power, acoustic, terms)
     return Inputs(
-        campaign, model, reader.dofs, tuple(responses), tuple(campaign.excitation), tuple(nodes), tuple(groups), bolts,
-        tuple(reader.notes), tuple(reader.warnings), reader.hashes,
-    )  # fmt: skip
+        campaign,
+        model,
+        reader.dofs,
+        tuple(responses),
+        tuple(campaign.excitation),
+        tuple(nodes),
+        tuple(groups),
+        bolts,
+        tuple(reader.notes),
+        tuple(reader.warnings),
+        reader.hashes,
+    )
 
 
 __all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_inputs"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -74,9 +75,11 @@ def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet
             if len(own) == 1:
                 return own[0]
             raise DataError(
-                f"several records fit response {response.name} ({how})", file=frf.source, found="; ".join(_describe(r) for r in found[:12]),
+                f"several records fit response {response.name} ({how})",
+                file=frf.source,
+                found="; ".join(_describe(r) for r in found[:12]),
                 hint=f"say which one in responses.{response.name}.record or in the job's records",
-            )  # fmt: skip
+            )
         return found[0] if found else None
 
     if isinstance(wanted, RecordRef):
@@ -159,14 +162,20 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             coherence[found, i] = own[at[found]]
         for key in (inputs.responses[i].name, record.name, (record.response_node, record.response_direction)):
             if key in coherences:
-                lines, table = coherences[key]  # type: ignore[index]
+                lines, table = coherences[key]
                 at, found = _indices(lines, axis)
                 coherence[found, i] = table[at[found]]
                 break
     for i in sorted(used):
         if not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
-            raise DataError(f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values")
-    notes.insert(0, f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz" + (f" ({low} below and {high} above the band left out)" if low or high else ""))
+            raise DataError(
+                f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values"
+            )
+    notes.insert(
+        0,
+        f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz"
+        + (f" ({low} below and {high} above the band left out)" if low or high else ""),
+    )
     return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), hashes)
 
 

@@ -156,7 +156,9 @@ def verdicts(inputs: Inputs, result: Identification, reference: Mapping[str, Any
     return judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
 
 
-def write_result(output: Path, inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None) -> dict[str, Any]:
+def write_result(
+    output: Path, inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """Write profile.csv, frf.csv and result.json of one job; returns the tree of the latter."""
     folder = output / result.name
     tree = result_tree(inputs, stage, result, identity, reference)
@@ -166,7 +168,9 @@ def write_result(output: Path, inputs: Inputs, stage: ReductionStage | None, res
     return tree
 
 
-def result_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None) -> dict[str, Any]:
+def result_tree(
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """The content of ``result.json``."""
     campaign, solution = inputs.campaign, result.solution
     parameters: dict[str, Any] = {}
@@ -245,7 +249,8 @@ def result_tree(inputs: Inputs, stage: ReductionStage | None, result: Identifica
             "held_out_initial": _mean(result.misfit_initial[held_out]),
             "held_out_final": _mean(result.misfit_final[held_out]),
             "responses": {
-                name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)} for i, name in enumerate(names)
+                name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)}
+                for i, name in enumerate(names)
             },
         },
         "bolts": bolts,
@@ -253,7 +258,8 @@ def result_tree(inputs: Inputs, stage: ReductionStage | None, result: Identifica
         "evaluations": solution.evaluations,
         "line_evaluations": result.line_evaluations,
         "history": [
-            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted} for entry in solution.history
+            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted}
+            for entry in solution.history
         ],
         "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
         "optimiser": {
@@ -279,7 +285,19 @@ def _mean(values: Floats) -> float | None:
 
 def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
     """Header and rows of ``profile.csv``."""
-    header = ["group", "term", "x", "y", "z", "arc_length_m", "log10_initial", "log10", "log10_effective", "log10_per_metre", "log10_reference"]
+    header = [
+        "group",
+        "term",
+        "x",
+        "y",
+        "z",
+        "arc_length_m",
+        "log10_initial",
+        "log10",
+        "log10_effective",
+        "log10_per_metre",
+        "log10_reference",
+    ]
     rows = []
     for name, group in tree["parameters"].items():
         for k in range(len(group["log10"])):
@@ -290,10 +308,17 @@ def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
             position = [None] * 3 if group["positions"] is None else list(group["positions"][k])
             rows.append(
                 [
-                    name, k, *position, pick("arc_length"), pick("initial_effective"), pick("log10"), pick("log10_effective"), pick("log10_per_metre"),
+                    name,
+                    k,
+                    *position,
+                    pick("arc_length"),
+                    pick("initial_effective"),
+                    pick("log10"),
+                    pick("log10_effective"),
+                    pick("log10_per_metre"),
                     pick("reference_log10_effective"),
                 ]
-            )  # fmt: skip
+            )
     return header, rows
 
 
@@ -353,7 +378,8 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             "jobs": list(campaign.jobs),
             "bolts": bolts,
             "responses": [
-                {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)} for i, r in enumerate(inputs.responses)
+                {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)}
+                for i, r in enumerate(inputs.responses)
             ],
             "tool": {"name": "lrbc", "version": __version__},
         },
@@ -408,9 +434,24 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
 
 
 CAMPAIGN_COLUMNS = [
-    "job", "status", "loose", "undecided", "removed", "damping_exponent", "damping_factor", "misfit_initial_db", "misfit_final_db",
-    "held_out_misfit_final_db", "cost_initial", "cost_final", "iterations", "evaluations", "line_evaluations", "seconds", "reason",
-]  # fmt: skip
+    "job",
+    "status",
+    "loose",
+    "undecided",
+    "removed",
+    "damping_exponent",
+    "damping_factor",
+    "misfit_initial_db",
+    "misfit_final_db",
+    "held_out_misfit_final_db",
+    "cost_initial",
+    "cost_final",
+    "iterations",
+    "evaluations",
+    "line_evaluations",
+    "seconds",
+    "reason",
+]
 
 
 def write_table(output: Path, jobs: Sequence[str]) -> None:
@@ -430,11 +471,22 @@ def write_table(output: Path, jobs: Sequence[str]) -> None:
         misfit = tree["misfit_db"]
         rows.append(
             [
-                name, tree["status"], *(" ".join(b["name"] for b in tree["bolts"] if b["verdict"] == v) for v in ("loose", "undecided")),
+                name,
+                tree["status"],
+                *(" ".join(b["name"] for b in tree["bolts"] if b["verdict"] == v) for v in ("loose", "undecided")),
                 " ".join(tree["removed"] or []),
-                " ".join(f"{g['damping_exponent']:.6g}" for g in damped), " ".join(f"{g['damping_factor']:.6g}" for g in damped),
-                misfit["initial"], misfit["final"], misfit["held_out_final"], tree["cost"]["initial"], tree["cost"]["final"],
-                tree["iterations"], tree["evaluations"], tree["line_evaluations"], tree["seconds"]["total"], tree["reason"],
+                " ".join(f"{g['damping_exponent']:.6g}" for g in damped),
+                " ".join(f"{g['damping_factor']:.6g}" for g in damped),
+                misfit["initial"],
+                misfit["final"],
+                misfit["held_out_final"],
+                tree["cost"]["initial"],
+                tree["cost"]["final"],
+                tree["iterations"],
+                tree["evaluations"],
+                tree["line_evaluations"],
+                tree["seconds"]["total"],
+                tree["reason"],
             ]
-        )  # fmt: skip
+        )
     write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)

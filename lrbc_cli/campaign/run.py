@@ -93,9 +93,21 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
     positions = [group.xyz for group in inputs.groups]
     bolts = None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())
     return cache._digest(
-        IDENTIFICATION_VERSION, sorted(parts.items()), list(resolved["parameters"]), groups, beta, *[p for p in positions if p is not None], settings, about,
-        records, names, bolts, contents(job.frf), contents(job.coherence), campaign.update.reference == name,
-    )[:32]  # fmt: skip
+        IDENTIFICATION_VERSION,
+        sorted(parts.items()),
+        list(resolved["parameters"]),
+        groups,
+        beta,
+        *[p for p in positions if p is not None],
+        settings,
+        about,
+        records,
+        names,
+        bolts,
+        contents(job.frf),
+        contents(job.coherence),
+        campaign.update.reference == name,
+    )[:32]
 
 
 def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
@@ -139,7 +151,13 @@ def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
     campaign = inputs.campaign
     for name in wanted:
         if name not in campaign.jobs:
-            raise ConfigError(f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name)
+            raise ConfigError(
+                f"no job '{name}' in this campaign",
+                file=campaign.path,
+                place="--job",
+                expected=", ".join(campaign.jobs) or "a job",
+                found=name,
+            )
     if not campaign.jobs:
         raise campaign.error("this campaign has no jobs", "jobs", expected="at least one measurement", hint="add a job: NAME: {frf: file}")
     names = [name for name in campaign.jobs if not wanted or name in wanted]
@@ -229,7 +247,9 @@ def run_jobs(
         else:
             outcome.results[name] = tree
             misfit = tree["misfit_db"]
-            progress(f"{name}: {tree['status']}, misfit {misfit['initial']:.2f} -> {misfit['final']:.2f} dB, {tree['seconds']['total']:.1f} s")
+            progress(
+                f"{name}: {tree['status']}, misfit {misfit['initial']:.2f} -> {misfit['final']:.2f} dB, {tree['seconds']['total']:.1f} s"
+            )
 
     if reference in todo:
         # The others are compared with it.

@@ -34,10 +34,12 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
     """
 
     def refuse(problem: str, found: object) -> ConfigError:
-        return ConfigError(problem, place=f"--lines {text}", expected="START:STOP:STEP or F1,F2,... in Hz, for instance 20:400:1 or 33.3,71.7", found=found)
+        return ConfigError(
+            problem, place=f"--lines {text}", expected="START:STOP:STEP or F1,F2,... in Hz, for instance 20:400:1 or 33.3,71.7", found=found
+        )
 
     if text is None:
-        return np.arange(np.ceil(band[0]), np.floor(band[1]) + 1e-9)
+        return np.arange(int(np.ceil(band[0])), int(np.floor(band[1])) + 1).astype(np.float64)
     number = r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
@@ -72,9 +74,11 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
         damped = part == "damping"
         if not equals or group_name not in names or part not in ("", "damping"):
             raise ConfigError(
-                "not a value for a parameter group", place=f"--set {text}", expected="GROUP=LOG10, GROUP=V1,V2,... or GROUP.damping=LOG10 with GROUP one of "
-                + ", ".join(names), found=text,
-            )  # fmt: skip
+                "not a value for a parameter group",
+                place=f"--set {text}",
+                expected="GROUP=LOG10, GROUP=V1,V2,... or GROUP.damping=LOG10 with GROUP one of " + ", ".join(names),
+                found=text,
+            )
         index = names.index(group_name)
         group, (where, at) = parameters.groups[index], parameters.slices[index]
         try:
@@ -84,14 +88,22 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
         if damped:
             if at is None or numbers.size != 1 or not np.isfinite(numbers[0]):
                 raise ConfigError(
-                    f"group {group_name} has no damping exponent" if at is None else "the damping exponent is one finite number", place=f"--set {text}"
+                    f"group {group_name} has no damping exponent" if at is None else "the damping exponent is one finite number",
+                    place=f"--set {text}",
                 )
             theta[at] = numbers[0]
             continue
         if numbers.size not in (1, group.count):
-            raise ConfigError("the number of values does not fit the group", place=f"--set {text}", expected=f"1 or {group.count} values", found=numbers.size)
+            raise ConfigError(
+                "the number of values does not fit the group",
+                place=f"--set {text}",
+                expected=f"1 or {group.count} values",
+                found=numbers.size,
+            )
         if np.isnan(numbers).any() or (np.isposinf(numbers).any() and group.kind != "stiffness"):
-            raise ConfigError("this value cannot be used", place=f"--set {text}", expected="log10 values; inf only clamps stiffness", found=values)
+            raise ConfigError(
+                "this value cannot be used", place=f"--set {text}", expected="log10 values; inf only clamps stiffness", found=values
+            )
         theta[where] = numbers
     return theta
 
@@ -106,7 +118,9 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     """
     campaign = inputs.campaign
     if name not in campaign.jobs:
-        raise ConfigError(f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name)
+        raise ConfigError(
+            f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name
+        )
     path = campaign.output / name / "result.json"
     tree = read_json(path, RESULT_FORMAT)
     if tree is None or tree["status"] == "failed":
@@ -115,7 +129,9 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
         stored = tree["parameters"].get(group.name)
         if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
-            raise DataError(f"the result of job {name} does not fit group {group.name} as it is now", file=path, hint="run lrbc update again")
+            raise DataError(
+                f"the result of job {name} does not fit group {group.name} as it is now", file=path, hint="run lrbc update again"
+            )
         theta[where] = stored["log10"]
         if at is not None:
             theta[at] = stored["damping_exponent"]
@@ -158,14 +174,19 @@ def simulate(
     FrfSet
     """
     if out.suffix.lower() not in WRITERS:
-        raise ConfigError("this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none")
+        raise ConfigError(
+            "this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
+        )
     band = inputs.campaign.reduction.band
     frequency = parse_lines(lines, band)
     if not full and (frequency[0] < band[0] * (1 - 1e-9) or frequency[-1] > band[1] * (1 + 1e-9)):
         raise ConfigError(
-            "the reduced model does not hold outside its band", place=f"--lines {lines}", expected=f"{band[0]:g} to {band[1]:g} Hz",
-            found=f"{frequency[0]:g} to {frequency[-1]:g} Hz", hint="change reduction.band, or use --full",
-        )  # fmt: skip
+            "the reduced model does not hold outside its band",
+            place=f"--lines {lines}",
+            expected=f"{band[0]:g} to {band[1]:g} Hz",
+            found=f"{frequency[0]:g} to {frequency[-1]:g} Hz",
+            hint="change reduction.band, or use --full",
+        )
     s = 2j * np.pi * frequency
     stage = None if full else obtain_reduction(inputs, folder, accept=accept, progress=progress)
     kind = "full" if full else ("port" if stage and inputs.model.terms.size <= stage.reduction.model.size else "reduced")
@@ -178,10 +199,17 @@ def simulate(
     for i, response in enumerate(inputs.responses):
         records.append(
             FrfRecord(
-                response.name, frequency, y[:, i], response.quantity, response_node=response.node, response_direction=_direction(inputs, i),
-                reference_node=inputs.excitation_nodes[response.input], reference_direction=3, place=response.name,
+                response.name,
+                frequency,
+                y[:, i].astype(complex),
+                response.quantity,
+                response_node=response.node,
+                response_direction=_direction(inputs, i),
+                reference_node=inputs.excitation_nodes[response.input],
+                reference_direction=3,
+                place=response.name,
             )
-        )  # fmt: skip
+        )
     frf = FrfSet(str(out), tuple(records))
     try:
         write_frf(out, frf)

@@ -16,7 +16,13 @@ from lrbc_cli.cli.options import campaign_options
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .csv, .uff or .h5.")
 @click.option("--job", metavar="NAME", help="Use the parameters that were identified from this job.")
 @click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
-@click.option("--set", "assignments", multiple=True, metavar="GROUP=LOG10", help="Value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.")
+@click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="GROUP=LOG10",
+    help="Value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
+)
 @click.option("--full", is_flag=True, help="Full order: one solve of the whole model a line.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def simulate(
@@ -34,7 +40,15 @@ def simulate(
     """Compute FRFs of the model and write them to a file."""
     inputs = load(config, overrides)
     frf = compute(
-        inputs, cache_folder(cache), out, job=job, lines=lines, assignments=assignments, full=full, accept=accept_tolerance, progress=progress()
+        inputs,
+        cache_folder(cache),
+        out,
+        job=job,
+        lines=lines,
+        assignments=assignments,
+        full=full,
+        accept=accept_tolerance,
+        progress=progress(),
     )
     count = frf.records[0].frequency_hz.size
     if as_json:

@@ -42,7 +42,12 @@ def update(
         decision = look_up(folder, parts)
         plans = plan(inputs, parts, choose_jobs(inputs, jobs), force)
         if as_json:
-            say_json({"cache": {"hit": decision.hit, "reason": decision.reason}, "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans}})
+            say_json(
+                {
+                    "cache": {"hit": decision.hit, "reason": decision.reason},
+                    "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans},
+                }
+            )
         else:
             if inputs.campaign.update.evaluation != "full":
                 click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
@@ -56,7 +61,15 @@ def update(
     done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
     code = outcome.exit_code(fail_on_loose)
     if as_json:
-        say_json({"exit_code": code, "output": output, "kept": outcome.kept, "failed": {n: e.message for n, e in outcome.errors.items()}, "results": outcome.results})
+        say_json(
+            {
+                "exit_code": code,
+                "output": output,
+                "kept": outcome.kept,
+                "failed": {n: e.message for n, e in outcome.errors.items()},
+                "results": outcome.results,
+            }
+        )
     else:
         click.echo(summary_text(output, done))
         click.echo(f"results in {output}")

@@ -81,7 +81,12 @@ def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: 
     mismatch = _norm((B + kappa * A.T).tocsc()) / _norm(B)
     defect = max(*defects, *stray, mismatch)
     if defect < EQUAL:
-        return Coupling(True, kappa, defect, f"u-p coupled, M_as = -kappa K_saᵀ with kappa = {kappa:.6g} (mismatch {mismatch:.1e}): symmetrised")
+        return Coupling(
+            True, kappa, defect, f"u-p coupled, M_as = -kappa K_saᵀ with kappa = {kappa:.6g} (mismatch {mismatch:.1e}): symmetrised"
+        )
     return Coupling(
-        False, None, defect, f"u-p coupled, but coupling blocks or diagonal blocks are not transposes of each other (defect {defect:.1e}): LU"
+        False,
+        None,
+        defect,
+        f"u-p coupled, but coupling blocks or diagonal blocks are not transposes of each other (defect {defect:.1e}): LU",
     )

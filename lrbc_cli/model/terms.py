@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 LN10 = float(np.log(10.0))
 
@@ -45,7 +46,7 @@ class LowRankTerms:
     @property
     def symmetric(self) -> bool:
         """Whether left and right vectors are the same."""
-        return self.left.shape == self.right.shape and (self.left != self.right).nnz == 0
+        return bool(self.left.shape == self.right.shape and (self.left != self.right).nnz == 0)
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,9 @@ class ParameterGroup:
         power = np.power(10.0, p)
         if np.all(np.isfinite(power)):
             return np.asarray(self.smoothing @ power)
-        return np.asarray(np.sum(np.where(self.smoothing == 0.0, 0.0, self.smoothing * np.where(self.smoothing == 0.0, 0.0, power)), axis=1))
+        return np.asarray(
+            np.sum(np.where(self.smoothing == 0.0, 0.0, self.smoothing * np.where(self.smoothing == 0.0, 0.0, power)), axis=1)
+        )
 
     def value_jacobian(self, p: Floats) -> Floats:
         """(k, k) derivative of ``values`` to p."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import NumericalError
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Loss of orthonormality above which the basis is refused.
 ORTHONORMALITY = 1e-10

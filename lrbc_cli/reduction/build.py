@@ -13,6 +13,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,7 +32,7 @@ from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, referen
 log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
 ALGORITHM_VERSION = 1
@@ -177,7 +178,7 @@ class Reducer:
     ) -> None:
         self.clock = _Clock()
         self.model, self.options, self.input_of = model, options, input_of
-        low, high = (2 * np.pi * f for f in options.band_hz)
+        high = 2 * np.pi * options.band_hz[1]
         self.scale = local_scale(model.K, model.M, model.terms, high)
         self.reference = reference_values(model.terms, self.scale, high)
         K, C, M = full_operators(model, self.reference)
@@ -191,9 +192,7 @@ class Reducer:
         weight = energy_weight(K, M, high)
         masks = [~model.is_acoustic, model.is_acoustic]
         self.fields = [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()]
-        self.projection = Projection(
-            (K, C, M), self.inputs, self.outputs, self.fields, dual=self.dual_rhs, transposed=not self.Z.symmetric
-        )
+        self.projection = Projection((K, C, M), self.inputs, self.outputs, self.fields, dual=self.dual_rhs, transposed=not self.Z.symmetric)
         # Directions far below the tolerance cannot be seen in y, whose error is a product of two such errors.
         self.deflation = 0.1 * options.tolerance
         self.estimator = Estimator(self, count=160)
@@ -259,7 +258,9 @@ class Reducer:
         left, right = inputs[:, n_in:], outputs[R:].T
         K, C, M = (P.operator(i) - (left * self.reference[:, i]) @ right.T for i in range(3))
         structure = P.sizes[0] if not self.model.is_acoustic.all() else 0
-        return ReducedModel(K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, structure)
+        return ReducedModel(
+            K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, structure
+        )
 
     def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
         """Measured relative error of y at a factorised line, by kind of parameter vector."""
@@ -370,11 +371,20 @@ class Reducer:
         vectors = sum(len(v) for v in certificate_vectors(self.model.terms, self.scale, np.array([1j])).values())
         reached = all(line.worst <= tolerance for line in lines)
         return Reduction(
-            model, self.options, reached, lines, tuple(self.trace), seconds, self.Z.backend, self.Z.coupling.text,
-            tuple(self.projection.sizes), self.model.size, vectors,
+            model,
+            self.options,
+            reached,
+            lines,
+            tuple(self.trace),
+            seconds,
+            self.Z.backend,
+            self.Z.coupling.text,
+            tuple(self.projection.sizes),
+            self.model.size,
+            vectors,
             {"platform": platform.platform(), "processor": platform.processor() or platform.machine(), "cores": os.cpu_count() or 1},
             datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        )  # fmt: skip
+        )
 
 
 def reduce_model(
@@ -450,7 +460,9 @@ def full_ports(
             residual = factorisation.residual(X, inputs)
             if residual > 1e-8:
                 raise NumericalError(
-                    f"the full model is nearly singular at {value.imag / (2 * np.pi):.6g} Hz", expected="residual at most 1e-8", found=f"{residual:.1e}"
+                    f"the full model is nearly singular at {value.imag / (2 * np.pi):.6g} Hz",
+                    expected="residual at most 1e-8",
+                    found=f"{residual:.1e}",
                 )
             H[line] = outputs @ X
             progress(line + 1, s.size)

@@ -17,7 +17,7 @@ from lrbc_cli.model.coupling import Coupling, coupling_of
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.ordering import nested_dissection
 
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 BACKENDS = ("auto", "superlu", "pardiso")
 
@@ -43,6 +43,7 @@ class SuperLuSolver:
         self._lu: Any = None
 
     def factor(self, data: Complexes) -> None:
+        """Factorise; the earlier factors are released first."""
         n = self._indptr.size - 1
         matrix = sp.csc_matrix((data, self._indices, self._indptr), shape=(n, n))
         self._lu = None
@@ -54,6 +55,7 @@ class SuperLuSolver:
             raise NumericalError(f"SuperLU failed ({error})") from error
 
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
+        """Unrefined solution."""
         with threadpool_limits(limits=1, user_api="blas"):
             return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
 
@@ -138,7 +140,7 @@ class DynamicStiffness:
         self._solver: Any = (
             pardiso.Pardiso(indptr, self._minor, symmetric=self.symmetric) if backend == "pardiso" else SuperLuSolver(indptr, self._minor)
         )
-        self._state: tuple[complex, Complexes, Complexes] | None = None
+        self._state: tuple[complex, Any, Any] | None = None
         self.factor_seconds: list[float] = []
         self.solve_seconds: list[tuple[int, float]] = []
 
@@ -192,7 +194,7 @@ class DynamicStiffness:
             )
         d = 1.0 / np.sqrt(size)
         self._solver.factor(d[row] * data * d[col])
-        self._state = (s, left * d, d.astype(complex))
+        self._state = (s, np.asarray(left * d), np.asarray(d + 0j))
         self.factor_seconds.append(time.perf_counter() - start)
         return Factorisation(self, s)
 
@@ -200,8 +202,8 @@ class DynamicStiffness:
         if self._state is None or self._state[0] != s:
             raise NumericalError("the factorisation was replaced by a later one")
         start = time.perf_counter()
-        _, l, d = self._state
-        before, after = (d, l) if transposed else (l, d)
+        _, left, right = self._state
+        before, after = (right, left) if transposed else (left, right)
         # A symmetric S needs no transposed solve.
         swap = transposed and not self.symmetric
 
@@ -210,7 +212,7 @@ class DynamicStiffness:
             y = self._solver.solve(scaled, transposed=swap)
             x = np.empty_like(y)
             x[self._perm] = (after if b.ndim == 1 else after[:, None]) * y
-            return x
+            return np.asarray(x)
 
         b = np.asarray(rhs, dtype=complex)
         x = once(b)
@@ -219,7 +221,9 @@ class DynamicStiffness:
             x = x + once(b - ((Z.T if transposed else Z) @ x))
         self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
         if not np.all(np.isfinite(x)):
-            raise NumericalError(f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band")
+            raise NumericalError(
+                f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
+            )
         return x
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ class Estimator:
                         worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), np.finfo(float).tiny))
         return np.asarray(worst)
 
-    def _row_weight(self, s: NDArray[np.complex128], kappa: float | None) -> Floats:
+    def _row_weight(self, s: NDArray[np.complexfloating[Any, Any]], kappa: float | None) -> Floats:
         """(F, sketch rows) square root of |l| of each field's rows."""
         P = self._reducer.projection
         weight = np.ones((s.size, P.rows * len(P.fields)))

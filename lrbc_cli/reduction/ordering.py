@@ -91,7 +91,11 @@ def bisection_order(pattern: sp.csr_array) -> NDArray[np.int64]:
         above = vertices.size - below - size
         # A small separator between parts of like size: cost of the separator against imbalance.
         inner = (below >= 0.25 * vertices.size) & (above >= 0.25 * vertices.size)
-        cut = int(np.argmin(np.where(inner, size, vertices.size))) if inner.any() else int(np.searchsorted(np.cumsum(size), vertices.size / 2))
+        cut = (
+            int(np.argmin(np.where(inner, size, vertices.size)))
+            if inner.any()
+            else int(np.searchsorted(np.cumsum(size), vertices.size / 2))
+        )
         separator = level == cut
         # Vertices of the cut level without a neighbour above belong below: thinner separators.
         touches = (local @ (level == cut + 1).astype(np.int32)) > 0

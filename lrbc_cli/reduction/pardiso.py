@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import NumericalError
 
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
 _MESSAGES = {
     -1: "input inconsistent",
     -2: "not enough memory",
@@ -62,7 +64,9 @@ class Pardiso:
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any], *, symmetric: bool) -> None:
         lib = library()
         if lib is None:
-            raise NumericalError("the accelerated factorisation is not installed", hint="pip install 'lrbc[accelerated]', or reduction.backend: superlu")
+            raise NumericalError(
+                "the accelerated factorisation is not installed", hint="pip install 'lrbc[accelerated]', or reduction.backend: superlu"
+            )
         self._lib = lib
         self._handle = np.zeros(64, dtype=np.int64)
         self._iparm = np.zeros(64, dtype=np.int32)
@@ -77,16 +81,16 @@ class Pardiso:
         self._n = indptr.size - 1
         self._indptr = np.ascontiguousarray(indptr, dtype=np.int32)
         self._indices = np.ascontiguousarray(indices, dtype=np.int32)
-        self._data: NDArray[np.complex128] = np.zeros(indices.size, dtype=complex)
+        self._data: Complexes = np.zeros(indices.size, dtype=complex)
         self._analysed = False
 
-    def factor(self, data: NDArray[np.complex128]) -> None:
+    def factor(self, data: Complexes) -> None:
         """Numeric factorisation of the values ``data`` on the pattern; analyses at the first call."""
         self._data = np.ascontiguousarray(data, dtype=complex)
         self._call(22 if self._analysed else 12)
         self._analysed = True
 
-    def solve(self, rhs: NDArray[np.complex128], *, refine: int = 0, transposed: bool = False) -> NDArray[np.complex128]:
+    def solve(self, rhs: Complexes, *, refine: int = 0, transposed: bool = False) -> Complexes:
         """Solution of A X = rhs, or Aᵀ X = rhs; rhs (n,) or (n, m), Fortran order is kept."""
         b = np.array(rhs, dtype=complex, order="F", ndmin=2 if rhs.ndim == 2 else 1)
         x = np.empty_like(b, order="F")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
@@ -14,13 +16,13 @@ Floats = NDArray[np.float64]
 PROMINENCE_DB = 2.0
 
 #: Lines within this of the peak belong to the resonance [dB] ...
-DEPTH_DB = 10.0
+DEPTH_DB = 15.0
 
 #: ... as long as they are within this fraction of its frequency, or two lines.
-HALF_WIDTH = 0.03
+HALF_WIDTH = 0.06
 
 
-def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complex128]) -> NDArray[np.int64]:
+def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.int64]:
     """Indices of the lines around the resonances of the measured FRFs.
 
     Parameters
@@ -41,7 +43,11 @@ def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complex128]) -> N
     spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]
     if len(spectra) > 1:
         centred = np.stack([spectrum - np.nanmean(spectrum) for spectrum in spectra])
-        spectra = [np.where(np.isfinite(centred).any(axis=0), np.nansum(centred, axis=0) / np.maximum(np.isfinite(centred).sum(axis=0), 1), -np.inf)]
+        spectra = [
+            np.where(
+                np.isfinite(centred).any(axis=0), np.nansum(centred, axis=0) / np.maximum(np.isfinite(centred).sum(axis=0), 1), -np.inf
+            )
+        ]
     for spectrum in spectra:
         filled = np.where(np.isfinite(spectrum), spectrum, np.nanmin(spectrum[np.isfinite(spectrum)]))
         peaks, _ = find_peaks(filled, prominence=PROMINENCE_DB)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
 
 Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: d(20 log10 x)/d ln x.
 DB = 20.0 / float(np.log(10.0))

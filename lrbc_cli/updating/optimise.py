@@ -75,7 +75,7 @@ def _finite(value: Evaluation) -> bool:
 
 
 def gauss_newton(
-    objective: Objective, start: Floats, bounds: Floats, *, tolerance: float = 1e-5, max_iterations: int = 100, max_step: float = 1.0
+    objective: Objective, start: Floats, bounds: Floats, *, tolerance: float = 1e-4, max_iterations: int = 100, max_step: float = 1.0
 ) -> Solution:
     """Levenberg-Marquardt with bounds by an active set, on residuals and Jacobian.
 
@@ -213,7 +213,15 @@ def bfgs(
 
 
 def _line_search(
-    record: _Recorder, theta: Floats, value: Evaluation, direction: Floats, gradient: Floats, alpha: float, lower: Floats, upper: Floats, max_step: float
+    record: _Recorder,
+    theta: Floats,
+    value: Evaluation,
+    direction: Floats,
+    gradient: Floats,
+    alpha: float,
+    lower: Floats,
+    upper: Floats,
+    max_step: float,
 ) -> tuple[Floats, Evaluation] | None:
     """Armijo-Goldstein: between the lines of slope c and 1 - c of the directional derivative."""
     c = 1e-2
@@ -232,7 +240,11 @@ def _line_search(
         else:
             record.accept()
             return trial, candidate
-        alpha = 0.5 * (low + high) if np.isfinite(high) else min(3.0 * alpha, max_step / max(float(np.abs(direction).max()), np.finfo(float).tiny))
+        alpha = (
+            0.5 * (low + high)
+            if np.isfinite(high)
+            else min(3.0 * alpha, max_step / max(float(np.abs(direction).max()), np.finfo(float).tiny))
+        )
         if best is not None and high - low < 0.1 * high:
             break
     return best

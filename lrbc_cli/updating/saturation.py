@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,8 @@ class Saturation:
 
 
 def saturation(
-    values: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
-    D: NDArray[np.complex128],
+    values: Callable[[NDArray[np.complexfloating[Any, Any]]], NDArray[np.complexfloating[Any, Any]]],
+    D: NDArray[np.complexfloating[Any, Any]],
     terms: NDArray[np.int64],
     scale: float,
     baseline: float = 0.0,

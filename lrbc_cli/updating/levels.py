@@ -1,0 +1,134 @@
+"""Start values by levels: first one value for a whole edge, then a few along it, then all.
+
+With a start on the clamped plateau and every node free at once, the damping exponent can flatten the peaks that the stiffness has not
+moved yet, and the optimiser stays in that basin. A coarse profile moves the peaks first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.misfit import Evaluation, Misfit
+from lrbc_cli.updating.optimise import HistoryEntry, Solution, gauss_newton
+
+Floats = NDArray[np.float64]
+
+#: Values along an edge at each level before the full one.
+KNOTS = (3, 5, 9)
+
+#: Uniform values tried on the first level.
+SCAN = 13
+
+#: Stop rule of the coarse levels.
+LEVEL_TOLERANCE, LEVEL_ITERATIONS = 1e-3, 25
+
+
+def hats(positions: Floats, knots: int) -> Floats:
+    """(k, knots) piecewise linear interpolation from evenly spaced knots to positions along an edge."""
+    if knots == 1 or positions.size == 1:
+        return np.ones((positions.size, 1))
+    at = np.linspace(positions[0], positions[-1], knots)
+    return np.column_stack([np.interp(positions, at, row) for row in np.eye(knots)])
+
+
+def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Floats:
+    """(size, m) map from the values of a level to theta; p_damp is one of them where ``damping``."""
+    columns: list[Floats] = []
+    for group, (values, at) in zip(parameters.groups, parameters.slices, strict=True):
+        positions = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
+        block = np.eye(group.count) if group.count <= knots else hats(positions, knots)
+        columns.append(np.zeros((parameters.size, block.shape[1])))
+        columns[-1][values] = block
+        if at is not None and damping:
+            columns.append(np.zeros((parameters.size, 1)))
+            columns[-1][at] = 1.0
+    return np.hstack(columns)
+
+
+class Level:
+    """The cost as a function of the values of one level, about a fixed theta.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    theta : (size,) float array
+    T : (size, m) float array
+        ``theta + T z``.
+    """
+
+    def __init__(self, misfit: Misfit, theta: Floats, T: Floats) -> None:
+        self._misfit, self._theta, self._T = misfit, theta, T
+
+    def __call__(self, z: Floats) -> Evaluation:
+        """Cost and derivatives to z."""
+        value = self._misfit(self.theta(z))
+        return Evaluation(value.cost, value.total, value.data, value.misfit_db, value.residual, value.jacobian @ self._T)
+
+    def theta(self, z: Floats) -> Floats:
+        """The full theta."""
+        return self._theta + self._T @ z
+
+    def bounds(self, bounds: Floats) -> Floats:
+        """(m, 2) bounds of z that keep theta inside its own: hats have weights from 0 to 1."""
+        low, high = bounds[:, 0] - self._theta, bounds[:, 1] - self._theta
+        inside = self._T > 0.5
+        return np.array([[low[column].max(), high[column].min()] for column in inside.T])
+
+
+def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats]:
+    """Thetas with a few uniform values of all groups between their bounds; p_damp stays."""
+    damping = misfit.model.parameters.is_damping
+    return [np.where(damping, theta, bounds[:, 0] + fraction * (bounds[:, 1] - bounds[:, 0])) for fraction in np.linspace(0.0, 1.0, SCAN)]
+
+
+def gauss_newton_by_levels(
+    misfit: Misfit, start: Floats, bounds: Floats, *, tolerance: float = 1e-4, max_iterations: int = 100
+) -> Solution:
+    """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Cost (29); its prior stays the same on all levels.
+    start : (size,) float array
+    bounds : (size, 2) float array
+    tolerance, max_iterations
+        Of the last level, see ``gauss_newton``.
+
+    Returns
+    -------
+    Solution
+        With the evaluations of all levels in its history.
+    """
+    parameters = misfit.model.parameters
+    history: list[HistoryEntry] = []
+
+    def note(entries: Iterable[HistoryEntry]) -> None:
+        history.extend(replace(entry, evaluation=len(history) + i) for i, entry in enumerate(entries))
+
+    theta = np.clip(start, bounds[:, 0], bounds[:, 1])
+    lowest = np.inf
+    for trial in [theta, *uniform_values(misfit, theta, bounds)]:
+        value = misfit(trial)
+        better = bool(np.isfinite(value.total) and value.total < lowest)
+        note([HistoryEntry(0, value.cost, value.misfit_db, better)])
+        if better:
+            theta, lowest = trial, value.total
+    iterations = 0
+    for knots in KNOTS:
+        T = level_matrix(parameters, knots, damping=True)
+        if T.shape[1] >= parameters.size:
+            break
+        level = Level(misfit, theta, T)
+        coarse = gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=LEVEL_TOLERANCE, max_iterations=LEVEL_ITERATIONS)
+        note(coarse.history)
+        iterations += coarse.iterations
+        theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
+    last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
+    note(last.history)
+    return replace(last, iterations=iterations + last.iterations, evaluations=len(history), history=tuple(history))

@@ -1,0 +1,78 @@
+"""Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import atomic_path, atomic_write, file_hash
+
+
+def names(folder):
+    return [path.name for path in folder.iterdir()]
+
+
+def test_creates_folders_and_replaces(tmp_path):
+    target = tmp_path / "a" / "b" / "result.csv"
+    with atomic_write(target) as stream:
+        stream.write("ä\n")
+    assert target.read_bytes() == "ä\n".encode()
+    with atomic_write(target, "wb") as stream:
+        stream.write(b"\r\n\0")
+    assert target.read_bytes() == b"\r\n\0"
+    assert names(target.parent) == ["result.csv"]
+
+
+@pytest.mark.parametrize("interruption", [ValueError, KeyboardInterrupt, SystemExit])
+def test_failure_leaves_the_old_file_and_nothing_else(tmp_path, interruption):
+    target = tmp_path / "result.json"
+    target.write_text("old")
+
+    def write_half() -> None:
+        with atomic_write(target) as stream:
+            stream.write("new")
+            stream.flush()
+            raise interruption
+
+    with pytest.raises(interruption):
+        write_half()
+    assert target.read_text() == "old"
+    assert names(tmp_path) == ["result.json"]
+
+
+def test_temporary_path_lies_beside_the_target(tmp_path):
+    target = tmp_path / "model.h5"
+    with atomic_path(target) as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".h5"
+        assert not temporary.exists()
+        temporary.write_bytes(b"x")
+        assert not target.exists()
+    assert target.read_bytes() == b"x"
+
+
+def test_a_block_that_writes_nothing_fails(tmp_path):
+    def write_nothing() -> None:
+        with atomic_path(tmp_path / "x.bin"):
+            pass
+
+    with pytest.raises(FileNotFoundError):
+        write_nothing()
+    assert names(tmp_path) == []
+
+
+def test_permissions_are_the_users(tmp_path):
+    with atomic_write(tmp_path / "a") as stream:
+        stream.write("x")
+    (tmp_path / "b").write_text("x")
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_hash(tmp_path):
+    path = tmp_path / "data"
+    path.write_bytes(b"lrbc" * 100_000)
+    assert file_hash(path) == hashlib.sha256(b"lrbc" * 100_000).hexdigest()
+    with pytest.raises(DataError, match="does not exist"):
+        file_hash(tmp_path / "none")
