@@ -39,7 +39,8 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
         )
 
     if text is None:
-        return np.arange(int(np.ceil(band[0])), int(np.floor(band[1])) + 1).astype(np.float64)
+        first, last = int(np.ceil(band[0])), int(np.floor(band[1]))
+        return np.array(range(first, last + 1), dtype=float)
     number = r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
@@ -48,14 +49,14 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
             raise refuse("this range holds no line", text)
         if (stop - start) / step > MAX_LINES:
             raise refuse(f"more than {MAX_LINES} lines", f"{(stop - start) / step:.3g}")
-        lines = start + step * np.arange(int(np.floor((stop - start) / step + 1e-9)) + 1)
+        lines = np.asarray(start + step * np.arange(int(np.floor((stop - start) / step + 1e-9)) + 1), dtype=float)
     elif re.fullmatch(f"{number}(,{number})*", text):
         lines = np.unique([float(part) for part in text.split(",")])
     else:
         raise refuse("these are no lines", text)
     if lines[0] <= 0:
         raise refuse("lines start above 0 Hz", f"{lines[0]:g} Hz")
-    return lines
+    return np.asarray(lines, dtype=np.float64)
 
 
 def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:

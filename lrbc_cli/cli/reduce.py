@@ -49,8 +49,8 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
     cache = tree["cache"]
     held_out = tree["certificate"]["held_out"]
     lines = [
-        f"reduced model: {tree['size']} DOFs ({tree['size_structure']} structural, {tree['size_acoustic']} acoustic) for {tree['full_size']}, "
-        f"{tree['terms']} terms",
+        f"reduced model: {tree['size']} DOFs ({tree['size_structure']} structural, {tree['size_acoustic']} acoustic) "
+        f"for {tree['full_size']}, {tree['terms']} terms",
         f"cache: {'hit' if cache['hit'] else 'miss'} ({cache['reason']}); {seconds:.1f} s",
         f"measured error: at most {worst:.1e} (tolerance {tree['tolerance']:.0e}) at {len(held_out)} held-out lines, "
         f"{tree['certificate']['vectors']} parameter vectors each, free to clamped",

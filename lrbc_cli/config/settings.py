@@ -84,8 +84,8 @@ class UpdateConfig(Strict):
     )
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None,
-        description="Stop rule. bfgs: when successive costs (log10 of the sum, eq. (29)) differ by less, 1e-3 where absent, as in the paper; "
-        "gauss-newton: when the sum itself twice decreases by a smaller fraction, 1e-4 where absent.",
+        description="Stop rule. bfgs: when successive costs (log10 of the sum, eq. (29)) differ by less, "
+        "1e-3 where absent, as in the paper; gauss-newton: when the sum itself twice decreases by a smaller fraction, 1e-4 where absent.",
     )
     evaluation: Literal["auto", "port", "reduced", "full"] = Field(
         default="auto",

@@ -115,8 +115,8 @@ class Pardiso:
         columns = 1 if b is None or b.ndim == 1 else b.shape[1]
         self._lib.pardiso(
             pointer(self._handle), integer(1), integer(1), integer(self._type), integer(phase), integer(self._n), pointer(self._data),
-            pointer(self._indptr), pointer(self._indices), pointer(None), integer(columns), pointer(self._iparm), integer(0), pointer(b), pointer(x),
-            ctypes.byref(error),
+            pointer(self._indptr), pointer(self._indices), pointer(None), integer(columns), pointer(self._iparm),
+            integer(0), pointer(b), pointer(x), ctypes.byref(error),
         )  # fmt: skip
         if error.value:
             raise NumericalError(f"PARDISO failed ({_MESSAGES.get(error.value, f'error {error.value}')})")
