@@ -304,14 +304,19 @@ class Reducer:
             self._expand(float(frequency), progress, None)
         held_out: list[float] = []
         effectivity = 1.0
+        # Valid for the basis as it is: emptied whenever it grows.
+        measured: dict[float, dict[str, float]] = {}
+        estimate: Floats | None = None
         while True:
-            estimate = self.estimator.estimate()
-            self.clock.lap("estimate")
+            if estimate is None:
+                estimate = self.estimator.estimate()
+                self.clock.lap("estimate")
             frequency = self._next(estimate, held_out)
             expected = float(np.interp(frequency, grid, estimate))
             model = self.reduced()
             factorisation, X = self.factor(frequency)
-            error = max(self.errors(frequency, model).values())
+            measured[frequency] = self.errors(frequency, model)
+            error = max(measured[frequency].values())
             if expected > 0:
                 effectivity = max(effectivity, min(error / expected, 10.0))
             needs = error > 0.5 * options.tolerance or float(estimate.max()) * effectivity > 3 * options.tolerance
@@ -332,9 +337,11 @@ class Reducer:
                 f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
                 + (f"expansion point, +{added}" if order else "held out")
             )
+            if added:
+                estimate, measured = None, {}
             if len(held_out) >= options.held_out:
                 break
-        return self._finish(held_out)
+        return self._finish(held_out, measured)
 
     def _expand(self, frequency: float, progress: Callable[[str], None], error: float | None) -> None:
         factorisation, X = self.factor(frequency)
@@ -346,22 +353,27 @@ class Reducer:
         self.trace.append(Step(frequency, self.projection.size, order, added, error, self.estimator.grid_hz, estimate))
 
     def _next(self, estimate: Floats, held_out: list[float]) -> float:
-        """The line with the worst estimate that was not looked at yet, or is not close to one that was."""
+        """The line with the worst estimate, away from expansion points, and the held-out lines spread over the band."""
         grid = self.estimator.grid_hz
-        taken = np.array([*self.enriched, *held_out])
         low, high = self.options.band_hz
-        apart = np.abs(grid[:, None] - taken[None, :]).min(axis=1)
-        weight = np.where(apart > 0.01 * (high - low), estimate, 0.0)
+        width = high - low
+
+        def apart(lines: list[float]) -> Floats:
+            return np.asarray(np.abs(grid[:, None] - np.array([*lines, np.inf])[None, :]).min(axis=1))
+
+        points, checks = apart(self.enriched), apart(held_out)
+        allowed = (points > 0.01 * width) & (checks > 0.5 * width / self.options.held_out)
+        weight = np.where(allowed, estimate, 0.0)
         if not np.any(weight > 0):
-            weight = apart
+            weight = np.minimum(points, checks)
         return float(grid[int(np.argmax(weight))])
 
-    def _finish(self, held_out: list[float]) -> Reduction:
+    def _finish(self, held_out: list[float], measured: dict[float, dict[str, float]]) -> Reduction:
         for f in self.fields:
             check_orthonormal(f)
         model = self.reduced()
         # The basis may have grown after a line was held out: all errors are those of the final model.
-        lines = tuple(HeldOut(f, self.errors(f, model)) for f in sorted(held_out))
+        lines = tuple(HeldOut(f, measured.get(f) or self.errors(f, model)) for f in sorted(held_out))
         tolerance = self.options.tolerance
         self.clock.lap("certificate")
         seconds = dict(self.clock.seconds)
