@@ -58,10 +58,10 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
     head: list[str | Cell] = ["Job", "Status"]
     head += ["Judged loose"] if bolts else []
     head += ["Undecided"] if bolts else []
-    head += ["Known to be removed"] if known else []
+    head += ["Known removed"] if known else []
     words = len(head)
-    head += [Cell("Damping", tag("br"), "exponent (factor)")] if damped else []
-    head += [Cell("Misfit, used", tag("br"), "before → after [dB]"), Cell("Misfit, held out", tag("br"), "before → after [dB]")]
+    head += [Cell("Damping", tag("br"), "p_damp (factor)")] if damped else []
+    head += [Cell("Misfit used", tag("br"), "[dB]"), Cell("Misfit held", tag("br"), "out [dB]")]
     head += [Cell("Evalu-", tag("br"), "ations"), "Time"]
     rows: list[list[str | Cell]] = []
     for job in jobs:
@@ -97,7 +97,7 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
             fmt.seconds(job.seconds.get("total")),
         ]
         rows.append(row)
-    return table("What was found, job by job", head, rows, class_="verdicts", text_columns=words)
+    return table("What was found, job by job; misfits before → after", head, rows, class_="verdicts", text_columns=words)
 
 
 def held_out_misfit(job: JobResult) -> str:
