@@ -71,6 +71,6 @@ def update(
             }
         )
     else:
-        click.echo(summary_text(output, done))
+        click.echo(summary_text(output, done, reasons=False))
         click.echo(f"results in {output}")
     return code

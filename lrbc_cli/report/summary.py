@@ -9,7 +9,7 @@ from lrbc_cli.report.results import JobResult
 from lrbc_cli.report.write import read_results
 
 
-def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
+def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bool = True) -> str:
     """Return one line a job in plain ASCII: status, loose bolts, damping exponent, misfit, evaluations, seconds.
 
     Parameters
@@ -18,6 +18,8 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
         The campaign's output folder.
     jobs
         Names of the jobs to show; all that have results where None.
+    reasons
+        Say below the table why jobs failed.
 
     Raises
     ------
@@ -36,7 +38,8 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None) -> str:
     for row in [head, *rows]:
         cells = [row[column].rjust(widths[column]) if right[column] else row[column].ljust(widths[column]) for column in keep]
         lines.append("  ".join(cells).rstrip())
-    lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if not job.complete]
+    if reasons:
+        lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if not job.complete]
     return "\n".join(lines)
 
 
