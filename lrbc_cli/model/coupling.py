@@ -56,23 +56,25 @@ def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: 
     -------
     Coupling
     """
-    whole = max(asymmetry(X) for X in (K, C, M))
-    if whole < EQUAL:
-        # No acoustic rows need scaling; a symmetric coupling needs none either.
-        return Coupling(True, None, whole, "symmetric")
-    if not is_acoustic.any() or is_acoustic.all():
-        return Coupling(False, None, whole, f"unsymmetric (relative asymmetry {whole:.1e}): LU")
     s, a = np.flatnonzero(~is_acoustic), np.flatnonzero(is_acoustic)
 
     def block(X: sp.csc_array, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> sp.csc_array:
         return X[rows][:, cols].tocsc()
 
     defects = [asymmetry(block(X, i, i)) for X in (K, C, M) for i in (s, a)]
-    # Blocks that the u-p form does not have, against the geometric mean of the fields' own blocks (their units differ).
-    stray = []
-    for X, pairs in ((K, [(a, s)]), (M, [(s, a)]), (C, [(a, s), (s, a)])):
-        scale = np.sqrt(_norm(block(X, s, s)) * _norm(block(X, a, a)))
-        stray += [_norm(block(X, *pair)) / (scale or 1.0) for pair in pairs]
+    # Coupling blocks against the geometric mean of the fields' own blocks: their units differ, and either may dwarf the coupling.
+    stray, mixed = [], []
+    for X, foreign in ((K, "as"), (M, "sa"), (C, "both")):
+        upper, lower = block(X, s, a), block(X, a, s)
+        scale = np.sqrt(_norm(block(X, s, s)) * _norm(block(X, a, a))) or max(_norm(upper), _norm(lower)) or 1.0
+        stray.append(max(_norm(upper) if foreign != "as" else 0.0, _norm(lower) if foreign != "sa" else 0.0) / scale)
+        mixed.append(_norm((upper - lower.T).tocsc()) / scale)
+    whole = max(*defects, *mixed)
+    if whole < EQUAL:
+        # No acoustic rows need scaling; a symmetric coupling needs none either.
+        return Coupling(True, None, whole, "symmetric")
+    if not is_acoustic.any() or is_acoustic.all():
+        return Coupling(False, None, whole, f"unsymmetric (relative asymmetry {whole:.1e}): LU")
     A, B = block(K, s, a), block(M, a, s)
     dot = float(np.real(B.multiply(A.T).sum()))
     if not A.nnz or not B.nnz or dot == 0.0:
