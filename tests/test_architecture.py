@@ -1,0 +1,141 @@
+"""The plan of the rooms: imports run downward only, numerics know no files, no module grows without end."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lrbc_cli
+
+ROOT = Path(lrbc_cli.__file__).parent
+
+#: Rooms that each room may import from, besides itself and ``lrbc_cli.__version__``.
+ALLOWED = {
+    "errors": set(),
+    "model": {"errors"},
+    "io": {"errors", "model"},
+    "config": {"errors", "model"},
+    "reduction": {"errors", "model"},
+    "updating": {"errors", "model", "reduction"},
+    "report": {"errors", "model", "io", "config", "reduction", "updating"},
+    "campaign": {"errors", "model", "io", "config", "reduction", "updating"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "report"},
+}
+
+#: Packages that only some rooms may know.
+NO_FILES = {"yaml", "h5py", "click", "matplotlib", "pydantic", "pyuff", "platformdirs"}
+FORBIDDEN = {
+    "errors": NO_FILES | {"numpy", "scipy"},
+    "model": NO_FILES,
+    "reduction": NO_FILES,
+    "updating": NO_FILES,
+    "io": {"yaml", "click", "matplotlib", "pydantic"},
+    "config": {"h5py", "click", "matplotlib", "scipy"},
+    "campaign": {"yaml", "click", "matplotlib"},
+    "report": {"yaml", "h5py", "click", "pydantic"},
+    "cli": {"yaml", "h5py", "matplotlib", "pydantic", "numpy", "scipy"},
+}
+
+LONGEST = 450
+
+MODULES = sorted(ROOT.rglob("*.py"))
+
+
+def name_of(path: Path) -> str:
+    parts = ("lrbc_cli", *path.relative_to(ROOT).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def room_of(module: str) -> str | None:
+    parts = module.split(".")
+    return parts[1] if parts[0] == "lrbc_cli" and len(parts) > 1 else None
+
+
+def imports_of(path: Path) -> set[str]:
+    """Every imported module, also inside functions and under TYPE_CHECKING, relative ones resolved."""
+    module = name_of(path)
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = ".".join([*package.split(".")[: len(package.split(".")) - node.level + 1], *([base] if base else [])])
+            # ``from lrbc_cli import campaign`` imports a room, ``from lrbc_cli.io import x`` perhaps a module.
+            found |= {base} | {f"{base}.{alias.name}" for alias in node.names if base.startswith("lrbc_cli")}
+    return found
+
+
+def modules(path: Path):
+    return pytest.param(path, id=name_of(path))
+
+
+@pytest.mark.parametrize("path", [modules(p) for p in MODULES if room_of(name_of(p))])
+def test_imports_run_downward_only(path):
+    room = room_of(name_of(path))
+    rooms = {room_of(name) for name in imports_of(path)} - {None, "__version__", room}
+    assert rooms <= ALLOWED[room], f"{name_of(path)} may not import from {sorted(rooms - ALLOWED[room])}"
+
+
+@pytest.mark.parametrize("path", [modules(p) for p in MODULES if room_of(name_of(p))])
+def test_rooms_know_only_their_packages(path):
+    packages = {name.partition(".")[0] for name in imports_of(path)}
+    assert not packages & FORBIDDEN[room_of(name_of(path))]
+
+
+@pytest.mark.parametrize("path", [modules(p) for p in MODULES])
+def test_no_module_is_too_long(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+def test_every_room_is_in_the_plan():
+    assert {room_of(name_of(path)) for path in MODULES} - {None} == set(ALLOWED)
+
+
+def test_the_import_graph_has_no_cycle():
+    known = {name_of(path) for path in MODULES}
+    graph = {}
+    for path in MODULES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        # Imports for annotations only do not run.
+        guarded = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
+            for inner in ast.walk(node)
+        }
+        names = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and id(node) not in guarded and (node.module or "").startswith("lrbc_cli"):
+                # ``from room import module`` needs that module, not what else stands in the room's __init__.
+                whole = [f"{node.module}.{alias.name}" for alias in node.names]
+                names |= {name if name in known else node.module for name in whole}
+        module = name_of(path)
+        graph[module] = (names & known) - {module}
+
+    state: dict[str, int] = {}
+
+    def visit(module: str, trail: tuple[str, ...]) -> None:
+        if state.get(module) == 2:
+            return
+        assert state.get(module) != 1, f"cycle: {' -> '.join([*trail, module])}"
+        state[module] = 1
+        for other in sorted(graph[module]):
+            visit(other, (*trail, module))
+        state[module] = 2
+
+    for module in sorted(graph):
+        visit(module, ())
+
+
+def test_numerics_load_no_file_library():
+    """What the import graph says, seen at run time: SciPy brings none of them in either."""
+    code = "import sys, lrbc_cli.updating.levels, lrbc_cli.reduction.build; print(*sorted(m for m in sys.modules if '.' not in m))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(done.stdout.split()) & NO_FILES
