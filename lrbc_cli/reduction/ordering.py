@@ -36,7 +36,7 @@ def nested_dissection(pattern: sp.csr_array, method: str = "auto") -> NDArray[np
         graph = without_diagonal(pattern)
         if graph.nnz == 0:
             return np.arange(pattern.shape[0])
-        perm, _ = pymetis.nested_dissection(xadj=graph.indptr, adjncy=graph.indices)
+        perm, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(graph.indptr, graph.indices))
         return np.asarray(perm, dtype=np.int64)
     return bisection_order(pattern)
 
