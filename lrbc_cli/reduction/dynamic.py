@@ -21,7 +21,7 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 
 BACKENDS = ("auto", "superlu", "pardiso")
 
-#: A solve whose refined residual stays above this is reported as singular.
+#: A refined solve whose residual stays above this fraction of its right-hand side is reported as singular.
 RESIDUAL_LIMIT = 1e-6
 
 
@@ -216,11 +216,17 @@ class DynamicStiffness:
 
         b = np.asarray(rhs, dtype=complex)
         x = once(b)
-        for _ in range(refine):
-            Z = self.operator(s)
-            x = x + once(b - ((Z.T if transposed else Z) @ x))
+        regular = bool(np.all(np.isfinite(x)))
+        if refine and regular:
+            Z = self.operator(s).T if transposed else self.operator(s)
+            for _ in range(refine):
+                x = x + once(b - Z @ x)
+            # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
+            weight = np.abs(before) if b.ndim == 1 else np.abs(before)[:, None]
+            rest = np.linalg.norm(weight * (b - Z @ x)[self._perm], axis=0)
+            regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
         self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
-        if not np.all(np.isfinite(x)):
+        if not regular:
             raise NumericalError(
                 f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
             )
@@ -243,9 +249,9 @@ class Factorisation:
         return self.owner._solve(self.s, rhs, transposed=True, refine=refine)
 
     def residual(self, x: Complexes, rhs: NDArray[Any]) -> float:
-        """Largest column-wise relative residual of a solution, rows weighted by the diagonal of Z."""
+        """Largest column-wise relative residual of a solution, rows weighted by the largest entry of Z in them."""
         Z = self.owner.operator(self.s)
-        weight = 1.0 / np.sqrt(np.abs(Z.diagonal()) + np.finfo(float).tiny)
+        weight = 1.0 / np.sqrt(abs(Z).max(axis=1).toarray().ravel())
         scale = np.abs(Z) @ np.abs(x) + np.abs(rhs)
         columns = (weight[:, None] if x.ndim == 2 else weight) * (Z @ x - rhs)
         norms = (weight[:, None] if x.ndim == 2 else weight) * scale

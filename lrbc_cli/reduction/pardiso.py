@@ -75,6 +75,7 @@ class Pardiso:
         self._iparm[1] = 2
         self._iparm[7] = 0
         self._iparm[9] = 8 if symmetric else 13
+        self._iparm[17] = -1  # count the non-zeros of the factors
         self._iparm[20] = 1
         self._iparm[34] = 1
         self._type = 6 if symmetric else 13
