@@ -80,7 +80,9 @@ def grid(*shape: int) -> sp.csr_array:
     for count in shape:
         line = sp.diags_array([np.full(count, 2.0), -np.ones(count - 1), -np.ones(count - 1)], offsets=[0, 1, -1])
         K = sp.kron(sp.eye_array(K.shape[0]), line) + sp.kron(K, sp.eye_array(count))
-    return sp.csr_array(K + 0.1 * sp.eye_array(K.shape[0]))
+    out = sp.csr_array(K + 0.1 * sp.eye_array(K.shape[0]))
+    out.eliminate_zeros()
+    return out
 
 
 def random_vectors(n: int, count: int, rng: np.random.Generator, entries: int = 3) -> sp.csc_array:
