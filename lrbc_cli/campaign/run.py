@@ -82,7 +82,11 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
     job = campaign.jobs[name]
 
     def contents(path: Path | None) -> str | None:
-        return file_hash(path) if path is not None and path.is_file() else None
+        # A file that cannot be read is the failure of its own job, when that is run.
+        try:
+            return None if path is None else file_hash(path)
+        except DataError:
+            return None
 
     settings = {key: value for key, value in resolved["update"].items() if key != "reference"}
     about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence")}

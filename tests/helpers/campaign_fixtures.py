@@ -1,0 +1,27 @@
+"""Fixtures for the tests of campaigns and commands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import campaigns
+import pytest
+from campaigns import Folder
+
+
+@pytest.fixture(scope="session")
+def frame_once(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """The frame campaign, all jobs done; read only."""
+    return campaigns.finished("frame", tmp_path_factory)
+
+
+@pytest.fixture
+def frame(frame_once: Folder, tmp_path: Path) -> Folder:
+    """A copy of the finished frame campaign to work on."""
+    return frame_once.copy(tmp_path / "frame")
+
+
+@pytest.fixture
+def box(tmp_path_factory: pytest.TempPathFactory, tmp_path: Path) -> Folder:
+    """A copy of the finished tiny u-p campaign to work on."""
+    return campaigns.finished("box", tmp_path_factory).copy(tmp_path / "box")
