@@ -21,6 +21,7 @@ from lrbc_cli.io.store import read_store, write_store
 from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.vectors import ERROR_KINDS
 
 log = logging.getLogger(__name__)
 
@@ -192,7 +193,10 @@ def load(decision: CacheDecision) -> Reduction:
             model=model,
             options=ReductionOptions(**options),
             reached=bool(summary["reached"]),
-            held_out=tuple(HeldOut(float(line["frequency_hz"]), dict(line["errors"])) for line in tree["certificate"]),
+            held_out=tuple(
+                HeldOut(float(line["frequency_hz"]), {kind: line["errors"][kind] for kind in ERROR_KINDS if kind in line["errors"]})
+                for line in tree["certificate"]
+            ),
             trace=tuple(Step(**step) for step in tree["trace"]),
             seconds=dict(summary["seconds"]),
             backend=summary["backend"],

@@ -35,10 +35,10 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 1
+ALGORITHM_VERSION = 2
 
 #: Expansion points before the estimate takes over.
-FIRST_POINTS = 3
+FIRST_POINTS = 2
 
 
 @dataclass(frozen=True)

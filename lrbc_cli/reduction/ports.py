@@ -17,6 +17,9 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
 SYMMETRY = 1e-9
 
+#: Flexibility that is left where a term clamps, relative to its port: none would make terms that depend on each other singular.
+CLAMPED = 1e-14
+
 
 @dataclass(frozen=True)
 class PortFrf:
@@ -141,7 +144,7 @@ class PortFrf:
         E = 1.0 / (1.0 + h * np.abs(delta))
         F = delta * E
         if clamped.any():
-            E = np.where(clamped, 0.0, E)
+            E = np.where(clamped, CLAMPED, E)
             F = np.where(clamped, 1.0 / np.where(h > 0, h, 1.0), F)
         return E, F
 

@@ -19,6 +19,9 @@ FILL_LIMIT = 4096
 #: Kinds of certificate vectors as decades from the local stiffness of each term.
 KINDS = {"loose": -2.0, "local": 0.0, "clamped": 4.0, "beyond": 9.0}
 
+#: Kinds of certificate vectors in the order in which they are shown.
+ERROR_KINDS = ("free", *KINDS, "random")
+
 #: Range in decades around the local stiffness from which random vectors are drawn.
 RANDOM_DECADES = (-4.0, 6.0)
 

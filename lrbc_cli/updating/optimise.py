@@ -62,12 +62,23 @@ class _Recorder:
         self.entries.append(HistoryEntry(len(self.entries), value.cost, value.misfit_db, False))
         return value
 
+    def start(self, theta: Floats) -> tuple[Floats, Evaluation]:
+        value = self(theta)
+        self.accept()
+        return theta, value
+
     def accept(self) -> None:
         last = self.entries[-1]
         self.entries[-1] = HistoryEntry(last.evaluation, last.cost, last.misfit_db, True)
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
         return Solution(theta, value, status, reason, iterations, len(self.entries), tuple(self.entries))
+
+
+def _free(theta: Floats, gradient: Floats, bounds: Floats) -> NDArray[np.bool_]:
+    """Parameters that a descent does not push against their bounds."""
+    lower, upper = bounds.T
+    return np.asarray(~(((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))))
 
 
 def _finite(value: Evaluation) -> bool:
@@ -95,18 +106,15 @@ def gauss_newton(
     Solution
     """
     record = _Recorder(objective)
-    lower, upper = bounds[:, 0], bounds[:, 1]
-    theta = np.clip(start, lower, upper)
-    value = record(theta)
+    lower, upper = bounds.T
+    theta, value = record.start(np.clip(start, lower, upper))
     if not _finite(value):
         return record.solution(theta, value, "failed", "the cost is not finite at the start values", 0)
-    record.accept()
     damping = 1e-2
     small = 0
     for iteration in range(1, max_iterations + 1):
         gradient = value.jacobian.T @ value.residual
-        held = ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
-        free = ~held
+        free = _free(theta, gradient, bounds)
         if not free.any():
             return record.solution(theta, value, "converged", "all parameters lie at their bounds", iteration - 1)
         J = value.jacobian[:, free]
@@ -165,18 +173,15 @@ def bfgs(
     Solution
     """
     record = _Recorder(objective)
-    lower, upper = bounds[:, 0], bounds[:, 1]
-    theta = np.clip(start, lower, upper)
-    value = record(theta)
+    lower, upper = bounds.T
+    theta, value = record.start(np.clip(start, lower, upper))
     if not _finite(value):
         return record.solution(theta, value, "failed", "the cost is not finite at the start values", 0)
-    record.accept()
     hessian = np.eye(theta.size)
     fresh = True
     for iteration in range(1, max_iterations + 1):
         gradient = value.gradient
-        held = ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
-        free = ~held
+        free = _free(theta, gradient, bounds)
         if float(np.linalg.norm(gradient[free])) < 1e-12:
             return record.solution(theta, value, "converged", "the gradient vanishes", iteration - 1)
         direction = np.zeros_like(theta)
