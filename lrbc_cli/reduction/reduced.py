@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
+from lrbc_cli.reduction.ports import CLAMPED, PortFrf, in_chunks, port_frf
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 Floats = NDArray[np.float64]
@@ -103,8 +103,11 @@ class ReducedModel:
         y = np.empty((s.size, R), dtype=complex)
         dy = np.empty((s.size, R if gradient else 0, self.terms), dtype=complex)
         rows = np.arange(R)
-        stiff = self._stiff(s, D)
+        size, rest = self._sizes(s)
+        # Terms that dwarf the rest of the dynamic stiffness.
+        stiff = size * np.abs(D).max(axis=0, initial=0.0) > 100.0 * rest
         soft = ~stiff
+        rigid = CLAMPED * size[stiff] / rest
         r, extra = self.size, int(stiff.sum())
         loads = np.vstack([self.B, np.zeros((extra, self.B.shape[1]))]).astype(complex)
         outputs = np.vstack([self.L.T, np.zeros((extra, R))]).astype(complex)
@@ -114,7 +117,7 @@ class ReducedModel:
             # Stiff terms keep their auxiliary input u = -D cᵀ x as an unknown, E u + F cᵀ x = 0: no huge entries, clamping included.
             clamped = np.isinf(D[part][:, stiff])
             finite = np.where(clamped, 0.0, D[part][:, stiff])
-            E = np.where(clamped, 0.0, 1.0 / (1.0 + np.abs(finite)))
+            E = np.where(clamped, rigid, 1.0 / (1.0 + np.abs(finite)))
             F = np.where(clamped, 1.0, finite * E)
             A = np.zeros((d.shape[0], r + extra, r + extra), dtype=complex)
             A[:, :r, :r] = self.dynamic_stiffness(s[part], d)
@@ -137,11 +140,10 @@ class ReducedModel:
         in_chunks(s.size, work, chunk=8, workers=workers)
         return y, dy
 
-    def _stiff(self, s: Complexes, D: Complexes) -> NDArray[np.bool_]:
-        """(nt,) terms that dwarf the rest of the dynamic stiffness."""
-        size = np.linalg.norm(self.left, axis=0) * np.linalg.norm(self.right, axis=0) * np.abs(D).max(axis=0, initial=0.0)
-        rest = np.abs(self.K).max() + np.abs(s).max() ** 2 * np.abs(self.M).max()
-        return np.asarray(size > 100.0 * rest)
+    def _sizes(self, s: Complexes) -> tuple[Floats, float]:
+        """(nt,) norms of the terms at the value one, and the size of the rest of the dynamic stiffness."""
+        size = np.linalg.norm(self.left, axis=0) * np.linalg.norm(self.right, axis=0)
+        return size, float(np.abs(self.K).max() + np.abs(s).max() ** 2 * np.abs(self.M).max())
 
     def with_reference(self, reference: Floats) -> ReducedModel:
         """The same model with port FRFs about other values."""
