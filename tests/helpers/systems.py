@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.terms import LowRankTerms
+from lrbc_cli.reduction.ports import PortFrf, port_frf
 
 
 def csc(matrix) -> sp.csc_array:
@@ -162,8 +164,18 @@ def relative(found: np.ndarray, expected: np.ndarray) -> float:
 
 def resonances_hz(K, M) -> np.ndarray:
     """Undamped natural frequencies of a (possibly unsymmetric) small model."""
-    import scipy.linalg as la
-
     w2 = la.eigvals(np.asarray(K.todense()).real, np.asarray(M.todense()))
     w2 = np.sort(w2[np.isfinite(w2)].real)
     return np.sqrt(np.maximum(w2, 0.0)) / (2 * np.pi)
+
+
+def dense_ports(model: FeModel, s: np.ndarray, reference: np.ndarray | None = None, input_of: np.ndarray | None = None) -> PortFrf:
+    """Port FRFs by dense solves about the reference values k + s c + s² m, (nt, 3)."""
+    nt = model.terms.size
+    reference = np.zeros((nt, 3)) if reference is None else reference
+    input_of = np.zeros(model.L.shape[0], dtype=int) if input_of is None else input_of
+    D_ref = reference[:, 0] + s[:, None] * reference[:, 1] + s[:, None] ** 2 * reference[:, 2]
+    K, C, M, b, c = (X.toarray() for X in (model.K, model.C, model.M, model.terms.left, model.terms.right))
+    outputs, inputs = model.outputs.toarray(), model.inputs.toarray()
+    H = [outputs @ np.linalg.solve(z**2 * M + z * C + K + (b * D) @ c.T, inputs) for z, D in zip(s, D_ref, strict=True)]
+    return port_frf(np.array(H), s, D_ref, model.output_power, input_of)

@@ -190,7 +190,7 @@ class TestSafety:
         """An undamped system a part in 10⁸ beside its resonance still gives five digits."""
         n = 40
         K, M = chain(n)
-        omega = np.sqrt(np.linalg.eigvalsh((K.toarray() / np.sqrt(np.outer(M.diagonal(), M.diagonal()))))[3])
+        omega = np.sqrt(np.linalg.eigvalsh(K.toarray() / np.sqrt(np.outer(M.diagonal(), M.diagonal())))[3])
         Z = DynamicStiffness(K, undamped(n), M, np.zeros(n, dtype=bool), backend=backend)
         s = 1j * omega * (1 + 1e-8)
         x = Z.factor(s).solve(np.eye(n)[0], refine=1)

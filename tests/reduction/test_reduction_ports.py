@@ -1,0 +1,260 @@
+"""The port formula against direct solves, its derivatives against finite differences, from free to clamped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from derivatives import check_derivative
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
+
+from lrbc_cli.reduction.ports import in_chunks, port_frf
+
+S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
+
+
+def edge_model():
+    """Beam with rotational springs at both ends and two deflection springs, well damped."""
+    K, M = beam(20)
+    n = K.shape[0]
+    return fe_model(K, M, loads=unit(n, 5), outputs=unit(n, 9, 31), left=unit(n, 0, 11, 25, n - 1), damping=(4.0, 2e-5))
+
+
+def mixed_model():
+    """Stiffness, damping and mass terms with unlike left and right vectors, two inputs, all kinds of responses, a baseline."""
+    K, M = chain(30)
+    rng = np.random.default_rng(4)
+    return fe_model(
+        K, M, loads=random_vectors(30, 2, rng), outputs=random_vectors(30, 4, rng), left=random_vectors(30, 6, rng),
+        right=random_vectors(30, 6, rng), power=[0, 1, 2, 0, 1, 2], baseline=[0, 0, 0, 900.0, 2.0, 0.01],
+        damping=(5.0, 3e-6), output_power=[0, 1, 2, 2],
+    )  # fmt: skip
+
+
+def coupled_model():
+    """u-p model whose terms sit on structure and air."""
+    K, M, acoustic = duct(20, 40, 1.2)
+    left = csc(np.hstack([unit(60, 0, 7, 15).toarray(), unit(60, 33).toarray() * 1e-2]))
+    return fe_model(K, M, loads=unit(60, 4), outputs=unit(60, 25, 59), left=left, is_acoustic=acoustic, damping=(4.0, 1e-5))
+
+
+MODELS = {f.__name__: f for f in (edge_model, mixed_model, coupled_model)}
+INPUTS = {"edge_model": [0, 0], "mixed_model": [0, 1, 1, 0], "coupled_model": [0, 0]}
+
+
+def sizes(model):
+    """Value of each term as strong as the structure it acts on, in its own unit, at 100 Hz."""
+    b, c = model.terms.left.toarray(), model.terms.right.toarray()
+    diagonal = np.abs(model.K.diagonal())[:, None]
+    flexible = np.sqrt(np.sum(b**2 / diagonal, axis=0) * np.sum(c**2 / diagonal, axis=0))
+    return 1 / flexible / (2 * np.pi * 100.0) ** model.terms.power
+
+
+def values(model, decades):
+    """D(s) a number of decades above the local size."""
+    return 10.0**decades * sizes(model) * S[:, None] ** model.terms.power
+
+
+@pytest.fixture(params=MODELS)
+def case(request):
+    return MODELS[request.param](), np.array(INPUTS[request.param])
+
+
+@pytest.mark.parametrize("about", ["free", "local"])
+@pytest.mark.parametrize("decades", [-np.inf, -6.0, -2.0, 0.0, 2.0, 4.0, 7.0, 10.0, np.inf])
+def test_formula_against_direct_solves(case, about, decades):
+    """The same accuracy from free to clamped, whatever the reference."""
+    model, input_of = case
+    reference = np.zeros((model.terms.size, 3))
+    if about == "local":
+        reference[np.arange(model.terms.size), model.terms.power] = sizes(model)
+        reference[:, 1] += 1e-4 * sizes(model) * (model.terms.power == 0)
+    D = values(model, decades) if np.isfinite(decades) or decades < 0 else np.full((S.size, model.terms.size), np.inf + 0j)
+    if decades < 0 and not np.isfinite(decades):
+        D = np.zeros((S.size, model.terms.size), dtype=complex)
+    ports = dense_ports(model, S, reference, input_of)
+    assert relative(ports.evaluate(D), direct_frf(model, S, D, input_of)) < 2e-10
+
+
+def test_baseline_frees_what_the_matrices_contain(case):
+    """D = -baseline: the same as matrices without these terms."""
+    model, input_of = case
+    base = 0.3 * sizes(model)
+    b, c, q = model.terms.left, model.terms.right, model.terms.power
+    K, C, M = (csc(X + (b * np.where(q == power, base, 0.0)[None, :]) @ c.T) for power, X in enumerate((model.K, model.C, model.M)))
+    bare = direct_frf(model, S, np.zeros((S.size, base.size)), input_of)
+    stiffened = fe_model(K, M, C=C, loads=model.B, outputs=csc(model.L.T), left=b, right=c, power=q, output_power=model.output_power)
+    ports = dense_ports(stiffened, S, None, input_of)
+    assert relative(ports.evaluate(-base * S[:, None] ** q), bare) < 1e-10
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=25, deadline=None)
+def test_any_mixture_of_values_and_references(seed):
+    rng = np.random.default_rng(seed)
+    model, input_of = mixed_model(), np.array(INPUTS["mixed_model"])
+    reference = np.zeros((6, 3))
+    reference[np.arange(6), model.terms.power] = sizes(model) * 10.0 ** rng.uniform(-3, 2, size=6) * rng.integers(0, 2, size=6)
+    D = sizes(model) * 10.0 ** rng.uniform(-5, 7, size=6) * S[:, None] ** model.terms.power * (1 + 0.2j * rng.uniform(size=6))
+    D[:, rng.integers(0, 6)] = np.inf
+    exact = direct_frf(model, S, D, input_of)
+    # A line where the responses nearly vanish would measure the reference solves, not the formula.
+    assert relative(dense_ports(model, S, reference, input_of).evaluate(D), exact) < 1e-8
+
+
+@pytest.mark.parametrize("decades", [-3.0, 0.0, 3.0, 8.0])
+def test_the_reference_does_not_matter(case, decades):
+    model, input_of = case
+    D = values(model, decades)
+    found = []
+    for factor in (0.0, 1e-2, 1.0, 30.0):
+        reference = np.zeros((model.terms.size, 3))
+        reference[np.arange(model.terms.size), model.terms.power] = factor * sizes(model)
+        ports = dense_ports(model, S, reference, input_of)
+        slopes = ports.linearise(D)[1] * D[:, None, :]
+        found.append(np.concatenate([ports.evaluate(D), slopes.reshape(S.size, -1)], axis=1))
+    for other in found[1:]:
+        assert relative(other, found[0]) < 1e-8
+
+
+class TestLinearise:
+    @pytest.mark.parametrize("decades", [-2.0, 0.0, 2.0])
+    @pytest.mark.parametrize("about", [0.0, 1.0])
+    def test_taylor(self, case, decades, about):
+        """Second-order remainder for every term alone, in complex directions."""
+        model, input_of = case
+        reference = np.zeros((model.terms.size, 3))
+        reference[np.arange(model.terms.size), model.terms.power] = about * sizes(model)
+        ports, D = dense_ports(model, S, reference, input_of), values(model, decades)
+        y, dy = ports.linearise(D)
+        np.testing.assert_allclose(y, ports.evaluate(D), rtol=1e-11, atol=1e-13 * np.abs(y).max())
+        for j in range(model.terms.size):
+            step = D[:, j] * np.exp(0.7j)
+
+            def changed(x, j=j, step=step):
+                moved = D.copy()
+                moved[:, j] += x[0] * step
+                out = ports.evaluate(moved) / np.abs(y).max(axis=1, keepdims=True)
+                return np.concatenate([out.real.ravel(), out.imag.ravel()])
+
+            slope = (dy[:, :, j] * step[:, None] / np.abs(y).max(axis=1, keepdims=True)).ravel()
+            check_derivative(changed, np.concatenate([slope.real, slope.imag])[:, None], np.zeros(1), np.ones(1), first=0.2)
+
+    def test_against_direct_central_differences(self, case):
+        """No formula shared: the derivative of direct dense solves."""
+        model, input_of = case
+        D = values(model, 0.5)
+        dy = dense_ports(model, S, None, input_of).linearise(D)[1]
+        for j in range(model.terms.size):
+            h = 1e-4 * D[:, j]
+            up, down = D.copy(), D.copy()
+            up[:, j] += h
+            down[:, j] -= h
+            slope = (direct_frf(model, S, up, input_of) - direct_frf(model, S, down, input_of)) / (2 * h[:, None])
+            assert relative(dy[:, :, j], slope) < 1e-6
+
+    def test_unsymmetric_ports_have_their_own_transposed_solve(self):
+        model = mixed_model()
+        assert not dense_ports(model, S, None, np.array(INPUTS["mixed_model"])).symmetric
+        assert dense_ports(edge_model(), S).symmetric
+
+    def test_clamped_terms_have_no_slope(self):
+        model = edge_model()
+        D = values(model, 1.0)
+        D[:, 2] = np.inf
+        y, dy = dense_ports(model, S).linearise(D)
+        assert relative(y, direct_frf(model, S, D)) < 2e-10
+        assert np.abs(dy[:, :, 2] * sizes(model)[2]).max() < 1e-20 * np.abs(y).max()
+        assert np.all(np.isfinite(dy))
+
+
+def test_drive_gives_the_forces_of_the_terms():
+    """u = -(D - D_ref) cᵀ x, with x from a direct solve."""
+    model = edge_model()
+    D = values(model, 1.0)
+    y, u = dense_ports(model, S).drive(D)
+    K, C, M, b = (X.toarray() for X in (model.K, model.C, model.M, model.terms.left))
+    for line, z in enumerate(S):
+        x = np.linalg.solve(z**2 * M + z * C + K + (b * D[line]) @ b.T, model.B.toarray())
+        np.testing.assert_allclose(u[line], -D[line][:, None] * (b.T @ x), rtol=1e-9, atol=1e-11 * np.abs(u[line]).max())
+    np.testing.assert_allclose(y, direct_frf(model, S, D), rtol=1e-9)
+
+
+class TestDependentTerms:
+    """The same DOF named twice, or more segment vectors than DOFs."""
+
+    def model(self):
+        K, M = beam(20)
+        n = K.shape[0]
+        left = csc(np.hstack([unit(n, 0, 0, 11).toarray(), unit(n, 0).toarray() + unit(n, 11).toarray()]))
+        return fe_model(K, M, loads=unit(n, 5), outputs=unit(n, 9, 31), left=left, damping=(4.0, 2e-5))
+
+    def independent(self):
+        K, M = beam(20)
+        n = K.shape[0]
+        return fe_model(K, M, loads=unit(n, 5), outputs=unit(n, 9, 31), left=unit(n, 0, 11), damping=(4.0, 2e-5))
+
+    @pytest.mark.parametrize("decades", [-3.0, 0.0, 3.0, 6.0, 9.0])
+    def test_finite_values(self, decades):
+        model = self.model()
+        assert relative(dense_ports(model, S).evaluate(values(model, decades)), direct_frf(model, S, values(model, decades))) < 1e-7
+
+    def test_clamped(self):
+        found = dense_ports(self.model(), S).evaluate(np.full((S.size, 4), np.inf + 0j))
+        expected = direct_frf(self.independent(), S, np.full((S.size, 2), np.inf + 0j))
+        assert relative(found, expected) < 1e-7
+
+
+def test_select_is_the_same_for_fewer_lines_and_responses():
+    model, input_of = mixed_model(), np.array(INPUTS["mixed_model"])
+    ports = dense_ports(model, S, None, input_of)
+    lines, rows = np.array([3, 0]), np.array([2, 1])
+    part = ports.select(lines, rows)
+    D = values(model, 0.0)
+    y, dy = ports.linearise(D)
+    y_part, dy_part = part.linearise(D[lines])
+    np.testing.assert_allclose(y_part, y[np.ix_(lines, rows)], rtol=1e-12)
+    np.testing.assert_allclose(dy_part, dy[np.ix_(lines, rows)], rtol=1e-11)
+    assert part.lines == 2
+    np.testing.assert_allclose(part.frequency_hz, [240.0, 13.0])
+
+
+def test_no_terms():
+    K, M = chain(8)
+    model = fe_model(K, M, loads=unit(8, 0), outputs=unit(8, 7), left=csc(np.zeros((8, 0))), damping=(3.0, 1e-6))
+    ports = dense_ports(model, S)
+    y, dy = ports.linearise(np.zeros((S.size, 0), dtype=complex))
+    assert relative(y, direct_frf(model, S, np.zeros((S.size, 0)))) < 1e-12
+    assert dy.shape == (S.size, 1, 0)
+
+
+def test_nearly_symmetric_ports_are_made_so_and_others_kept():
+    H = np.ones((1, 3, 3), dtype=complex)
+    H[0, 1:, 1:] = [[2.0, 1.0 + 1e-12], [1.0, 3.0]]
+    kept = H.copy()
+    kept[0, 1, 2] = 1.1
+    pieces = (np.array([1j]), np.zeros((1, 2), dtype=complex), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
+    assert port_frf(H, *pieces).symmetric
+    np.testing.assert_array_equal(port_frf(H, *pieces).Hpp, port_frf(H, *pieces).Hpp.transpose(0, 2, 1))
+    assert not port_frf(kept, *pieces).symmetric
+    assert port_frf(kept, *pieces).Hpp[0, 0, 1] == 1.1
+
+
+@pytest.mark.parametrize(("count", "workers"), [(0, 2), (1, 2), (16, 2), (17, 2), (50, 1), (50, 3)])
+def test_chunks_cover_every_line_once(count, workers):
+    seen = np.zeros(count, dtype=int)
+
+    def work(part):
+        seen[part] += 1
+
+    in_chunks(count, work, workers=workers)
+    assert np.all(seen == 1)
+
+
+def test_a_failure_in_a_chunk_is_not_swallowed():
+    def work(part):
+        raise FloatingPointError("line")
+
+    with pytest.raises(FloatingPointError):
+        in_chunks(40, work)
