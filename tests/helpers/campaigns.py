@@ -124,12 +124,13 @@ class Folder:
         return json.loads((self.out / job / "result.json").read_text())
 
     def results(self) -> dict[str, Any]:
-        """What the identification found in every job, times and dates left out."""
+        """What the identification found in every job, seconds and paths left out."""
         found = {}
         for path in sorted(self.out.glob("*/result.json")):
             tree = json.loads(path.read_text())
             tree.pop("seconds", None)
             tree["provenance"].pop("configuration", None)
+            tree["provenance"]["inputs"] = {Path(name).name: digest for name, digest in tree["provenance"]["inputs"].items()}
             found[path.parent.name] = tree
         return found
 

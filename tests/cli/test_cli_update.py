@@ -1,0 +1,537 @@
+"""Jobs: what is run and what is kept, failures beside successes, exit codes, output for programs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import BOX_TRUTH, Folder, box, frame
+
+from lrbc_cli.campaign.results import CAMPAIGN_COLUMNS
+from lrbc_cli.io.frf import read_frf
+
+
+def plans(folder: Folder, *args: str) -> dict[str, tuple[bool, str]]:
+    """Which jobs would run, and why."""
+    result = folder.run("update", "--dry-run", "--json", *args)
+    assert result.code == 0, result.stderr
+    return {name: (plan["run"], plan["reason"]) for name, plan in result.json["jobs"].items()}
+
+
+def runs(folder: Folder, *args: str) -> list[str]:
+    return [name for name, (run, _) in plans(folder, *args).items() if run]
+
+
+def table(folder: Folder) -> dict[str, dict[str, str]]:
+    with (folder.out / "campaign.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == CAMPAIGN_COLUMNS
+    return {row["job"]: row for row in rows}
+
+
+def scaled_csv(path: Path, factor: float) -> None:
+    lines = path.read_text().splitlines()
+    cells = lines[20].split(",")
+    cells[1] = repr(float(cells[1]) * factor)
+    lines[20] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+
+
+# -- results ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_truth_is_found(box: Folder) -> None:
+    for job, truth in BOX_TRUTH.items():
+        tree = box.result(job)
+        assert tree["status"] == "converged"
+        np.testing.assert_allclose(tree["parameters"]["springs"]["log10"], truth, atol=1e-6)
+        assert tree["misfit_db"]["final"] < 1e-6 < 1.0 < tree["misfit_db"]["initial"]
+    verdicts = {bolt["name"]: bolt["verdict"] for bolt in box.result("loose")["bolts"]}
+    assert verdicts == {"B1": "tight", "B2": "tight", "B3": "loose", "B4": "loose", "B5": "tight", "B6": "tight"}
+    changes = [bolt["change"] for bolt in box.result("loose")["bolts"]]
+    cap = box.result("tight")["parameters"]["springs"]["saturation"]["start"]
+    expected = np.minimum(BOX_TRUTH["loose"], cap) - np.minimum(BOX_TRUTH["tight"], cap)
+    np.testing.assert_allclose(changes, expected, atol=1e-6)
+
+
+def finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+@pytest.mark.parametrize("job", ["tight", "loose-2", "loose-all"])
+def test_every_result_file_is_there(frame_once: Folder, job: str) -> None:
+    folder = frame_once.out / job
+    assert sorted(p.name for p in folder.iterdir()) == ["frf.csv", "profile.csv", "result.json"]
+    tree = frame_once.result(job)
+    assert tree["job"] == job
+    assert tree["status"] == "converged"
+    assert tree["reason"]
+    group = tree["parameters"]["left_edge"]
+    assert len(group["log10"]) == len(group["positions"]) == len(group["arc_length"]) == 10
+    assert all(finite(v) for v in group["log10"] + group["log10_effective"])
+    assert np.shape(group["positions"]) == (10, 3)
+    smoothing = np.eye(10) * 2 / 3 + (np.eye(10, k=1) + np.eye(10, k=-1)) / 3
+    np.testing.assert_allclose(group["log10_effective"], np.log10(smoothing @ 10.0 ** np.array(group["log10"])), atol=1e-5)
+    assert group["damping_factor"] == pytest.approx(10 ** group["damping_exponent"])
+    assert group["bounds"] == [2.0, 8.0]
+    assert min(group["log10"]) >= 2.0
+    assert max(group["log10"]) <= 8.0
+    assert tree["cost"]["final"] < tree["cost"]["initial"]
+    assert tree["misfit_db"]["final"] < tree["misfit_db"]["initial"]
+    responses = tree["misfit_db"]["responses"]
+    assert {name: entry["used"] for name, entry in responses.items()} == {"acc1": True, "acc2": True, "acc3": True, "acc4": False}
+    used = [entry["final"] for entry in responses.values() if entry["used"]]
+    assert tree["misfit_db"]["final"] == pytest.approx(np.mean(used))
+    assert tree["misfit_db"]["held_out_final"] == pytest.approx(responses["acc4"]["final"])
+    assert [bolt["name"] for bolt in tree["bolts"]] == [f"B{i}" for i in range(1, 7)]
+    for bolt in tree["bolts"]:
+        assert {"name", "position", "log10_stiffness", "change", "verdict"} <= set(bolt)
+        assert bolt["verdict"] in ("tight", "loose", "undecided")
+        assert finite(bolt["log10_stiffness"])
+        assert finite(bolt["change"])
+    for key in ("iterations", "evaluations", "line_evaluations"):
+        assert isinstance(tree[key], int)
+        assert tree[key] > 0
+    assert tree["line_evaluations"] == tree["evaluations"] * tree["lines"]["count"]
+    assert len(tree["lines"]["frequency_hz"]) == tree["lines"]["count"]
+    assert tree["history"][-1]["cost"] >= tree["cost"]["final"] - 1e-9
+    assert all(finite(v) and v >= 0 for v in tree["seconds"].values())
+    assert tree["seconds"]["total"] > 0
+    provenance = tree["provenance"]
+    assert {"lrbc", "python", "numpy", "scipy", "h5py"} <= set(provenance["versions"])
+    names = {Path(path).name for path in provenance["inputs"]}
+    assert names == {
+        "stiffness.mtx",
+        "mass.mtx.gz",
+        "damping.mtx.gz",
+        "dofs.csv",
+        "sensors.mtx",
+        "edge.mtx",
+        "edge.csv",
+        "bolts.csv",
+        f"{job}.csv",
+    }
+    assert all(len(digest) == 64 for digest in provenance["inputs"].values())
+    certificate = provenance["certificate"]
+    assert certificate["reached"] is True
+    assert certificate["worst"] <= certificate["tolerance"] == 1e-3
+    assert provenance["configuration"]["update"]["max_iterations"] == 100
+
+
+def test_profile_and_frf_tables(frame_once: Folder) -> None:
+    tree = frame_once.result("loose-2")
+    with (frame_once.out / "loose-2" / "profile.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["log10"]) for row in rows] == pytest.approx(tree["parameters"]["left_edge"]["log10"])
+    assert [float(row["y"]) for row in rows] == pytest.approx(np.arange(0.02, 0.4, 0.04))
+    assert [float(row["log10_reference"]) for row in rows] == pytest.approx(
+        frame_once.result("tight")["parameters"]["left_edge"]["log10_effective"]
+    )
+    with (frame_once.out / "loose-2" / "frf.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 471
+    assert sum(int(row["selected"]) for row in rows) == tree["lines"]["count"]
+    measured = {record.name: record for record in read_frf(frame_once.data / "frf" / "loose-2.csv").records}
+    for name, record in measured.items():
+        level = np.array([float(row[f"{name}_measured_db"]) for row in rows])
+        np.testing.assert_allclose(level, 20 * np.log10(np.abs(record.values)), atol=1e-6)
+        phase = np.array([float(row[f"{name}_measured_phase_deg"]) for row in rows])
+        np.testing.assert_allclose(phase, np.degrees(np.angle(record.values)), atol=1e-5)
+        updated = np.array([float(row[f"{name}_updated_db"]) for row in rows])
+        assert np.mean(np.abs(updated - level)) == pytest.approx(tree["misfit_db"]["responses"][name]["final"], abs=1e-6)
+        initial = np.array([float(row[f"{name}_initial_db"]) for row in rows])
+        assert np.mean(np.abs(initial - level)) == pytest.approx(tree["misfit_db"]["responses"][name]["initial"], abs=1e-6)
+
+
+def test_campaign_table(frame_once: Folder) -> None:
+    rows = table(frame_once)
+    assert list(rows) == ["tight", "loose-2", "loose-all"]
+    for job, row in rows.items():
+        tree = frame_once.result(job)
+        assert row["status"] == tree["status"]
+        assert row["loose"].split() == [b["name"] for b in tree["bolts"] if b["verdict"] == "loose"]
+        assert row["undecided"].split() == [b["name"] for b in tree["bolts"] if b["verdict"] == "undecided"]
+        assert float(row["damping_exponent"]) == pytest.approx(tree["parameters"]["left_edge"]["damping_exponent"], rel=1e-5)
+        assert float(row["misfit_initial_db"]) == pytest.approx(tree["misfit_db"]["initial"])
+        assert float(row["misfit_final_db"]) == pytest.approx(tree["misfit_db"]["final"])
+        assert int(row["evaluations"]) == tree["evaluations"]
+    assert rows["loose-all"]["removed"] == "B1 B2 B3 B4 B5 B6"
+
+
+def test_loose_bolts_of_the_frame(frame_once: Folder) -> None:
+    """What was loosened is found; the other tight bolts lie well above."""
+    loose = {b["name"] for b in frame_once.result("loose-2")["bolts"] if b["verdict"] == "loose"}
+    assert {"B3", "B4"} <= loose
+    assert {b["verdict"] for b in frame_once.result("tight")["bolts"]} == {"tight"}
+    everywhere = frame_once.result("loose-all")["bolts"]
+    assert sum(b["verdict"] == "loose" for b in everywhere) >= 5
+    assert max(frame_once.result(job)["misfit_db"]["final"] for job in ("tight", "loose-2", "loose-all")) < 1.0
+
+
+# -- kept or run --------------------------------------------------------------------------------------------------------
+
+
+def test_finished_jobs_are_kept(frame: Folder) -> None:
+    before = {path: path.stat().st_mtime_ns for path in frame.out.glob("*/*")}
+    result = frame.run("update", "--json")
+    assert result.code == 0
+    assert result.json["kept"] == ["tight", "loose-2", "loose-all"]
+    assert result.json["failed"] == {}
+    assert {path: path.stat().st_mtime_ns for path in frame.out.glob("*/*")} == before
+
+
+def moved(folder: Folder) -> tuple[str, ...]:
+    (folder.data / "frf").rename(folder.path / "measured")
+    (folder.path / "measured" / "tight.csv").rename(folder.path / "measured" / "first.csv")
+    (folder.data / "model" / "stiffness.mtx").rename(folder.data / "k")
+    text = folder.config.read_text().replace("data/frf", "./measured").replace("tight.csv", "first.csv")
+    folder.config.write_text(text.replace("data/model/stiffness.mtx", "data/./k"))
+    return ()
+
+
+def touched(folder: Folder) -> tuple[str, ...]:
+    for path in folder.data.rglob("*.csv"):
+        path.touch()
+    return ()
+
+
+def commented(folder: Folder) -> tuple[str, ...]:
+    folder.config.write_text("# a remark\n" + folder.config.read_text())
+    return ()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        moved,
+        touched,
+        commented,
+        lambda _: ("--override", "reduction.backend=superlu"),
+        lambda _: ("--workers", "2"),
+        lambda _: ("--override", "campaign=another title"),
+        lambda _: ("--accept-tolerance",),
+        lambda folder: ("--override", f"output={folder.path.as_posix()}/x/../out"),
+    ],
+    ids=["paths", "time-stamps", "comments", "back-end", "workers", "title", "accept", "output-path"],
+)
+def test_what_does_not_decide_about_a_result_keeps_it(frame: Folder, change: Callable[[Folder], tuple[str, ...]]) -> None:
+    assert runs(frame, *change(frame)) == []
+
+
+def one_measurement(folder: Folder) -> tuple[str, ...]:
+    scaled_csv(folder.data / "frf" / "loose-2.csv", 1.01)
+    return ()
+
+
+def reference_measurement(folder: Folder) -> tuple[str, ...]:
+    scaled_csv(folder.data / "frf" / "tight.csv", 1.01)
+    return ()
+
+
+def mass(folder: Folder) -> tuple[str, ...]:
+    path = folder.data / "model" / "stiffness.mtx"
+    path.write_text(path.read_text().replace("2.010997600000e+02", "2.010997600001e+02", 1))
+    return ()
+
+
+def positions(folder: Folder) -> tuple[str, ...]:
+    path = folder.data / "model" / "bolts.csv"
+    path.write_text(path.read_text().replace("B1,-0.01", "B1,-0.02"))
+    return ()
+
+
+ALL = ["tight", "loose-2", "loose-all"]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (one_measurement, ["loose-2"]),
+        (reference_measurement, ALL),
+        (mass, ALL),
+        (positions, ALL),
+        (lambda _: ("--override", "update.regularisation=0.05"), ALL),
+        (lambda _: ("--override", "update.lines=all"), ALL),
+        (lambda _: ("--override", "update.responses=[acc1, acc2]"), ALL),
+        (lambda _: ("--override", "update.method=bfgs"), ALL),
+        (lambda _: ("--override", "parameters.left_edge.initial=6.0"), ALL),
+        (lambda _: ("--override", "parameters.left_edge.smoothing=[1.0]"), ALL),
+        (lambda _: ("--override", "parameters.left_edge.damping.beta=3e-6"), ALL),
+        (lambda _: ("--override", "reduction.tolerance=1e-4"), ALL),
+        (lambda _: ("--override", "reduction.band=[30.0, 400.0]"), ALL),
+        (lambda _: ("--override", "jobs.loose-2.scale={acc1: 2.0}"), ["loose-2"]),
+        (lambda _: ("--override", "jobs.loose-2.records={acc1: acc2}"), ["loose-2"]),
+        (lambda _: ("--override", "jobs.loose-2.coherence=data/frf/loose-2.csv"), ["loose-2"]),
+        (lambda _: ("--override", "update.reference="), ALL),
+        (lambda _: ("--force",), ALL),
+    ],
+    ids=lambda value: "" if isinstance(value, list) else getattr(value, "__name__", "").replace("<lambda>", "override"),
+)
+def test_what_decides_runs_the_job_again(frame: Folder, change: Callable[[Folder], tuple[str, ...]], expected: list[str]) -> None:
+    found = plans(frame, *change(frame))
+    assert [name for name, (run, _) in found.items() if run] == expected
+    reasons = {reason for run, reason in found.values() if run}
+    assert reasons <= {"its measurement, the model or the settings changed", "--force"}
+    assert len(reasons) == 1
+
+
+def test_a_changed_measurement_alone_is_identified_again(box: Folder) -> None:
+    before = box.results()
+    shutil.copy(box.data / "tight.uff", box.data / "loose.uff")
+    result = box.run("update", "--json")
+    assert result.json["kept"] == ["tight"]
+    after = box.results()
+    assert after["tight"] == before["tight"]
+    np.testing.assert_allclose(after["loose"]["parameters"]["springs"]["log10"], BOX_TRUTH["tight"], atol=1e-6)
+    assert table(box)["loose"]["loose"] == ""
+
+
+def test_damaged_and_missing_results_are_made_anew(box: Folder) -> None:
+    before = box.results()
+    path = box.out / "loose" / "result.json"
+    for damage, reason in [
+        (lambda: path.write_text(path.read_text()[:100]), "the earlier result is unusable"),
+        (lambda: path.write_text("{}"), "the earlier result is unusable"),
+        (lambda: path.write_bytes(b"\xff\x00"), "the earlier result is unusable"),
+        (path.unlink, "no result yet"),
+        ((box.out / "loose" / "profile.csv").unlink, "a result file is missing"),
+        ((box.out / "loose" / "frf.csv").unlink, "a result file is missing"),
+    ]:
+        damage()
+        found = plans(box)
+        assert found["tight"] == (False, "nothing changed")
+        assert found["loose"][0]
+        assert found["loose"][1].startswith(reason)
+        assert box.run("update").code == 0
+        assert box.results() == before
+
+
+def test_force_and_workers_give_the_same(frame: Folder) -> None:
+    before = frame.results()
+    for args in (["--force"], ["--force", "--workers", "2"], ["--force", "--workers", "3", "--job", "loose-2"]):
+        result = frame.run("update", "--json", *args)
+        assert result.code == 0
+        assert ("loose-all" in result.json["results"]) == ("--job" not in args)
+        assert result.json["kept"] == []
+        assert frame.results() == before
+
+
+def test_one_job_brings_its_reference(tmp_path: Path) -> None:
+    folder = box(tmp_path / "new")
+    result = folder.run("update", "--job", "loose", "--json")
+    assert list(result.json["results"]) == ["tight", "loose"]
+    assert result.json["results"]["loose"]["bolts"][2]["change"] < -1
+    again = folder.run("update", "--job", "tight", "--json")
+    assert again.json["kept"] == ["tight"]
+    assert list(table(folder)) == ["tight", "loose"]
+
+
+def test_stopped_is_not_failed(box: Folder) -> None:
+    result = box.run("update", "--override", "update.max_iterations=1", "--override", "update.method=bfgs", "--json")
+    assert result.code == 0
+    for tree in result.json["results"].values():
+        assert tree["status"] == "stopped"
+        assert "iteration" in tree["reason"]
+        assert tree["parameters"]["springs"]["log10"]
+
+
+# -- failures -----------------------------------------------------------------------------------------------------------
+
+
+def test_one_failing_job_leaves_the_others(tmp_path: Path) -> None:
+    folder = frame(tmp_path / "new")
+    (folder.data / "frf" / "loose-2.csv").write_text("frequency_hz,acc1_real\n30,nan\n")
+    result = folder.run("update")
+    assert result.code == 5
+    assert "job loose-2 failed" in result.stderr
+    assert "loose-2.csv" in result.stderr
+    tree = folder.result("loose-2")
+    assert tree["status"] == "failed"
+    assert "loose-2.csv" in tree["reason"]
+    assert {"identity", "versions", "inputs", "configuration"} <= set(tree["provenance"])
+    assert folder.result("tight")["status"] == folder.result("loose-all")["status"] == "converged"
+    rows = table(folder)
+    assert [row["status"] for row in rows.values()] == ["converged", "failed", "converged"]
+    assert "loose-2.csv" in rows["loose-2"]["reason"]
+    assert "failed" in result.stdout
+    assert folder.run("report").code == 0
+    assert "loose-2.csv" in (folder.out / "report.html").read_text()
+    # 5 comes before 6, and stays until the file is mended.
+    assert folder.run("update", "--fail-on-loose").code == 5
+    told = folder.run("update", "--json")
+    assert told.code == told.json["exit_code"] == 5
+    assert list(told.json["failed"]) == ["loose-2"]
+    assert told.json["kept"] == ["tight", "loose-all"]
+    shutil.copy(frame(tmp_path / "fresh").data / "frf" / "loose-2.csv", folder.data / "frf")
+    assert folder.run("update").code == 0
+    assert folder.result("loose-2")["status"] == "converged"
+
+
+def test_failures_with_several_workers(tmp_path: Path) -> None:
+    folder = frame(tmp_path / "new")
+    (folder.data / "frf" / "loose-2.csv").unlink()
+    assert folder.run("update", "--workers", "3").code == 5
+    assert [row["status"] for row in table(folder).values()] == ["converged", "failed", "converged"]
+
+
+def test_a_defect_in_one_job_is_its_failure(box: Folder, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    from lrbc_cli.campaign import run
+
+    original = run.identify
+
+    def identify(inputs: Any, source: Any, name: str) -> Any:
+        if name == "loose":
+            raise ZeroDivisionError("division by zero")
+        return original(inputs, source, name)
+
+    monkeypatch.setattr(run, "identify", identify)
+    result = box.run("update", "--force")
+    assert result.code == 5
+    assert "ZeroDivisionError: division by zero" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert box.result("loose")["status"] == "failed"
+    assert box.result("tight")["status"] == "converged"
+    with caplog.at_level(logging.DEBUG, "lrbc_cli"):
+        assert "Traceback" in box.run("update", "--force", "-vv").stderr
+
+
+def test_all_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = box(tmp_path / "new")
+    for name in ("tight", "loose"):
+        (folder.data / f"{name}.uff").unlink()
+    result = folder.run("update", "--fail-on-loose")
+    assert result.code == 3
+    assert result.stderr.count("does not exist") == 2
+    assert [row["status"] for row in table(folder).values()] == ["failed", "failed"]
+
+    from lrbc_cli.campaign import run
+    from lrbc_cli.errors import NumericalError
+
+    def identify(*_: Any) -> Any:
+        raise NumericalError("no step reduces the cost")
+
+    monkeypatch.setattr(run, "identify", identify)
+    assert folder.run("update").code == 4
+    assert folder.result("loose")["reason"] == "no step reduces the cost"
+
+
+def test_the_earlier_result_of_a_failing_job_is_kept(box: Folder) -> None:
+    before = (box.out / "loose" / "result.json").read_bytes()
+    tables = {name: (box.out / "loose" / name).read_bytes() for name in ("profile.csv", "frf.csv")}
+    good = (box.data / "loose.uff").read_bytes()
+    (box.data / "loose.uff").write_bytes(good[:1000])
+    for _ in range(2):
+        assert box.run("update").code == 5
+        assert box.result("loose")["status"] == "failed"
+        assert (box.out / "loose" / "result.previous.json").read_bytes() == before
+        assert {name: (box.out / "loose" / name).read_bytes() for name in tables} == tables
+    (box.data / "loose.uff").write_bytes(good)
+    assert box.run("update").code == 0
+    assert box.results()["loose"]["parameters"] == json.loads(before)["parameters"]
+
+
+# -- verdicts in the exit code ------------------------------------------------------------------------------------------
+
+
+def test_fail_on_loose(frame: Folder) -> None:
+    assert frame.run("update", "--fail-on-loose").code == 6
+    told = frame.run("update", "--fail-on-loose", "--json")
+    assert told.code == told.json["exit_code"] == 6
+    assert frame.run("update").code == 0
+    assert frame.run("update", "--fail-on-loose", "--job", "tight").code == 0
+    assert frame.run("update", "--fail-on-loose", "--job", "loose-2").code == 6
+
+
+# -- changes nothing, says nothing --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("args", [[], ["--json"], ["--force"], ["--job", "loose"]])
+def test_dry_run_changes_nothing(box: Folder, tmp_path: Path, args: list[str]) -> None:
+    from campaigns import box as make
+
+    for folder in (box, make(tmp_path / "new")):
+        before = folder.listing()
+        for command in ("update", "reduce"):
+            if "--job" in args and command == "reduce":
+                continue
+            result = folder.run(command, "--dry-run", *args)
+            assert result.code == 0
+            assert result.stdout
+            assert result.stderr == ""
+            if "--json" in args:
+                assert result.json
+        assert folder.run("check").code == 0
+        assert folder.listing() == before
+    assert "no result yet" in folder.run("update", "--dry-run").stdout
+    assert "the cache is empty" in folder.run("update", "--dry-run").stdout
+    assert "kept (nothing changed)" in box.run("update", "--dry-run").stdout
+
+
+def test_quiet_and_verbose(box: Folder) -> None:
+    quiet = box.run("update", "--force", "-q")
+    assert (quiet.code, quiet.stderr) == (0, "")
+    plain = box.run("update", "--force")
+    assert (plain.code, plain.stderr) == (0, "")
+    verbose = box.run("update", "--force", "-v", "--json")
+    assert verbose.code == 0
+    assert "loose: converged, misfit 5.71 -> 0.00 dB" in verbose.stderr
+    assert verbose.json["exit_code"] == 0
+    kept = box.run("update", "-v", "--json")
+    assert "loose: kept, nothing changed" in kept.stderr
+    assert set(kept.json) == {"exit_code", "output", "kept", "failed", "results"}
+
+
+def test_warnings_do_not_enter_the_json(box: Folder) -> None:
+    box.replace("- 2.0\n    - 0.0\n    - 0.1", "- 2.0\n    - 0.0\n    - 0.15")
+    for command in ("check", "reduce", "update"):
+        result = box.run(command, "--json")
+        assert result.code == 0
+        assert "warning: responses.mic3" in result.stderr
+        assert result.json
+        assert box.run(command, "-q").stderr == ""
+
+
+# -- folders that cannot be written -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["reduce", "update"])
+def test_output_that_cannot_be_written(box: Folder, command: str) -> None:
+    (box.path / "file").write_text("no folder")
+    for output in ("file", "file/below"):
+        result = box.run(command, "--override", f"output={box.path.as_posix()}/{output}")
+        assert result.code == 2, result.stderr
+        assert "the results cannot be written" in result.stderr
+        assert "to mend:" in result.stderr
+        assert "Traceback" not in result.stderr
+    assert (box.path / "file").read_text() == "no folder"
+
+
+@pytest.mark.parametrize("command", ["reduce", "update", "simulate"])
+def test_cache_that_cannot_be_written(tmp_path: Path, command: str) -> None:
+    folder = box(tmp_path / "new")
+    (folder.path / "file").write_text("no folder")
+    args = ["--out", str(tmp_path / "x.csv")] if command == "simulate" else []
+    for cache in ("file", "file/below"):
+        result = folder.run(command, "--cache", str(folder.path / cache), *args)
+        assert result.code == 2, result.stderr
+        assert "Traceback" not in result.stderr
+        assert "cache" in result.stderr
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_results_of_another_program_are_not_overwritten_in_silence(box: Folder) -> None:
+    """A job folder that is a file."""
+    shutil.rmtree(box.out / "loose")
+    (box.out / "loose").write_text("mine")
+    result = box.run("update")
+    assert result.code == 2
+    assert "the results cannot be written" in result.stderr
+    assert (box.out / "loose").read_text() == "mine"
