@@ -193,10 +193,7 @@ def load(decision: CacheDecision) -> Reduction:
             model=model,
             options=ReductionOptions(**options),
             reached=bool(summary["reached"]),
-            held_out=tuple(
-                HeldOut(float(line["frequency_hz"]), {kind: line["errors"][kind] for kind in ERROR_KINDS if kind in line["errors"]})
-                for line in tree["certificate"]
-            ),
+            held_out=tuple(_held_out(line) for line in tree["certificate"]),
             trace=tuple(Step(**step) for step in tree["trace"]),
             seconds=dict(summary["seconds"]),
             backend=summary["backend"],
@@ -209,6 +206,12 @@ def load(decision: CacheDecision) -> Reduction:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error
+
+
+def _held_out(line: dict[str, Any]) -> HeldOut:
+    errors = dict(line["errors"])
+    # HDF5 sorts names; a person reads from free to clamped.
+    return HeldOut(float(line["frequency_hz"]), {kind: float(errors.pop(kind)) for kind in ERROR_KINDS if kind in errors} | errors)
 
 
 def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:

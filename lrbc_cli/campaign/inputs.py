@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping, ResponseConfig
@@ -475,6 +476,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
         bolts = read_points(campaign.bolts)
         reader.hash(campaign.bolts)
     model = FeModel(K, C, M, B, L, output_power, acoustic, terms)
+    require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     return Inputs(
         campaign,
         model,
