@@ -27,7 +27,7 @@ def parts_of(model: FeModel) -> NDArray[np.int64]:
         rows.append(dofs)
         cols.append(np.full(dofs.size, dofs[0]))
     row, col = np.concatenate(rows), np.concatenate(cols)
-    pattern = sp.csr_array((np.ones(row.size, dtype=np.int8), (row, col)), shape=(n, n))
+    pattern = sp.csr_array((np.ones(row.size, dtype=bool), (row, col)), shape=(n, n))
     return np.asarray(connected_components(pattern, directed=False)[1], dtype=np.int64)
 
 

@@ -1,0 +1,306 @@
+"""The reduced model and its cache: hits and misses with their reason, damage, tolerance, singular systems."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse as sp
+from campaigns import Folder, box, chain_folder, frame
+
+from lrbc_cli.io.frf import read_frf
+
+REDUCTION_KEYS = {
+    "size",
+    "full_size",
+    "terms",
+    "band_hz",
+    "tolerance",
+    "reached",
+    "backend",
+    "symmetry",
+    "expansion_points",
+    "certificate",
+    "trace",
+    "seconds",
+    "machine",
+    "date",
+    "cache",
+    "versions",
+}
+
+
+def cached(folder: Folder) -> list[Path]:
+    return sorted(folder.cache.glob("*/model.h5"))
+
+
+def test_a_second_reduction_is_a_hit(tmp_path: Path) -> None:
+    folder = frame(tmp_path / "new")
+    first = folder.run("reduce", "--json")
+    assert first.code == 0
+    assert first.stderr == ""
+    assert set(first.json) >= REDUCTION_KEYS
+    assert first.json["cache"]["hit"] is False
+    assert first.json["cache"]["reason"] == "the cache is empty"
+    assert first.json["full_size"] == 414
+    assert first.json["reached"] is True
+    assert first.json["certificate"]["worst"] <= 1e-3
+    assert len(first.json["certificate"]["held_out"]) >= 5
+    for key in ("total", "full_line", "reduced_line", "full_lines_worth"):
+        assert first.json["seconds"][key] > 0
+    assert json.loads((folder.out / "reduction.json").read_text()) == first.json
+    assert len(cached(folder)) == 1
+    stamp = cached(folder)[0].stat().st_mtime_ns
+
+    second = folder.run("reduce", "--json")
+    assert second.json["cache"]["hit"] is True
+    assert "matrices, terms, excitation, responses, band and tolerance" in second.json["cache"]["reason"]
+    assert cached(folder)[0].stat().st_mtime_ns == stamp
+    same = REDUCTION_KEYS - {"cache"}
+    assert {key: second.json[key] for key in same} == {key: first.json[key] for key in same}
+    text = folder.run("reduce")
+    assert "cache: hit (matrices, terms" in text.stdout
+    assert "measured error: at most" in text.stdout
+    assert f"reduced model: {first.json['size']} DOFs" in text.stdout
+
+
+def test_force_builds_anew(box: Folder) -> None:
+    stamp = cached(box)[0].stat().st_mtime_ns
+    planned = box.run("reduce", "--force", "--dry-run", "--json")
+    assert planned.json["builds"] is True
+    assert cached(box)[0].stat().st_mtime_ns == stamp
+    result = box.run("reduce", "--force", "--json")
+    assert result.json["cache"]["hit"] is False
+    assert result.json["cache"]["reason"] == "--force"
+    assert cached(box)[0].stat().st_mtime_ns > stamp
+    assert len(cached(box)) == 1
+    assert box.run("reduce", "--json").json["cache"]["hit"] is True
+    assert box.run("update", "--json").json["kept"] == ["tight", "loose"]
+
+
+@pytest.mark.parametrize(
+    ("override", "reason"),
+    [
+        ("reduction.band=[25.0, 400.0]", "the band"),
+        ("reduction.tolerance=1e-5", "the tolerance"),
+        ("reduction.held_out=6", "held_out or max_size"),
+        ("model.damping.structure.alpha=4.5", "the matrices or the damping"),
+        ("excitation.hammer.scale=2.0", "the excitation"),
+        ("responses.mic1.node=104", "the responses"),
+        ("parameters.springs.select.box=[[0, 1.2], [0, 0], [0, 0]]", "the terms"),
+        ("parameters.springs.baseline=10.0", "the terms"),
+    ],
+)
+def test_a_miss_says_what_changed(box: Folder, override: str, reason: str) -> None:
+    for command in (["reduce", "--dry-run", "--json"], ["check", "--json"]):
+        found = box.run(*command, "--override", override).json
+        decision = found.get("cache", found)
+        assert decision["hit"] is False
+        assert decision["reason"] == f"changed since the nearest model in the cache: {reason}"
+    assert box.run("reduce", "--override", override).code == 0
+    assert len(cached(box)) == 2
+    assert box.run("reduce", "--override", override, "--json").json["cache"]["hit"] is True
+    assert box.run("reduce", "--json").json["cache"]["hit"] is True
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "reduction.backend=superlu",
+        "parameters.springs.initial=4.0",
+        "parameters.springs.bounds=[2.0, 6.0]",
+        "update.lines=resonances",
+        "update.responses=[mic1, mic2]",
+        "jobs.loose.frf=data/tight.uff",
+        "campaign=other",
+    ],
+)
+def test_what_the_reduced_model_does_not_depend_on_is_a_hit(box: Folder, override: str) -> None:
+    assert box.run("reduce", "--dry-run", "--json", "--override", override).json["hit"] is True
+
+
+def test_another_model_is_told_as_such(box: Folder, tmp_path: Path) -> None:
+    other = frame(tmp_path / "other")
+    result = other.run("reduce", "--cache", str(box.cache), "--json")
+    assert result.json["cache"]["reason"] == "no model of these matrices is in the cache"
+    assert len(cached(box)) == 2
+
+
+def flip(content: bytes) -> bytes:
+    at = len(content) // 3
+    return content[:at] + bytes(byte ^ 0xFF for byte in content[at : at + 4000]) + content[at + 4000 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda c: c[: len(c) // 2], lambda c: c[:100], lambda _: b"", lambda _: b"no model\n" * 100, flip],
+    ids=["half", "head", "empty", "text", "flipped"],
+)
+def test_a_damaged_cached_model_is_built_anew(box: Folder, damage) -> None:  # type: ignore[no-untyped-def]
+    before = box.run("reduce", "--json").json
+    path = cached(box)[0]
+    path.write_bytes(damage(path.read_bytes()))
+    result = box.run("reduce", "--json")
+    assert result.code == 0, result.stderr
+    assert "WARNING: the cached reduced model is built anew" in result.stderr
+    assert str(path) in result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.json["cache"]["hit"] is False
+    assert result.json["cache"]["reason"] == "the file in the cache is damaged"
+    assert result.json["size"] == before["size"]
+    again = box.run("reduce", "--json")
+    assert again.json["cache"]["hit"] is True
+    assert again.stderr == ""
+
+
+def test_damaged_port_frfs_are_computed_anew(box: Folder) -> None:
+    before = box.results()
+    tables = list(box.cache.glob("*/ports-*.h5"))
+    assert tables
+    for path in tables:
+        path.write_bytes(path.read_bytes()[:-200])
+    result = box.run("update", "--force")
+    assert result.code == 0
+    assert "port FRFs in the cache are computed anew" in result.stderr
+    assert box.results() == before
+    assert box.run("update", "--force").stderr == ""
+
+
+def test_damaged_keys_do_not_matter(box: Folder) -> None:
+    for content in ("{", "[]", "null", '{"operators": 3}'):
+        for path in box.cache.glob("*/key.json"):
+            path.write_text(content)
+        assert box.run("reduce", "--json").json["cache"]["hit"] is True
+        result = box.run("reduce", "--dry-run", "--json", "--override", "reduction.band=[25.0, 400.0]")
+        assert result.code == 0
+        assert result.json["hit"] is False
+
+
+# -- tolerance ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_tolerance_that_is_not_reached(tmp_path: Path) -> None:
+    folder = frame(tmp_path / "new")
+    small = ("--override", "reduction.max_size=15")
+    result = folder.run("reduce", *small)
+    assert result.code == 4
+    assert result.stdout == ""
+    for part in ("does not reach its tolerance", "expected:", "1.0e-03", "found:", "reduction.max_size", "--accept-tolerance"):
+        assert part in result.stderr
+    # What was built is kept, and refused again without building.
+    assert len(cached(folder)) == 1
+    stamp = cached(folder)[0].stat().st_mtime_ns
+    assert folder.run("update", *small).code == 4
+    assert not list(folder.out.glob("*/result.json"))
+    assert folder.run("simulate", *small, "--out", str(tmp_path / "x.csv")).code == 4
+    assert not (tmp_path / "x.csv").exists()
+    accepted = folder.run("reduce", *small, "--accept-tolerance", "--json")
+    assert accepted.code == 0
+    assert accepted.json["reached"] is False
+    assert accepted.json["cache"]["hit"] is True
+    assert accepted.json["certificate"]["worst"] > 1e-3
+    assert cached(folder)[0].stat().st_mtime_ns == stamp
+    assert folder.run("update", *small, "--accept-tolerance").code == 0
+    certificate = folder.result("tight")["provenance"]["certificate"]
+    assert certificate["reached"] is False
+    assert certificate["worst"] > certificate["tolerance"]
+    assert folder.run("simulate", *small, "--accept-tolerance", "--out", str(tmp_path / "x.csv")).code == 0
+    assert len(read_frf(tmp_path / "x.csv").records) == 4
+
+
+# -- singular systems ---------------------------------------------------------------------------------------------------
+
+
+def spoil(folder: Folder, change) -> None:  # type: ignore[no-untyped-def]
+    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx").toarray() for name in "KM"}
+    change(matrices)
+    for name, matrix in matrices.items():
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
+
+
+@pytest.mark.parametrize("backend", ["superlu", "auto"])
+def test_an_orphan_dof(tmp_path: Path, backend: str) -> None:
+    folder = chain_folder(tmp_path / "new")
+
+    def change(matrices: dict[str, np.ndarray]) -> None:
+        for matrix in matrices.values():
+            matrix[5, :] = matrix[:, 5] = 0.0
+
+    spoil(folder, change)
+    assert "1 DOFs have neither stiffness nor mass" in folder.run("check").stdout
+    for command, args in (("reduce", []), ("simulate", ["--full", "--out", str(tmp_path / "x.csv")])):
+        result = folder.run(command, "--override", f"reduction.backend={backend}", *args)
+        assert result.code == 4
+        assert result.stdout == ""
+        for part in ("DOF 5", "empty", "to mend:", "orphan nodes"):
+            assert part in result.stderr
+        assert "Traceback" not in result.stderr
+    assert not list(folder.cache.rglob("*.h5"))
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_a_mechanism_without_mass(tmp_path: Path) -> None:
+    """Two massless DOFs on a spring between them: singular at every line."""
+    folder = chain_folder(tmp_path / "new")
+
+    def change(matrices: dict[str, np.ndarray]) -> None:
+        matrices["K"] = np.pad(matrices["K"], (0, 2))
+        matrices["K"][-2:, -2:] = 1e5 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        matrices["M"] = np.pad(matrices["M"], (0, 2))
+
+    spoil(folder, change)
+    result = folder.run("reduce", "--override", "reduction.backend=superlu")
+    assert result.code == 4
+    assert "singular" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("backend", ["superlu", "auto"])
+def test_massless_and_undamped_models_are_no_error(tmp_path: Path, backend: str) -> None:
+    folder = chain_folder(tmp_path / "new")
+
+    def change(matrices: dict[str, np.ndarray]) -> None:
+        matrices["M"][5] = 0.0
+
+    spoil(folder, change)
+    tree = folder.tree()
+    del tree["model"]["damping"]
+    folder.write(tree)
+    found = folder.run("check")
+    assert "1 massless DOFs (singular mass matrix): allowed" in found.stdout
+    assert "undamped model has infinite resonances" in found.stdout
+    result = folder.run("reduce", "--json", "--override", f"reduction.backend={backend}")
+    assert result.code == 0, result.stderr
+    assert result.json["certificate"]["worst"] < 1e-6
+
+
+def test_a_response_that_the_excitation_does_not_reach(tmp_path: Path) -> None:
+    """Two halves without a connection."""
+    folder = chain_folder(tmp_path / "new")
+
+    def change(matrices: dict[str, np.ndarray]) -> None:
+        K = matrices["K"]
+        K[8, 9] = K[9, 8] = 0.0
+
+    spoil(folder, change)
+    (folder.data / "one.csv").write_text(
+        "frequency_hz,a_real,a_imag,b_real,b_imag\n" + "".join(f"{f},1,0,1,0\n" for f in range(20, 500, 10))
+    )
+    result = folder.run("update")
+    assert result.code == 3
+    for part in ("response b", "hammer", "zero", "to mend:"):
+        assert part in result.stderr
+    assert "RuntimeWarning" not in result.stderr
+
+
+def test_back_ends_agree(tmp_path: Path) -> None:
+    frfs = []
+    for backend in ("superlu", "auto"):
+        folder = box(tmp_path / backend)
+        out = tmp_path / f"{backend}.h5"
+        assert folder.run("simulate", "--override", f"reduction.backend={backend}", "--out", str(out)).code == 0
+        frfs.append(np.stack([record.values for record in read_frf(out).records]))
+    np.testing.assert_allclose(frfs[0], frfs[1], rtol=1e-8)
