@@ -1,40 +1,54 @@
-"""Matrices in MATLAB files up to version 7 (level 5)."""
+"""Matrices in MATLAB files up to version 7 (level 5).
+
+Only numeric and sparse arrays are read; texts, cells, structures and objects are passed over. The elements are parsed
+here: the reader of scipy (1.17) ends the whole process on some damaged files. The layout is that of "MAT-File Format",
+MathWorks.
+"""
 
 from __future__ import annotations
 
-import inspect
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat, whosmat
+from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_allocation, check_dimensions, damaged, listing, require_file
+from lrbc_cli.io.common import check_allocation, damaged, listing, require_file
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
-_SPARSE_ARRAYS: dict[str, Any] = {"spmatrix": False} if "spmatrix" in inspect.signature(loadmat).parameters else {}
-_NUMERIC = {
-    "double": 8,
-    "single": 4,
-    "int8": 1,
-    "uint8": 1,
-    "int16": 2,
-    "uint16": 2,
-    "int32": 4,
-    "uint32": 4,
-    "int64": 8,
-    "uint64": 8,
-    "logical": 1,
+_HEADER_BYTES = 128
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_KINDS = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 6: "double", 7: "single", 16: "function", 17: "opaque"} | {
+    8 + 2 * index + unsigned: f"{'u' * unsigned}int{8 << index}" for index in range(4) for unsigned in (0, 1)
 }
+_NUMERIC = {"double", "single", *(kind for kind in _KINDS.values() if "int" in kind)}
+# Array flags, dimensions and name come before the values of a variable.
+_PREFIX_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class _Variable:
+    name: str
+    shape: tuple[int, ...]
+    kind: str
+    is_complex: bool
+    order: str
+    compressed: bool
+    element: bytes
+    values_at: int
 
 
 def is_mat5(start: bytes) -> bool:
     """Whether the first bytes of a file are the header of a MATLAB level 5 file."""
-    return start[:10] == b"MATLAB 5.0" or (
-        len(start) >= 128 and start[:6] == b"MATLAB" and start[126:128] in (b"IM", b"MI") and start[7:10] != b"7.3"
-    )
+    return start[:6] == b"MATLAB" and start[7:10] != b"7.3" and start[126:128] in (b"IM", b"MI")
 
 
 def list_variables(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
@@ -45,28 +59,23 @@ def list_variables(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
     DataError
         If the file is damaged.
     """
-    require_file(path)
-    with damaged(path, "MATLAB file"):
-        return [(str(name), tuple(int(n) for n in shape), str(kind)) for name, shape, kind in whosmat(str(path), appendmat=False)]
+    return [(variable.name, variable.shape, variable.kind) for variable in _variables(path)]
 
 
 def load_variables(path: Path, names: list[str]) -> dict[str, Any]:
-    """Values of numeric variables; sparse ones are not checked yet.
+    """Values of numeric variables: dense arrays as stored, sparse ones as checked ``csc_array``.
 
     Raises
     ------
     DataError
         If the file is damaged or claims more than it holds.
     """
-    size = require_file(path)
-    for name, shape, kind in list_variables(path):
-        if name in names and kind in _NUMERIC:
-            check_allocation(int(np.prod([float(n) for n in shape])) * _NUMERIC[kind], size, path, name, compressed=True)
-        elif name in names and kind == "sparse":
-            check_dimensions(shape, size, path, name)
-    with damaged(path, "MATLAB file"):
-        found = loadmat(str(path), variable_names=names, appendmat=False, **_SPARSE_ARRAYS)
-    return {name: found[name] for name in names if name in found}
+    found = {}
+    for variable in _variables(path):
+        if variable.name in names:
+            with damaged(path, "MATLAB variable", variable.name):
+                found[variable.name] = _values(variable, path)
+    return found
 
 
 def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
@@ -99,24 +108,121 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
         group = names[0]
         notes.append(f"took {group!r}, the only matrix in the file")
     if group not in names:
-        raise DataError(
-            "the file holds no such matrix",
-            file=path,
-            place=group,
-            expected=repr(group),
-            found=listing(names),
-            hint="name one of these after '#'",
-        )
-    value = load_variables(path, [group]).get(group)
-    if value is None:
-        raise DataError("the variable cannot be read", file=path, place=group, hint="the file is damaged; export it again")
-    with damaged(path, "MATLAB variable", group):
-        if issparse(value):
-            csc = value.tocsc() if value.format != "csc" else value
-            matrix = from_compressed(
-                "csc", csc.data, csc.indices, csc.indptr, csc.shape, path=path, place=group, file_size=require_file(path)
+        hint = "name one of these after '#'"
+        raise DataError("the file holds no such matrix", file=path, place=group, expected=repr(group), found=listing(names), hint=hint)
+    value = load_variables(path, [group])[group]
+    if not issparse(value):
+        notes.append(f"{group!r} is stored dense")
+        value = canonical(value, path, group)
+    return MatrixFile(value, "mat-v5", tuple(notes))
+
+
+def _variables(path: Path) -> list[_Variable]:
+    require_file(path)
+    content = path.read_bytes()
+    if not is_mat5(content):
+        raise DataError("this is not a MATLAB level 5 file", file=path, expected="a header 'MATLAB 5.0 MAT-file'", found=repr(content[:20]))
+    order = "<" if content[126:128] == b"IM" else ">"
+    variables = []
+    with damaged(path, "MATLAB file"):
+        for element, compressed in _elements(content, order, path):
+            variable = _describe(element, compressed, order)
+            if variable is not None:
+                variables.append(variable)
+    return variables
+
+
+def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, bool]]:
+    """Variables of the file: the element of each, or where it is compressed, the packed bytes."""
+    position = _HEADER_BYTES
+    while position + 8 <= len(content):
+        kind, size = struct.unpack_from(order + "II", content, position)
+        start = position + 8
+        if start + size > len(content):
+            place = f"byte {position}"
+            hint = "the file is truncated; export it again"
+            raise DataError(
+                "a variable is cut off", file=path, place=place, expected=f"{size} bytes", found=f"{len(content) - start} bytes", hint=hint
             )
-        else:
-            notes.append(f"{group!r} is stored dense")
-            matrix = canonical(value, path, group)
-    return MatrixFile(matrix, "mat-v5", tuple(notes))
+        if kind in (_MATRIX, _COMPRESSED):
+            yield content[start : start + size], kind == _COMPRESSED
+        position = start + size + (-size % 8 if kind != _COMPRESSED else 0)
+
+
+def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
+    """Name, shape and class from the first bytes of a variable; None for one without a name."""
+    start = zlib.decompressobj().decompress(element, _PREFIX_BYTES) if compressed else element[:_PREFIX_BYTES]
+    if compressed:
+        if struct.unpack_from(order + "I", start)[0] != _MATRIX:
+            return None
+        start = start[8:]
+    if not start:
+        return None
+    flags, position = _read_element(start, 0, order)
+    dimensions, position = _read_element(start, position, order)
+    name, position = _read_element(start, position, order)
+    code = int(flags[0])
+    shape = tuple(int(n) for n in dimensions)
+    if len(shape) < 2 or min(shape) < 0:
+        raise ValueError(f"dimensions {shape}")
+    text = name.astype(np.uint8).tobytes().decode("latin-1")
+    return (
+        _Variable(text, shape, _KINDS.get(code & 0xFF, "unknown"), bool(code & 0x0800), order, compressed, element, position)
+        if text
+        else None
+    )
+
+
+def _read_element(data: bytes, position: int, order: str) -> tuple[NDArray[Any], int]:
+    """One numeric element and the offset of the next; small ones hold their values in the tag."""
+    kind, size = struct.unpack_from(order + "II", data, position)
+    start, step = position + 8, 8 + size + -size % 8
+    if kind >> 16:
+        kind, size, start, step = kind & 0xFFFF, kind >> 16, position + 4, 8
+    if kind not in _TYPES:
+        raise ValueError(f"unknown data type {kind}")
+    dtype = np.dtype(order + _TYPES[kind])
+    if (step == 8 and size > 4) or start + size > len(data) or size % dtype.itemsize:
+        raise ValueError(f"an element of {size} bytes does not fit")
+    return np.frombuffer(data, dtype, size // dtype.itemsize, start), position + step
+
+
+def _values(variable: _Variable, path: Path) -> Any:
+    data = variable.element
+    if variable.compressed:
+        data = zlib.decompress(data)[8:]
+    position = variable.values_at
+
+    def next_array() -> NDArray[Any]:
+        nonlocal position
+        array, position = _read_element(data, position, variable.order)
+        return array
+
+    if variable.kind == "sparse":
+        rows, pointers = next_array(), next_array()
+        entries = int(pointers[-1]) if pointers.size else 0
+        # MATLAB keeps room for further entries behind the last one.
+        values = _complex(next_array(), next_array() if variable.is_complex else None)[:entries]
+        shape = (variable.shape[0], variable.shape[1])
+        size = path.stat().st_size
+        return from_compressed("csc", values, rows[:entries], pointers, shape, path=path, place=variable.name, file_size=size)
+    if variable.kind not in _NUMERIC:
+        raise DataError("this variable holds no numbers", file=path, place=variable.name, expected="a matrix", found=variable.kind)
+    values = _complex(next_array(), next_array() if variable.is_complex else None)
+    count = math.prod(variable.shape)
+    if values.size != count:
+        check_allocation(count, values.size, path, variable.name)
+        raise DataError(
+            "the array has the wrong length", file=path, place=variable.name, expected=f"{count} values", found=f"{values.size}"
+        )
+    return values.reshape(variable.shape, order="F")
+
+
+def _complex(real: NDArray[Any], imaginary: NDArray[Any] | None) -> NDArray[Any]:
+    if imaginary is None:
+        return real.astype(real.dtype.newbyteorder("="))
+    if real.size != imaginary.size:
+        raise ValueError(f"{real.size} real parts, {imaginary.size} imaginary parts")
+    values = np.empty(real.size, dtype=np.complex128)
+    values.real, values.imag = real, imaginary
+    return values
