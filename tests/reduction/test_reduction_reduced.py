@@ -163,17 +163,18 @@ class TestSoundBox:
         worst = {name: relative(ports.evaluate(D), box.evaluate(s, D)) for name, D in self.vectors(s).items()}
         assert max(worst.values()) < 1e-8, worst
 
-    def test_resonances_of_a_nearly_undamped_base(self, box):
-        """Without the reference's loss factor, and with a hundredth of the damping, the formula still has eight digits."""
+    @pytest.mark.parametrize(("damping", "limit"), [(1.0, 1e-8), (0.01, 5e-7)])
+    def test_exactly_on_the_resonances_of_the_base(self, box, damping, limit):
+        """Undamped natural frequencies of the base, its reference without loss factor; digits go with the damping and not faster."""
         bare = box.with_reference(box.reference * np.array([1.0, 0.0, 0.0]))
-        light = ReducedModel(**{**bare.__dict__, "C": 0.01 * np.asarray(bare.C)})
+        light = ReducedModel(**{**bare.__dict__, "C": damping * np.asarray(bare.C)})
         w2 = np.linalg.eigvals(np.linalg.solve(light.M, light.K + (light.left * light.reference[:, 0]) @ light.right.T))
         hz = np.sort(np.sqrt(np.abs(w2.real))) / (2 * np.pi)
         at = 2j * np.pi * hz[(hz > 20) & (hz < 400)]
         assert at.size >= 12
         ports = light.ports(at)
         worst = {name: relative(ports.evaluate(D), light.evaluate(at, D)) for name, D in self.vectors(at).items()}
-        assert max(worst.values()) < 1e-8, worst
+        assert max(worst.values()) < limit, worst
 
     @pytest.mark.parametrize("value", [1.0, 1e2, 1e4])
     def test_gradients(self, box, box_lines, value):
