@@ -24,6 +24,10 @@ from lrbc_cli.model.selection import arc_length, at_node, in_box, nearest, spaci
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
 Floats = NDArray[np.float64]
+Point = tuple[int | None, int | None]
+
+#: Directions of universal files by the label of a DOF; a pressure has none.
+DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
 
 UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s²/N"}
 
@@ -37,8 +41,8 @@ class Response:
     name, quantity, unit : str
     input : int
         Index of its excitation.
-    node : int or None
-        Node number of the model, for matching records.
+    node, direction : int or None
+        Node number of the model and direction as in universal files, for matching records; None where unknown.
     text : str
         Where it was found.
     """
@@ -48,6 +52,7 @@ class Response:
     unit: str
     input: int
     node: int | None
+    direction: int | None
     text: str
 
 
@@ -93,8 +98,8 @@ class Inputs:
     dofs : DofTable or None
     responses : tuple of Response
     excitations : tuple of str
-    excitation_nodes : tuple
-        Node number of each excitation, or None.
+    excitation_points : tuple
+        Node number and direction of each excitation, None where unknown.
     groups : tuple of TermGroup
     bolts : PointTable or None
     notes : tuple of str
@@ -109,7 +114,7 @@ class Inputs:
     dofs: DofTable | None
     responses: tuple[Response, ...]
     excitations: tuple[str, ...]
-    excitation_nodes: tuple[int | None, ...]
+    excitation_points: tuple[Point, ...]
     groups: tuple[TermGroup, ...]
     bolts: PointTable | None
     notes: tuple[str, ...]
@@ -222,9 +227,15 @@ class _Reader:
 
     # -- parts of the model -----------------------------------------------------------------------------------------
 
-    def loads(self) -> tuple[sp.csc_array, list[int | None]]:
+    def point(self, dof: int) -> Point:
+        """Node and direction of a DOF."""
+        if self.dofs is None:
+            return None, None
+        return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))
+
+    def loads(self) -> tuple[sp.csc_array, list[Point]]:
         columns: list[sp.csc_array] = []
-        nodes: list[int | None] = []
+        points: list[Point] = []
         for name, point in self.campaign.excitation.items():
             if point.vector is not None:
                 matrix = self.vectors(point.vector, f"excitation.{name}")
@@ -236,19 +247,19 @@ class _Reader:
                         found=f"{matrix.shape[1]}",
                     )
                 columns.append(matrix * point.scale)
-                nodes.append(None)
+                points.append((None, None))
                 continue
             dof, text = self.pick(point, "excitation", name)
             self.notes.append(f"excitation {name}: {text}")
             columns.append(unit_columns([dof], self.n, point.scale))
-            nodes.append(int(self.dofs.node[dof]) if self.dofs else None)
-        return sp.hstack(columns, format="csc"), nodes
+            points.append(self.point(dof))
+        return sp.hstack(columns, format="csc"), points
 
     def outputs(self, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, list[Response]]:
         rows, responses = [], []
         excitations = list(self.campaign.excitation)
         for name, point in self.campaign.responses.items():
-            row, node, text, is_pressure = self.output(point, name, acoustic)
+            row, place, text, is_pressure = self.output(point, name, acoustic)
             quantity = point.quantity or ("pressure" if is_pressure else "displacement")
             if (quantity == "pressure") != is_pressure:
                 raise self.campaign.error(
@@ -269,10 +280,10 @@ class _Reader:
             at = excitations.index(point.excitation) if point.excitation else 0
             self.notes.append(f"response {name}: {text}, {quantity}")
             rows.append(row)
-            responses.append(Response(name, quantity, UNITS[quantity], at, node, text))
+            responses.append(Response(name, quantity, UNITS[quantity], at, *place, text))
         return sp.vstack(rows, format="csc"), responses
 
-    def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, int | None, str, bool]:
+    def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Point, str, bool]:
         if point.matrix is not None or point.vector is not None:
             ref = point.matrix or point.vector
             assert ref is not None
@@ -289,10 +300,9 @@ class _Reader:
                     file=ref.path,
                     place=f"row {point.row}",
                 )
-            return (column.T * point.scale).tocsc(), None, f"row {point.row} of {ref.path.name}", bool(fields.all())
+            return (column.T * point.scale).tocsc(), (None, None), f"row {point.row} of {ref.path.name}", bool(fields.all())
         dof, text = self.pick(point, "responses", name)
-        node = int(self.dofs.node[dof]) if self.dofs else None
-        return unit_columns([dof], self.n, point.scale).T.tocsc(), node, text, bool(acoustic[dof])
+        return unit_columns([dof], self.n, point.scale).T.tocsc(), self.point(dof), text, bool(acoustic[dof])
 
     def group(self, name: str, config: GroupConfig, first: int) -> tuple[TermGroup, sp.csc_array, sp.csc_array]:
         select = config.select
@@ -457,7 +467,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
     else:
         C = reader.matrix(damping, "damping", n)
-    B, nodes = reader.loads()
+    B, points = reader.loads()
     L, responses = reader.outputs(acoustic)
     groups, lefts, rights = [], [], []
     first = 0
@@ -483,7 +493,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
         reader.dofs,
         tuple(responses),
         tuple(campaign.excitation),
-        tuple(nodes),
+        tuple(points),
         tuple(groups),
         bolts,
         tuple(reader.notes),

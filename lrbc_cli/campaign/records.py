@@ -53,6 +53,12 @@ def _describe(record: FrfRecord) -> str:
     return f"{record.place}: {', '.join(parts)}"
 
 
+def _place_text(response: Response) -> str:
+    if response.node is None:
+        return ""
+    return f", or of node {response.node}" + ("" if response.direction is None else f" direction {response.direction}")
+
+
 def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
     """The record of a response: by what the campaign says, else by name, else by node and direction.
 
@@ -70,7 +76,7 @@ def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet
     def one(found: list[FrfRecord], how: str) -> FrfRecord | None:
         if len(found) > 1:
             # Several hammer points: the record over this response's own input.
-            node = inputs.excitation_nodes[response.input]
+            node, _ = inputs.excitation_points[response.input]
             own = [r for r in found if node is not None and r.reference_node == node]
             if len(own) == 1:
                 return own[0]
@@ -93,11 +99,21 @@ def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet
         return found
     if response.node is None:
         return None
-    pressure = response.quantity == "pressure"
-    return one(
-        [r for r in frf.records if r.response_node == response.node and (r.response_direction == 0) == pressure],
-        f"node {response.node}",
-    )
+    driven, _ = inputs.excitation_points[response.input]
+    several = len(inputs.excitations) > 1
+
+    def fits(record: FrfRecord) -> bool:
+        if record.response_node != response.node:
+            return False
+        # Labels of one's own have no direction: then any motion of the node will do.
+        if response.direction is None and record.response_direction == 0:
+            return False
+        if response.direction is not None and record.response_direction != response.direction:
+            return False
+        return not several or driven is None or record.reference_node in (None, driven)
+
+    direction = "" if response.direction is None else f" direction {response.direction}"
+    return one([r for r in frf.records if fits(r)], f"node {response.node}{direction}")
 
 
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
@@ -129,7 +145,7 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 place=f"job {name}",
                 expected=(f"name {wanted}" if isinstance(wanted, str) else f"node {wanted.node} direction {wanted.direction}")
                 if wanted is not None
-                else f"a record named {response.name}" + (f", or of node {response.node}" if response.node is not None else ""),
+                else f"a record named {response.name}" + _place_text(response),
                 found="; ".join(_describe(r) for r in frf.records[:12]) + (" ..." if len(frf.records) > 12 else ""),
                 hint=f"say which one in responses.{response.name}.record or in the job's records",
             )

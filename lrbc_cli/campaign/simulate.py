@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.identify import parameterise
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.results import RESULT_FORMAT, read_json
-from lrbc_cli.campaign.stage import FrfSource, obtain_reduction
+from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -25,7 +25,7 @@ MAX_LINES = 200_000
 
 
 def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
-    """Lines from ``START:STOP:STEP`` or ``33.3,71.7``; 1 Hz lines of the band where None.
+    """Lines from ``START:STOP:STEP`` or ``33.3,71.7``; 1 Hz lines of the band where None, its ends where it holds none.
 
     Raises
     ------
@@ -39,8 +39,12 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
         )
 
     if text is None:
-        first, last = int(np.ceil(band[0])), int(np.floor(band[1]))
-        return np.array(range(first, last + 1), dtype=float)
+        first, last = np.ceil(band[0]), np.floor(band[1])
+        if last - first > MAX_LINES:
+            raise ConfigError(
+                f"the band holds more than {MAX_LINES} lines of 1 Hz", place="--lines", expected="START:STOP:STEP", hint="name the lines"
+            )
+        return np.arange(first, last + 1) if first <= last else np.array(band)
     number = r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
@@ -71,9 +75,11 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
     names = [group.name for group in parameters.groups]
     for text in assignments:
         name, equals, values = text.partition("=")
-        group_name, _, part = name.strip().partition(".")
-        damped = part == "damping"
-        if not equals or group_name not in names or part not in ("", "damping"):
+        group_name = name.strip()
+        # Names may hold dots themselves.
+        damped = group_name not in names and group_name.endswith(".damping")
+        group_name = group_name.removesuffix(".damping") if damped else group_name
+        if not equals or group_name not in names:
             raise ConfigError(
                 "not a value for a parameter group",
                 place=f"--set {text}",
@@ -189,15 +195,21 @@ def simulate(
             hint="change reduction.band, or use --full",
         )
     s = 2j * np.pi * frequency
-    stage = None if full else obtain_reduction(inputs, folder, accept=accept, progress=progress)
-    kind = "full" if full else ("port" if stage and inputs.model.terms.size <= stage.reduction.model.size else "reduced")
-    source = FrfSource(inputs, stage, kind, progress)
-    parameters, _ = parameterise(inputs, source, s)
+    # Start values found on the FRFs belong to the band, not to the lines asked for.
+    auto = job is None and any(group.config.initial == "auto" for group in inputs.groups)
+    stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
+    reduced = None if stage is None else FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
+    source = FrfSource(inputs, None, "full", progress) if full or reduced is None else reduced
+    if auto and reduced is not None:
+        parameters, _ = parameterise(inputs, reduced, 2j * np.pi * parse_lines(None, band))
+    else:
+        parameters, _ = parameterise(inputs, source, s)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)
     y = source.model(s, parameters).frf(theta)
     records = []
     for i, response in enumerate(inputs.responses):
+        node, direction = inputs.excitation_points[response.input]
         records.append(
             FrfRecord(
                 response.name,
@@ -205,9 +217,9 @@ def simulate(
                 y[:, i].astype(complex),
                 response.quantity,
                 response_node=response.node,
-                response_direction=_direction(inputs, i),
-                reference_node=inputs.excitation_nodes[response.input],
-                reference_direction=3,
+                response_direction=response.direction or 0,
+                reference_node=node,
+                reference_direction=direction or 0,
                 place=response.name,
             )
         )
@@ -217,11 +229,3 @@ def simulate(
     except OSError as error:
         raise ConfigError(f"the file cannot be written ({error.strerror or error})", file=out, place="--out") from error
     return frf
-
-
-DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
-
-
-def _direction(inputs: Inputs, response: int) -> int:
-    component = list(inputs.campaign.responses.values())[response].component
-    return DIRECTIONS.get(component or "", 0)

@@ -178,11 +178,15 @@ class FrfSource:
         return port_model(self.table(s).select(at, rows), parameters)
 
 
+def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
+    """``port`` or ``reduced``: one solve of order nt against one of order r, each with its right-hand sides."""
+    return "port" if inputs.model.terms.size <= stage.reduction.model.size else "reduced"
+
+
 def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
     """Choose how FRFs are evaluated: as configured, or the formula that is cheaper for this number of terms."""
-    kind = inputs.campaign.update.evaluation
+    kind: str = inputs.campaign.update.evaluation
     if kind == "auto":
         assert stage is not None
-        # One solve of order nt against one of order r, each with its right-hand sides.
-        kind = "port" if inputs.model.terms.size <= stage.reduction.model.size else "reduced"
+        kind = cheaper_formula(inputs, stage)
     return FrfSource(inputs, stage, kind, progress)

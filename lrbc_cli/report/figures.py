@@ -203,15 +203,17 @@ def _wrapped(degrees: FloatArray) -> FloatArray:
 
 def convergence_charts(jobs: Sequence[JobResult]) -> list[Chart]:
     """Return cost and mean misfit per evaluation, all jobs; nothing where no job has a history."""
-    known = [job for job in jobs if job.history]
+    known = [job for job in jobs if any(entry.accepted for entry in job.history)]
     charts = []
-    for title, label in (("Cost", "cost, eq. (29)"), ("Misfit of the responses used", "mean misfit [dB]")):
+    for title, label in (("Cost", "cost, eq. (29)"), ("Misfit at the lines used", "mean misfit [dB]")):
         curves = []
         for index, job in enumerate(known):
-            values = [entry.cost if title == "Cost" else entry.misfit_db for entry in job.history]
+            # Trials that were rejected would hide the descent.
+            accepted = [entry for entry in job.history if entry.accepted]
+            values = [entry.cost if title == "Cost" else entry.misfit_db for entry in accepted]
             few = len(known) <= SERIES
             role, name = (f"series{index}", job.job) if few else ("quiet", "each line: one job")
-            curves.append(Curve(role, np.array([entry.number for entry in job.history]), np.array(values), name))
+            curves.append(Curve(role, np.array([entry.number for entry in accepted]), np.array(values), name))
         low, high = span_of(curve.y for curve in curves)
         if not np.isfinite([low, high]).all():
             continue
@@ -260,7 +262,7 @@ def trace_chart(reduction: Reduction) -> Chart | None:
         estimate[~np.isfinite(estimate)] = np.nan
         label = f"step {step.number}: {step.size:g} DOFs" if len(reduction.steps) <= 8 or index in {0, len(reduction.steps) - 1} else ""
         curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
-    taken = np.array([step.factorised_hz for step in reduction.steps if step.factorised_hz is not None])
+    taken = np.array([frequency for frequency, _, _ in reduction.points])
     if taken.size:
         items.append(Marks("taken", taken, None, "expansion points", 0.02))
     low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])

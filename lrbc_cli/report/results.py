@@ -103,6 +103,7 @@ class Evaluation:
     number: float
     cost: float
     misfit_db: float
+    accepted: bool
 
 
 @dataclass(frozen=True)
@@ -264,7 +265,12 @@ def read_job(output: Path, job: str) -> JobResult:
         evaluations=node.maybe_number("evaluations"),
         line_evaluations=node.maybe_number("line_evaluations"),
         history=tuple(
-            Evaluation(entry.number("evaluation"), entry.number("cost"), _or_nan(entry.maybe_number("misfit_db")))
+            Evaluation(
+                entry.number("evaluation"),
+                entry.number("cost"),
+                _or_nan(entry.maybe_number("misfit_db")),
+                entry.maybe_flag("accepted") is not False,
+            )
             for entry in node.nodes("history")
         ),
         lines_hz=np.empty(0) if lines is None else lines,

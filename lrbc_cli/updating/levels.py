@@ -109,7 +109,8 @@ def gauss_newton_by_levels(
     history: list[HistoryEntry] = []
 
     def note(entries: Iterable[HistoryEntry]) -> None:
-        history.extend(replace(entry, evaluation=len(history) + i) for i, entry in enumerate(entries))
+        first = len(history)
+        history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
     theta = np.clip(start, bounds[:, 0], bounds[:, 1])
     lowest = np.inf

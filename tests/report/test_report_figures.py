@@ -156,7 +156,7 @@ def test_reduction_charts_stand_zero_errors(finished):
 def test_many_jobs_share_one_quiet_colour(finished):
     job = read_job(finished, "bolts-04")
     charts = figures.convergence_charts([replace(job, job=f"job-{k}") for k in range(30)])
-    assert [chart.title for chart in charts] == ["Cost", "Misfit of the responses used"]
+    assert [chart.title for chart in charts] == ["Cost", "Misfit at the lines used"]
     assert len(charts[0].legend()) == 1
     assert figures.convergence_charts([replace(job, history=())]) == []
 
