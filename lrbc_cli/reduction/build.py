@@ -195,7 +195,7 @@ class Reducer:
         self.projection = Projection((K, C, M), self.inputs, self.outputs, self.fields, dual=self.dual_rhs, transposed=not self.Z.symmetric)
         # Directions far below the tolerance cannot be seen in y, whose error is a product of two such errors.
         self.deflation = 0.1 * options.tolerance
-        self.estimator = Estimator(self, count=160)
+        self.estimator = Estimator(self, count=max(160, 4 * options.held_out))
         self.exact: dict[float, PortFrf] = {}
         self.enriched: list[float] = []
         self.trace: list[Step] = []
