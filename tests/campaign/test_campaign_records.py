@@ -1,0 +1,218 @@
+"""Records of FRF files find their responses: by what the campaign says, by name, by node and direction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import Folder
+
+from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+
+def measured(folder: Folder, *overrides: str, job: str = "loose") -> Measurement:
+    inputs = folder.inputs(*overrides)
+    return read_measurement(inputs, inputs.campaign.jobs[job], job)
+
+
+def rewrite(folder: Folder, change: Any, name: str = "loose.uff") -> list[FrfRecord]:
+    """Write the FRFs anew after a change of each record; the records before."""
+    path = folder.data / name
+    before = list(read_frf(path).records)
+    write_frf(path, FrfSet(name, tuple(change(record) for record in before)))
+    return before
+
+
+def anonymous(record: FrfRecord) -> FrfRecord:
+    return replace(record, name="")
+
+
+def refused(folder: Folder, *overrides: str) -> DataError:
+    with pytest.raises(DataError) as caught:
+        measured(folder, *overrides)
+    return caught.value
+
+
+def test_by_name(box: Folder) -> None:
+    before = rewrite(box, lambda r: replace(r, name=r.name.upper(), response_node=None))
+    found = measured(box)
+    np.testing.assert_allclose(found.values, np.stack([r.values for r in before], axis=1), rtol=1e-11)
+    np.testing.assert_allclose(found.frequency_hz, before[0].frequency_hz)
+    assert found.notes[0] == "191 lines from 20 to 400 Hz"
+    assert found.warnings == ()
+    assert np.isnan(found.coherence).all()
+
+
+def test_by_node_and_direction(box: Folder) -> None:
+    before = rewrite(box, anonymous)
+    np.testing.assert_allclose(measured(box).values, np.stack([r.values for r in before], axis=1), rtol=1e-11)
+
+
+def test_names_come_before_nodes(box: Folder) -> None:
+    """Two names exchanged: the file calls them so."""
+    exchange = {"mic1": "mic2", "mic2": "mic1"}
+    before = rewrite(box, lambda r: replace(r, name=exchange.get(r.name, r.name)))
+    found = measured(box).values
+    np.testing.assert_allclose(found[:, [1, 0]], np.stack([r.values for r in before[:2]], axis=1), rtol=1e-11)
+
+
+def test_what_the_campaign_says_comes_first(box: Folder) -> None:
+    before = list(read_frf(box.data / "loose.uff").records)
+    found = measured(box, "responses.mic1.record=mic3").values
+    np.testing.assert_allclose(found[:, 0], before[2].values, rtol=1e-11)
+    found = measured(box, "responses.mic1.record={node: 112, direction: 0}").values
+    np.testing.assert_allclose(found[:, 0], before[1].values, rtol=1e-11)
+    # The job's own word comes before that of the response.
+    found = measured(box, "responses.mic1.record=nothing", "jobs.loose.records={mic1: mic2}").values
+    np.testing.assert_allclose(found[:, 0], before[1].values, rtol=1e-11)
+    # Where a name is given that does not exist, nodes are no way out.
+    error = refused(box, "responses.mic1.record=nothing")
+    assert error.expected == "name nothing"
+    assert "record 1: mic1, node 103 direction 0, over node 8 direction 3, pressure" in str(error.found)
+
+
+@pytest.mark.parametrize("direction", [1, 2, 5])
+def test_another_direction_is_another_record(box: Folder, direction: int) -> None:
+    rewrite(box, lambda r: replace(anonymous(r), response_direction=direction if r.name == "acc1" else 0))
+    error = refused(box)
+    assert "no record of response acc1" in str(error)
+    assert "node 7 direction 3" in str(error)
+    assert f"node 7 direction {direction}" in str(error)
+
+
+def test_triaxial_sensors(box: Folder) -> None:
+    path = box.data / "loose.uff"
+    records = [anonymous(r) for r in read_frf(path).records]
+    others = [replace(records[3], response_direction=d, values=d * records[3].values) for d in (1, 2, 3, 6)]
+    write_frf(path, FrfSet("", (*records[:3], *others)))
+    np.testing.assert_allclose(measured(box).values[:, 3], 3 * records[3].values, rtol=1e-11)
+
+
+def test_ambiguous_records(box: Folder) -> None:
+    path = box.data / "loose.uff"
+    records = list(read_frf(path).records)
+    write_frf(path, FrfSet("", (records[0], *records)))
+    error = refused(box)
+    assert "several records fit response mic1 (name mic1)" in str(error)
+    assert "record 1: mic1" in str(error.found)
+    assert "record 2: mic1" in str(error.found)
+    assert "responses.mic1.record" in str(error.hint)
+    write_frf(path, FrfSet("", tuple(anonymous(r) for r in (records[0], *records))))
+    assert "several records fit response mic1 (node 103 direction 0)" in str(refused(box))
+
+
+def test_the_record_over_the_own_hammer_point(box: Folder) -> None:
+    """Two roving hammer points under the same names."""
+    path = box.data / "loose.uff"
+    records = list(read_frf(path).records)
+    others = [replace(r, reference_node=4, values=2 * r.values) for r in records]
+    write_frf(path, FrfSet("", (*others, *records)))
+    np.testing.assert_allclose(measured(box).values, np.stack([r.values for r in records], axis=1), rtol=1e-11)
+
+
+def test_a_record_over_another_hammer_point_is_no_substitute(box: Folder) -> None:
+    rewrite(box, anonymous)
+    tree = box.tree()
+    tree["excitation"]["other"] = {"node": 4, "component": "UZ"}
+    for name, response in tree["responses"].items():
+        response["excitation"] = "other" if name == "mic1" else "hammer"
+    box.write(tree)
+    assert "no record of response mic1" in str(refused(box))
+
+
+def test_scale(box: Folder) -> None:
+    plain = measured(box).values
+    scaled = measured(box, "jobs.loose.scale={mic2: -0.5, acc1: 9.81}").values
+    np.testing.assert_allclose(scaled, plain * [1, -0.5, 1, 9.81], rtol=1e-12)
+
+
+def test_quantities_must_agree(box: Folder) -> None:
+    error = refused(box, "responses.acc1.quantity=velocity")
+    assert error.exit_code == 3
+    assert (error.expected, error.found, error.place) == ("velocity", "acceleration", "record 4")
+    assert "responses.acc1.quantity" in str(error.hint)
+    assert "pressure" in str(refused(box, "jobs.loose.records={acc1: mic1}").found)
+
+
+def test_a_file_that_does_not_say_its_quantity(box: Folder) -> None:
+    write_frf(box.data / "loose.csv", read_frf(box.data / "loose.uff"))
+    found = measured(box, "jobs.loose.frf=data/loose.csv")
+    assert "acc1: the file does not say the quantity; taken as acceleration in m/s²/N" in found.notes
+    # The layout says it for the whole file, in a unit of its own.
+    error = refused(box, "jobs.loose.frf=data/loose.csv", "jobs.loose.format={unit: g/N}")
+    assert "another quantity" in str(error)
+    found = measured(
+        box,
+        "jobs.loose.frf=data/loose.csv",
+        "jobs.loose.format={unit: g/N}",
+        "update.responses=[acc1]",
+        "responses={acc1: {node: 7, component: UZ, quantity: acceleration}}",
+    )
+    np.testing.assert_allclose(found.values[:, 0], 9.80665 * read_frf(box.data / "loose.uff").records[3].values, rtol=1e-9)
+
+
+def test_coherence_in_the_file_and_beside_it(box: Folder) -> None:
+    frequency = read_frf(box.data / "loose.uff").records[0].frequency_hz
+    own = np.linspace(0.5, 1.0, frequency.size)
+    rewrite(box, lambda r: replace(r, coherence=own) if r.name == "mic1" else r)
+    found = measured(box)
+    np.testing.assert_allclose(found.coherence[:, 0], own, atol=1e-9)
+    assert np.isnan(found.coherence[:, 1:]).all()
+    table = np.column_stack([frequency[10:], np.full(frequency.size - 10, 0.9), np.full(frequency.size - 10, 0.25)])
+    np.savetxt(box.data / "coherence.csv", table, delimiter=",", header="frequency_hz,mic1_coherence,acc1_coherence", comments="")
+    found = measured(box, "jobs.loose.coherence=data/coherence.csv")
+    # What the separate file says takes precedence where it says something.
+    np.testing.assert_allclose(found.coherence[:10, 0], own[:10], atol=1e-9)
+    np.testing.assert_allclose(found.coherence[10:, 0], 0.9)
+    assert np.isnan(found.coherence[:10, 3]).all()
+    np.testing.assert_allclose(found.coherence[10:, 3], 0.25)
+    assert {path.rsplit("/", 1)[1] for path in found.hashes} == {"loose.uff", "coherence.csv"}
+    (box.data / "coherence.csv").write_text("frequency_hz,mic1_coherence\n20,2.0\n")
+    assert "0 to 1" in str(refused(box, "jobs.loose.coherence=data/coherence.csv"))
+
+
+def test_lines_of_the_records_are_merged(box: Folder) -> None:
+    """Responses measured on other lines: NaN where one has no value."""
+
+    def thin(record: FrfRecord) -> FrfRecord:
+        step = slice(0, None, 2) if record.name == "mic2" else slice(None)
+        return replace(record, frequency_hz=record.frequency_hz[step], values=record.values[step])
+
+    before = rewrite(box, thin)
+    found = measured(box)
+    assert found.frequency_hz.size == 191
+    np.testing.assert_allclose(found.values[::2, 1], before[1].values[::2], rtol=1e-11)
+    assert np.isnan(found.values[1::2, 1]).all()
+    assert np.isfinite(found.values[:, [0, 2, 3]]).all()
+    # It is identified all the same, from the values that are there.
+    assert box.run("update", "--job", "loose").code == 0
+    np.testing.assert_allclose(box.result("loose")["parameters"]["springs"]["log10"], [4.6, 4.4, 2.6, 2.8, 4.5, 4.6], atol=1e-6)
+
+
+def test_lines_that_differ_by_rounding_are_the_same(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records whose axes were written with other precision."""
+    records = list(read_frf(box.data / "loose.uff").records)
+    records[1] = replace(records[1], frequency_hz=records[1].frequency_hz * (1 + 2e-8))
+    records[2] = replace(records[2], frequency_hz=records[2].frequency_hz * (1 - 5e-7))
+    monkeypatch.setattr("lrbc_cli.campaign.records.read_frf", lambda *_: FrfSet("", tuple(records)))
+    found = measured(box, "reduction.band=[19.0, 401.0]")
+    assert found.frequency_hz.size == 191
+    assert np.isfinite(found.values).all()
+
+
+def test_a_single_line(box: Folder) -> None:
+    rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[30:31], values=r.values[30:31]))
+    found = measured(box)
+    assert found.frequency_hz.tolist() == [80.0]
+    assert box.run("update", "--job", "loose").code == 0
+
+
+def test_band_ends_are_inside(box: Folder) -> None:
+    found = measured(box, "reduction.band=[20.0, 100.0]")
+    assert (found.frequency_hz[0], found.frequency_hz[-1]) == (20.0, 100.0)
+    assert found.notes[0] == "41 lines from 20 to 100 Hz (0 below and 150 above the band left out)"
