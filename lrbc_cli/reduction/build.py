@@ -22,7 +22,7 @@ from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.basis import Field, Projection, check_orthonormal, energy_weight, new_directions
+from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, check_orthonormal, energy_weight, new_directions
 from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
 from lrbc_cli.reduction.estimate import Estimator
 from lrbc_cli.reduction.ports import PortFrf, port_frf
@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 2
+ALGORITHM_VERSION = 3
 
 #: Expansion points before the estimate takes over.
 FIRST_POINTS = 2
@@ -192,7 +192,15 @@ class Reducer:
         weight = energy_weight(K, M, high)
         masks = [~model.is_acoustic, model.is_acoustic]
         self.fields = [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()]
-        self.projection = Projection((K, C, M), self.inputs, self.outputs, self.fields, dual=self.dual_rhs, transposed=not self.Z.symmetric)
+        self.projection = Projection(
+            (K, C, M),
+            self.inputs,
+            self.outputs,
+            self.fields,
+            dual=self.dual_rhs,
+            residual_weight=energy_weight(K, M, high, RESIDUAL_STIFFNESS),
+            transposed=not self.Z.symmetric,
+        )
         # Directions far below the tolerance cannot be seen in y, whose error is a product of two such errors.
         self.deflation = 0.1 * options.tolerance
         self.estimator = Estimator(self, count=max(160, 4 * options.held_out))

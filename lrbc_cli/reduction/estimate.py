@@ -22,8 +22,8 @@ class Estimator:
 
     The error of a response is ``z_lᵀ R u``, with R the residual of the reduced solutions for all inputs, u the inputs that a parameter
     vector makes (auxiliary ones included), and z_l the dual solution; by Galerkin orthogonality only the error of the dual counts, so that
-    |e_l| is about |R_dual| |R u| in rows scaled by the diagonal of Z. Residuals enter through a random sketch, so that they do not drown in
-    round-off as in the expanded normal form (Balabanov and Nouy 2019).
+    |e_l| is about |R_dual| |R u| in rows scaled by the diagonals of M and K. Residuals enter through a random sketch, so that they do
+    not drown in round-off as in the expanded normal form (Balabanov and Nouy 2019).
 
     Parameters
     ----------
