@@ -56,9 +56,11 @@ def beam(elements: int, length: float = 1.0, bending: float = 60.0, line_mass: f
     return csc(K[np.ix_(keep, keep)]), csc(M[np.ix_(keep, keep)])
 
 
-def duct(ns: int, na: int, kappa: float = 1.3, *, coupling: float = 0.02) -> tuple[sp.csc_array, sp.csc_array, np.ndarray]:
+def duct(
+    ns: int, na: int, kappa: float = 1.3, *, coupling: float = 0.02, stiffness: float = 4e4
+) -> tuple[sp.csc_array, sp.csc_array, np.ndarray]:
     """u-p model: a chain of masses on the flank of a duct of air; K_sa = -A, M_as = kappa Aᵀ. Returns K, M, is_acoustic."""
-    Ks, Ms = chain(ns, 4e4, 0.02)
+    Ks, Ms = chain(ns, stiffness, 0.02)
     h, rho, c = 2.0 / na, 1.2, 340.0
     diagonal = np.full(na, 2.0)
     diagonal[[0, -1]] = 1.0

@@ -1,0 +1,439 @@
+"""The adaptive reduction reaches its tolerance on models of every kind, and direct solves confirm it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
+
+from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction.basis import check_orthonormal
+from lrbc_cli.reduction.build import Reducer, Reduction, ReductionOptions, full_ports, reduce_model
+from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+
+
+def one_input(model):
+    return np.zeros(model.L.shape[0], dtype=np.int64)
+
+
+def beam_pieces(elements=80, **more):
+    """A beam with two dozen modes below 500 Hz and its own kinds of terms."""
+    K, M = beam(elements, bending=15.0)
+    n = K.shape[0]
+    pieces = {"loads": unit(n, 21), "outputs": unit(n, 51, 103, 131), "left": unit(n, 0, 60, n - 1), "damping": (4.0, 2e-6)}
+    return K, M, pieces | more
+
+
+def damped():
+    K, M, pieces = beam_pieces()
+    return fe_model(K, M, **pieces)
+
+
+def undamped():
+    K, M, pieces = beam_pieces(damping=(0.0, 0.0))
+    return fe_model(K, M, **pieces)
+
+
+def rigid_body():
+    """Free-free chain: two parts can drift once a term between them is free."""
+    K, M = chain(150, 6e6, 0.05, grounded=False)
+    K = K.tolil()
+    K[70, 70] -= 6e6
+    K[71, 71] -= 6e6
+    K[70, 71] = K[71, 70] = 0.0
+    n = 150
+    joint = unit(n, 70) - unit(n, 71)
+    left = csc(np.hstack([joint.toarray(), unit(n, 140).toarray()]))
+    return fe_model(csc(K), M, loads=unit(n, 3), outputs=unit(n, 20, 60, 100), left=left, damping=(3.0, 1e-6))
+
+
+def singular_mass():
+    K, _, pieces = beam_pieces()
+    lumped = np.zeros(K.shape[0])
+    lumped[1:-1:2] = 0.8 / 80
+    return fe_model(K, csc(sp.diags_array(lumped)), **pieces)
+
+
+def hysteretic():
+    K, M, pieces = beam_pieces(damping=(0.0, 0.0))
+    return fe_model(csc(K * (1 + 0.02j)), M, **pieces)
+
+
+def disconnected():
+    """Two beams that only a term connects; the second one answers only through it."""
+    K, M = beam(50, bending=15.0)
+    K2, M2 = beam(45, length=0.8, bending=12.0)
+    n, both = K.shape[0], K.shape[0] + K2.shape[0]
+    joint = unit(both, 31) - unit(both, n + 31)
+    left = csc(np.hstack([joint.toarray(), unit(both, 0, n).toarray()]))
+    return fe_model(
+        csc(sp.block_diag([K, K2])),
+        csc(sp.block_diag([M, M2])),
+        loads=unit(both, 21),
+        outputs=unit(both, 51, 61),
+        left=left,
+        damping=(4.0, 2e-6),
+    )
+
+
+def duplicate_terms():
+    K, M, pieces = beam_pieces()
+    n = K.shape[0]
+    left = csc(np.hstack([unit(n, 0, 0, 60, 60, 61).toarray(), (unit(n, 60) + unit(n, 61)).toarray()]))
+    return fe_model(K, M, **(pieces | {"left": left}))
+
+
+def irrelevant_term():
+    """One term sits on a part that neither load nor output can reach."""
+    K, M, pieces = beam_pieces()
+    n = K.shape[0]
+    far_K, far_M = chain(20)
+
+    def grow(X):
+        return csc(sp.vstack([X, sp.csc_array((20, X.shape[1]))]))
+
+    left = csc(np.hstack([grow(pieces["left"]).toarray(), unit(n + 20, n + 10).toarray()]))
+    more = {"loads": grow(pieces["loads"]), "outputs": grow(pieces["outputs"]), "left": left}
+    return fe_model(csc(sp.block_diag([K, far_K])), csc(sp.block_diag([M, far_M])), **(pieces | more))
+
+
+def several_inputs():
+    K, M, pieces = beam_pieces()
+    n = K.shape[0]
+    return fe_model(K, M, **(pieces | {"loads": unit(n, 21, 81), "outputs": unit(n, 51, 103, 131, 51), "output_power": [2, 0, 1, 2]}))
+
+
+def one_term():
+    K, M, pieces = beam_pieces()
+    return fe_model(K, M, **(pieces | {"left": unit(K.shape[0], 0)}))
+
+
+def unsymmetric():
+    """Follower forces and terms with unlike left and right vectors."""
+    K, M, pieces = beam_pieces()
+    n = K.shape[0]
+    K = csc(K + sp.diags_array(np.full(n - 2, 0.02 * np.abs(K.diagonal()).mean()) * (np.arange(n - 2) % 2), offsets=2))
+    rng = np.random.default_rng(3)
+    return fe_model(K, M, **(pieces | {"left": random_vectors(n, 4, rng), "right": random_vectors(n, 4, rng)}))
+
+
+def kinds_of_terms():
+    """Dashpots and masses beside springs, each with a baseline in the matrices."""
+    K, M, pieces = beam_pieces()
+    n = K.shape[0]
+    more = {"left": unit(n, 0, 41, 91, n - 1), "power": [0, 1, 2, 0], "baseline": [0.0, 0.2, 0.003, 5.0]}
+    b = unit(n, 0, 41, 91, n - 1).toarray()
+    C = csc(4.0 * M + 2e-6 * K + 0.2 * b[:, [1]] @ b[:, [1]].T)
+    M = csc(M + 0.003 * b[:, [2]] @ b[:, [2]].T)
+    K = csc(K + 5.0 * b[:, [3]] @ b[:, [3]].T)
+    pieces.pop("damping")
+    return fe_model(K, M, C=C, **(pieces | more))
+
+
+def vibro_acoustic():
+    """u-p model with responses in pressure and acceleration, and terms on both fields."""
+    K, M, acoustic = duct(40, 110, 1.2, coupling=0.05, stiffness=6e5)
+    n = acoustic.size
+    left = csc(np.hstack([unit(n, 0, 20, 39).toarray(), 1e-3 * unit(n, 90).toarray()]))
+    return fe_model(
+        K,
+        M,
+        loads=unit(n, 11),
+        outputs=unit(n, 30, 60, 100, 149),
+        left=left,
+        is_acoustic=acoustic,
+        damping=(4.0, 1e-6),
+        output_power=[2, 0, 0, 0],
+    )
+
+
+def vibro_acoustic_unsymmetric():
+    """The same with a coupling that no factor symmetrises."""
+    model = vibro_acoustic()
+    M = model.M.tolil()
+    M[model.is_acoustic.nonzero()[0][:60], :20] *= 1.4
+    return fe_model(
+        model.K, csc(M), loads=model.B, outputs=csc(model.L.T), left=model.terms.left, is_acoustic=model.is_acoustic, damping=(4.0, 1e-6),
+        output_power=model.output_power,
+    )  # fmt: skip
+
+
+def only_air():
+    """A cavity with hard walls: K is singular by its constant pressure."""
+    K, M, _ = duct(2, 160)
+    K, M = csc(K[2:][:, 2:]), csc(M[2:][:, 2:])
+    return fe_model(
+        K,
+        M,
+        loads=unit(160, 5),
+        outputs=unit(160, 60, 159),
+        left=1e-3 * unit(160, 90),
+        is_acoustic=np.ones(160, dtype=bool),
+        damping=(2.0, 1e-6),
+    )
+
+
+MODELS = {
+    f.__name__: f
+    for f in (
+        damped, undamped, rigid_body, singular_mass, hysteretic, disconnected, duplicate_terms, irrelevant_term, several_inputs, one_term,
+        unsymmetric, kinds_of_terms, vibro_acoustic, vibro_acoustic_unsymmetric, only_air,
+    )
+}  # fmt: skip
+BAND = (10.0, 400.0)
+
+
+def inputs_of(name, model):
+    return np.array([0, 1, 1, 1]) if name == "several_inputs" else one_input(model)
+
+
+def true_error(model, reduction: Reduction, input_of, count=30, seed=11) -> dict[str, float]:
+    """Largest error against direct solves on random lines, by kind of vector, each physical quantity apart."""
+    rng = np.random.default_rng(seed)
+    s = 2j * np.pi * rng.uniform(*reduction.options.band_hz, size=count)
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * reduction.options.band_hz[1])
+    vectors = {kind: Ds[:4] for kind, Ds in certificate_vectors(model.terms, scale, s).items()}
+    # Other vectors than those that the certificate draws.
+    vectors["fresh"] = []
+    for _ in range(4):
+        k = scale * 10.0 ** rng.uniform(-5, 7, size=scale.size)
+        vectors["fresh"].append((k - model.terms.baseline) * s[:, None] ** model.terms.power * (1 + 1e-5 * s[:, None]))
+    ports = reduction.model.ports(s)
+    acoustic = np.asarray(abs(model.L) @ model.is_acoustic.astype(float)) > 0
+    key = np.where(acoustic, -1, model.output_power)
+    errors = {}
+    for kind, Ds in vectors.items():
+        for D in Ds:
+            y, exact = ports.evaluate(D), direct_frf(model, s, D, input_of)
+            for value in np.unique(key):
+                group = key == value
+                # Where nothing answers, nothing may be invented.
+                silent = np.linalg.norm(exact[:, group], axis=1) < 1e-12 * np.linalg.norm(exact)
+                assert np.abs(y[silent][:, group]).max(initial=0.0) <= 1e-9 * np.abs(exact).max()
+                if not silent.all():
+                    errors[kind] = max(errors.get(kind, 0.0), relative(y[~silent][:, group], exact[~silent][:, group]))
+    return errors
+
+
+@pytest.fixture(scope="module")
+def reductions():
+    """Every model reduced once."""
+    found = {}
+
+    def get(name) -> tuple:
+        if name not in found:
+            model = MODELS[name]()
+            found[name] = model, reduce_model(model, inputs_of(name, model), ReductionOptions(BAND))
+        return found[name]
+
+    return get
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_tolerance_is_reached_and_true(reductions, name):
+    model, reduction = reductions(name)
+    assert reduction.reached, reduction.worst
+    assert reduction.worst <= 1e-3
+    errors = true_error(model, reduction, inputs_of(name, model))
+    assert max(errors.values()) < 1e-3, errors
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_reduced_model_is_small(reductions, name):
+    model, reduction = reductions(name)
+
+    assert reduction.model.size == sum(reduction.sizes) < 0.6 * model.size
+    assert reduction.full_size == model.size
+    assert len(reduction.held_out) >= 5
+
+
+@pytest.mark.parametrize("name", ["damped", "hysteretic", "unsymmetric", "vibro_acoustic", "singular_mass", "several_inputs"])
+def test_moments_match_where_it_was_expanded(reductions, name):
+    """Reduced equals full at the expansion points, for any vector."""
+    model, reduction = reductions(name)
+    points = np.array([step.frequency_hz for step in reduction.trace if step.order])
+    s = 2j * np.pi * points
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
+    reference = dense_ports(model, s, reduction.model.reference, inputs_of(name, model))
+    ports = reduction.model.ports(s)
+    for Ds in certificate_vectors(model.terms, scale, s).values():
+        # Up to what deflation drops, well below the tolerance.
+        assert relative(ports.evaluate(Ds[0]), reference.evaluate(Ds[0])) < 3e-4
+
+
+def reducer(model, **options):
+    return Reducer(model, one_input(model), ReductionOptions(BAND, **options), backend="superlu")
+
+
+class TestKrylov:
+    @pytest.mark.parametrize("name", ["damped", "hysteretic", "unsymmetric", "vibro_acoustic"])
+    @pytest.mark.parametrize("order", [1, 2])
+    def test_an_expansion_point_matches_its_moments(self, monkeypatch, name, order):
+        """H and its first 2 order - 1 derivatives at the point are those of the full model."""
+        model = MODELS[name]()
+        R = reducer(model)
+        monkeypatch.setattr(R, "order", lambda: order)
+        R.deflation = 1e-13
+        point = 2j * np.pi * 150.0
+        R.enrich(150.0, *R.factor(150.0))
+        reduced = R.reduced()
+        h = 8.0 * 2j * np.pi * np.array([1.0, 0.5, 0.25, 0.125])
+        ports, full = reduced.ports(point + h), dense_ports(model, point + h, reduced.reference)
+        error = np.linalg.norm(ports.H00 - full.H00, axis=1) / np.linalg.norm(full.H00, axis=1)
+        at = reduced.ports(np.array([point]))
+        exact = dense_ports(model, np.array([point]), reduced.reference)
+        assert relative(at.H00, exact.H00) < 1e-9
+        # Halving the distance takes at least 2^(2 order) off the error, less what the next terms add; real and imaginary part
+        # of the snapshots together match more.
+        seen = error > 1e-8
+        if seen[-1]:
+            assert error[-2] / error[-1] > 0.7 * 4**order
+
+    def test_the_basis_is_orthonormal_real_and_split(self):
+        model = vibro_acoustic()
+        R = reducer(model)
+        for frequency in (50.0, 150.0, 350.0):
+            R.enrich(frequency, *R.factor(frequency))
+            for field in R.fields:
+                assert field.Q.dtype == np.float64
+                assert check_orthonormal(field) < 1e-12
+        sizes = R.projection.sizes
+        assert len(sizes) == 2
+        K, C, M = (R.projection.operator(i) for i in range(3))
+        # The coupling keeps its form: no acoustic rows in the structure's part of M, no structural ones in the air's part of K.
+        assert not K[sizes[0] :, : sizes[0]].any()
+        assert not M[: sizes[0], sizes[0] :].any()
+        assert not C[: sizes[0], sizes[0] :].any()
+
+    def test_projection_grown_block_by_block_is_the_projection(self):
+        model = MODELS["vibro_acoustic_unsymmetric"]()
+        R = reducer(model)
+        for frequency in (50.0, 150.0, 350.0):
+            R.enrich(frequency, *R.factor(frequency))
+        P = R.projection
+        V = np.zeros((model.size, P.size))
+        at = 0
+        for field in R.fields:
+            V[np.ix_(field.dofs, np.arange(at, at + field.V.shape[1]))] = field.V
+            at += field.V.shape[1]
+        reduced = R.reduced()
+        for found, full in ((reduced.K, model.K), (reduced.C, model.C), (reduced.M, model.M)):
+            expected = V.T @ (full @ V)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+        np.testing.assert_allclose(reduced.B, V.T @ model.B, rtol=0, atol=1e-12 * np.abs(reduced.B).max())
+        np.testing.assert_allclose(reduced.L, model.L @ V, rtol=0, atol=1e-12 * np.abs(reduced.L).max())
+        np.testing.assert_allclose(reduced.left, V.T @ model.terms.left, rtol=0, atol=1e-12 * np.abs(reduced.left).max())
+        np.testing.assert_allclose(reduced.right, V.T @ model.terms.right, rtol=0, atol=1e-12 * np.abs(reduced.right).max())
+
+    def test_the_error_falls_with_every_point(self):
+        model = damped()
+        R, s = reducer(model), 2j * np.pi * np.linspace(*BAND, 41)
+        D = np.zeros((41, 3), dtype=complex)
+        exact, errors = direct_frf(model, s, D), []
+        for frequency in (60.0, 380.0, 200.0):
+            R.enrich(frequency, *R.factor(frequency))
+            errors.append(relative(R.reduced().ports(s).evaluate(D), exact))
+        assert errors[0] > 1.0
+        assert errors[1] < 0.1 * errors[0]
+        assert errors[2] < 0.1 * errors[1]
+        assert errors[2] < 1e-3
+
+    def test_near_dependent_directions_are_dropped(self):
+        model = duplicate_terms()
+        R = reducer(model)
+        _, added = R.enrich(100.0, *R.factor(100.0))
+        # Input, three outputs, three distinct terms, each with a real and an imaginary part.
+        assert added <= 14
+        assert R.enrich(100.0, *R.factor(100.0))[1] == 0
+
+
+class TestCertificate:
+    def test_held_out_lines_are_measured_and_no_expansion_points(self, reductions):
+        model, reduction = reductions("damped")
+        expanded = {step.frequency_hz for step in reduction.trace if step.order}
+        assert not expanded & {line.frequency_hz for line in reduction.held_out}
+        for line in reduction.held_out:
+            assert set(line.errors) == {"free", "loose", "local", "clamped", "beyond", "random"}
+            s = np.array([2j * np.pi * line.frequency_hz])
+            scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
+            exact = dense_ports(model, s, reduction.model.reference)
+            ports = reduction.model.ports(s)
+            for kind, Ds in certificate_vectors(model.terms, scale, s).items():
+                measured = max(relative(ports.evaluate(D), exact.evaluate(D)) for D in Ds)
+                assert line.errors[kind] == pytest.approx(measured, rel=1e-2, abs=1e-8)
+
+    @pytest.mark.parametrize("name", MODELS)
+    def test_the_estimate_is_of_the_size_of_the_error(self, name):
+        """At lines that were never factorised: no line of the grid is out of tolerance, and the estimate knows how far it is."""
+        model, input_of = MODELS[name](), inputs_of(name, MODELS[name]())
+        R = Reducer(model, input_of, ReductionOptions(BAND))
+        assert R.run().reached
+        grid = R.estimator.grid_hz
+        lines = np.flatnonzero(np.abs(grid[:, None] - np.array(R.enriched)).min(axis=1) > 0.01 * (BAND[1] - BAND[0]))[::2]
+        s = 2j * np.pi * grid[lines]
+        full, ports = dense_ports(model, s, R.reference, input_of), R.reduced().ports(s)
+        estimate, error = R.estimator.estimate()[lines], np.zeros(lines.size)
+        for D in (D for Ds in certificate_vectors(model.terms, R.scale, s, count=2).values() for D in Ds):
+            y, exact = ports.evaluate(D), full.evaluate(D)
+            for group in R.quantity_groups():
+                size = np.linalg.norm(exact[:, group], axis=1)
+                error = np.maximum(error, np.linalg.norm((y - exact)[:, group], axis=1) / np.where(size > 0, size, 1.0))
+        assert error.max() < 1e-3
+        # Too low would end the search early, too high only costs a point or two; a coupling errs on that side.
+        high = 600 if "vibro" in name else 40
+        assert 1 / 20 < estimate.max() / error.max() < high
+        assert 1 / 10 < np.median(estimate / error) < high
+
+    def test_an_unreachable_tolerance_is_confessed(self):
+        reduction = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(BAND, tolerance=1e-3, max_size=12))
+        assert not reduction.reached
+        assert reduction.worst > 1e-3
+        assert len(reduction.held_out) >= 5
+        tiny = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(BAND, tolerance=1e-16, max_points=6))
+        assert not tiny.reached
+
+    def test_a_finer_tolerance_is_reached_too(self):
+        model = damped()
+        reduction = reduce_model(model, one_input(model), ReductionOptions(BAND, tolerance=1e-6))
+        assert reduction.reached
+        assert max(true_error(model, reduction, one_input(model)).values()) < 1e-6
+
+    def test_more_lines_on_request(self):
+        model = damped()
+        assert len(reduce_model(model, one_input(model), ReductionOptions(BAND, held_out=9)).held_out) == 9
+
+
+def test_the_same_input_gives_the_same_basis():
+    model = vibro_acoustic()
+    first, second = (reduce_model(model, one_input(model), ReductionOptions(BAND)) for _ in range(2))
+    np.testing.assert_array_equal(first.model.K, second.model.K)
+    assert [step.frequency_hz for step in first.trace] == [step.frequency_hz for step in second.trace]
+
+
+@pytest.mark.skipif(pardiso.library() is None, reason="MKL is not installed")
+def test_back_ends_give_the_same_model():
+    model, s = vibro_acoustic(), 2j * np.pi * np.linspace(*BAND, 33)
+    found = [reduce_model(model, one_input(model), ReductionOptions(BAND), backend=backend) for backend in ("superlu", "pardiso")]
+    assert found[0].sizes == found[1].sizes
+    D = np.zeros((33, 4), dtype=complex)
+    assert relative(found[0].model.evaluate(s, D), found[1].model.evaluate(s, D)) < 1e-5
+
+
+def test_progress_tells_every_factorisation():
+    model, told = damped(), []
+    reduction = reduce_model(model, one_input(model), ReductionOptions(BAND), progress=told.append)
+    assert len(told) == len(reduction.trace)
+    assert "expansion point" in told[0]
+    assert "held out" in told[-1]
+
+
+class TestFullPorts:
+    @pytest.mark.parametrize("name", ["damped", "unsymmetric", "vibro_acoustic", "several_inputs"])
+    def test_the_reference_of_all_errors(self, name):
+        model, s = MODELS[name](), 2j * np.pi * np.array([20.0, 133.0, 380.0])
+        input_of = inputs_of(name, model)
+        ports = full_ports(model, input_of, s, BAND)
+        scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
+        for Ds in certificate_vectors(model.terms, scale, s).values():
+            assert relative(ports.evaluate(Ds[0]), direct_frf(model, s, Ds[0], input_of)) < 1e-8
