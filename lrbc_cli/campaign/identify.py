@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, 
 from lrbc_cli.reduction.vectors import local_scale
 from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.misfit import Misfit, mean_misfit
+from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs
 from lrbc_cli.updating.saturation import Saturation, saturation
 
@@ -126,6 +127,21 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     )
 
 
+def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats | None:
+    """Theta of a stored result; None where there is none or it belongs to other groups."""
+    if tree is None or tree.get("status") == "failed":
+        return None
+    theta = parameters.initial
+    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+        stored = tree["parameters"].get(group.name)
+        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
+            return None
+        theta[where] = stored["log10"]
+        if at is not None:
+            theta[at] = stored["damping_exponent"]
+    return theta
+
+
 def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
     """Indices of the lines that enter the cost.
 
@@ -159,8 +175,20 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray
     return resonance_lines(frequency, measurement.values[:, inputs.used])
 
 
-def identify(inputs: Inputs, source: FrfSource, name: str) -> Identification:
+def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None = None) -> Identification:
     """Run one job.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    source : FrfSource
+    name : str
+    reference : mapping or None
+        Stored result of the reference job, for ``update.prior: reference``.
+
+    Returns
+    -------
+    Identification
 
     Raises
     ------
@@ -180,7 +208,20 @@ def identify(inputs: Inputs, source: FrfSource, name: str) -> Identification:
     ports = time.perf_counter()
     measured = measurement.values[np.ix_(selected, inputs.used)]
     theta0 = parameters.initial
-    misfit = Misfit(model, measured, theta0, settings.regularisation)
+    prior = None
+    if settings.prior == "reference" and settings.reference != name:
+        prior = stored_theta(parameters, reference)
+        if prior is None:
+            raise DataError(
+                "the reference job has no result to serve as the prior",
+                file=inputs.campaign.path,
+                place=f"job {name}",
+                expected=f"a result of job {settings.reference} for the same parameter groups",
+                hint=f"see why {settings.reference} failed, or set update.prior: initial",
+            )
+    weights = settings.penalty
+    penalty = penalty_rows(parameters, weights.value, weights.slope, weights.curvature)
+    misfit = Misfit(model, measured, theta0 if prior is None else prior, settings.regularisation, penalty)
     if settings.method == "bfgs":
         solution = bfgs(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
     else:

@@ -228,8 +228,8 @@ def run_jobs(
     reference = campaign.update.reference
 
     def one(name: str) -> dict[str, Any]:
-        result = identify(inputs, source, name)
         before = outcome.results.get(reference) if reference is not None and reference != name else None
+        result = identify(inputs, source, name, before)
         return write_result(output, inputs, stage, result, plans[name].identity, before)
 
     def done(name: str, work: Callable[[], dict[str, Any]]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.identify import parameterise
+from lrbc_cli.campaign.identify import parameterise, stored_theta
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.results import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -132,16 +132,11 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     tree = read_json(path, RESULT_FORMAT)
     if tree is None or tree["status"] == "failed":
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
-    theta = parameters.initial
-    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
-        stored = tree["parameters"].get(group.name)
-        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
-            raise DataError(
-                f"the result of job {name} does not fit group {group.name} as it is now", file=path, hint="run lrbc update again"
-            )
-        theta[where] = stored["log10"]
-        if at is not None:
-            theta[at] = stored["damping_exponent"]
+    theta = stored_theta(parameters, tree)
+    if theta is None:
+        raise DataError(
+            f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"
+        )
     return theta
 
 

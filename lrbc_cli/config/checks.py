@@ -59,6 +59,14 @@ def _check_names(campaign: Campaign) -> None:
     update = campaign.update
     if update.reference is not None:
         _known(campaign, update.reference, campaign.jobs, "job", "update", "reference")
+    elif update.prior == "reference":
+        raise campaign.error(
+            "a prior from the reference job, but no reference job",
+            "update",
+            "prior",
+            expected="update.reference: the job with all bolts tight",
+            hint="name it, or write prior: initial",
+        )
     for index, name in enumerate(update.responses or ()):
         _known(campaign, name, campaign.responses, "response", "update", "responses", index)
     for job, config in campaign.jobs.items():

@@ -65,6 +65,14 @@ Lines = Annotated[
 ]
 
 
+class PenaltyConfig(Strict):
+    """What the regularisation penalises; the weights share the factor `regularisation`."""
+
+    value: float = Field(default=1.0, ge=0, description="Departures of the log10 parameters from the prior, as in eq. (29).")
+    slope: float = Field(default=0.0, ge=0, description="First differences of the departures between neighbours along the edge.")
+    curvature: float = Field(default=0.0, ge=0, description="Second differences of the departures along the edge.")
+
+
 class UpdateConfig(Strict):
     """The identification: what is compared, at which lines, and how the optimum is sought."""
 
@@ -74,8 +82,14 @@ class UpdateConfig(Strict):
     )
     lines: Lines = Field(default="resonances", description="Lines to fit: resonances, all, {every: n} or {list: [Hz, ...]}.")
     regularisation: float = Field(
-        default=0.04, ge=0, description="Weight eta of the departure of the log10 parameters from their start values, eq. (29)."
+        default=0.04, ge=0, description="Weight eta of the penalty on the log10 parameters, eq. (29), in dB² per decade²."
     )
+    prior: Literal["initial", "reference"] = Field(
+        default="initial",
+        description="What the log10 parameters are drawn to: their start values, as in the paper, or the result of the reference job, "
+        "so that changes are penalised.",
+    )
+    penalty: PenaltyConfig = Field(default=PenaltyConfig(), description="What is penalised: departures, their slope and curvature.")
     method: Literal["gauss-newton", "bfgs"] = Field(
         default="gauss-newton", description="Optimiser: gauss-newton (bounded least squares) or bfgs (as in the paper)."
     )

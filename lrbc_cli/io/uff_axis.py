@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 # Odd parts of the usual sampling rates (44 100, 48 000, 50 000, 51 200 Hz, ...); a line spacing is such a rate over a power of two.
 _ODD_PARTS = (1, 3, 5, 15, 25, 75, 125, 375, 625, 3125, 11025)
-_LARGEST_DENOMINATOR = 200
+_LARGEST_POWER = 7
+_LARGEST_DENOMINATOR = 32
 
 
 def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.float64], str | None]:
@@ -35,16 +36,19 @@ def restore(printed: str) -> float:
     """Value that a number printed with few digits evidently stands for."""
     value = float(printed)
     half = _half_unit(printed)
-    if value <= 0 or not 1e-9 * value < half < 1e-4 * value or printed.split("E")[0].endswith("0"):
+    digits = printed.split("E")[0]
+    if value <= 0 or not 1e-9 * value < half < 1e-4 * value or digits.endswith("00"):
         return value  # all digits are there, too few are, or the decimal number itself is round
-    simple = _simplest(Fraction(value - half), Fraction(value + half))
-    if simple.denominator <= _LARGEST_DENOMINATOR:
-        return float(simple)
+    for power in range(_LARGEST_POWER + 1):
+        binary = round(value * 2**power) / 2**power
+        if abs(binary - value) <= half:
+            return float(binary)
     for odd in _ODD_PARTS:
         rate: float = odd * 2.0 ** round(math.log2(value / odd))
         if abs(rate - value) <= half:
             return rate
-    return value
+    simple = _simplest(Fraction(value - half), Fraction(value + half))
+    return float(simple) if simple.denominator <= _LARGEST_DENOMINATOR and not digits.endswith("0") else value
 
 
 def _half_unit(printed: str) -> float:

@@ -102,8 +102,9 @@ class _Dataset:
 
 def is_uff(start: bytes) -> bool:
     """Whether the first bytes of a file look like a universal file: a line ``-1``, then a dataset number."""
-    lines = [line for line in start.splitlines()[:20] if line.strip()]
-    return len(lines) >= 2 and lines[0].strip() == b"-1" and _IDENTIFIER.fullmatch(decode(lines[1][:100])) is not None
+    lines = [line.strip() for line in start.splitlines()[:20]]
+    first = next((line for line in lines if line not in (b"", b"-1")), b"")
+    return b"-1" in lines[: lines.index(first)] and _IDENTIFIER.fullmatch(decode(first[:100])) is not None if first else False
 
 
 def read_datasets(path: Path) -> tuple[list[UffFunction], list[UffUnits | None], list[str]]:
@@ -318,20 +319,17 @@ class _Form:
 
 
 def _data_form(line: str, path: Path, place: str) -> _Form:
-    words = line.split()
-    if len(words) < 5:
-        words = [line[a:b] for a, b in ((0, 10), (10, 20), (20, 30), (30, 43), (43, 56))]
-    try:
-        kind, count, spacing = (int(word) for word in words[:3])
-        minimum, increment = (word.strip().upper().replace("D", "E") for word in words[3:5])
-        if spacing not in (0, 1) or kind not in (2, 4, 5, 6) or count < 1:
-            raise ValueError(line)
-        if spacing == 1 and not (np.isfinite(float(minimum)) and 0 < float(increment) < np.inf):
-            raise ValueError(line)
-    except ValueError as error:
-        expected = "ordinate type 2, 4, 5 or 6, number of points, spacing 0 or 1, minimum, increment"
-        raise _refuse(path, place, "record 7 of a function is wrong", expected, repr(line[:80])) from error
-    return _Form(count, spacing == 1, kind in (5, 6), kind in (4, 6), minimum, increment)
+    for words in (line.split(), [line[a:b] for a, b in ((0, 10), (10, 20), (20, 30), (30, 43), (43, 56))]):
+        try:
+            kind, count, spacing = (int(word) for word in words[:3])
+            minimum, increment = (word.strip().upper().replace("D", "E") for word in words[3:5])
+            even = np.isfinite(float(minimum)) and 0 < float(increment) < np.inf
+        except ValueError:
+            continue
+        if kind in (2, 4, 5, 6) and count > 0 and (spacing == 0 or (spacing == 1 and even)):
+            return _Form(count, spacing == 1, kind in (5, 6), kind in (4, 6), minimum, increment)
+    expected = "ordinate type 2, 4, 5 or 6, number of points, spacing 0 or 1, minimum, increment"
+    raise _refuse(path, place, "record 7 of a function is wrong", expected, repr(line[:80]))
 
 
 def _build(

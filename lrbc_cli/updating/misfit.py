@@ -121,6 +121,31 @@ class Evaluation:
         return np.asarray(2.0 * self.jacobian.T @ self.residual / (np.log(10.0) * self.total))
 
 
+def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float = 0.0, curvature: float = 0.0) -> Floats:
+    """Rows of the regularisation: departures from the prior, and their differences along each edge.
+
+    Parameters
+    ----------
+    parameters : Parameterisation
+    value, slope, curvature : float
+        Weights of the departures, of their first and of their second differences between neighbours [per decade].
+
+    Returns
+    -------
+    (m, size) float array
+        p_damp has no row.
+    """
+    rows: list[Floats] = []
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        eye = np.eye(group.count)
+        for weight, order in ((value, 0), (slope, 1), (curvature, 2)):
+            if weight > 0 and group.count > order:
+                block = np.zeros((group.count - order, parameters.size))
+                block[:, values] = np.sqrt(weight) * np.diff(eye, n=order, axis=0)
+                rows.append(block)
+    return np.vstack(rows) if rows else np.zeros((0, parameters.size))
+
+
 class Misfit:
     """Cost (29) with gradient and Jacobian at the selected lines.
 
@@ -133,7 +158,9 @@ class Misfit:
     prior : (size,) float array
         p_init of the Tikhonov term.
     eta : float
-        Weight of ``(p - p_init)²`` [dB²/decade²]; p_damp is not regularised.
+        Weight of the squared departures [dB²/decade²]; p_damp is not regularised.
+    penalty : (m, size) float array or None
+        Rows that are applied to ``p - p_init`` before squaring, see ``penalty_rows``; the departures themselves where None, as in (29).
 
     Raises
     ------
@@ -141,14 +168,15 @@ class Misfit:
         Where nothing is left to compare.
     """
 
-    def __init__(self, model: FrfModel, measured: Complexes, prior: Floats, eta: float) -> None:
+    def __init__(self, model: FrfModel, measured: Complexes, prior: Floats, eta: float, penalty: Floats | None = None) -> None:
         self.model = model
         self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
         if not self.valid.any():
             raise DataError("no measured value is left to compare with", expected="finite, non-zero FRFs on the selected lines")
         self.target = np.where(self.valid, decibel(np.where(self.valid, measured, 1.0)), 0.0)
         self.prior = prior
-        self.root_eta = np.where(model.parameters.is_damping, 0.0, np.sqrt(eta))
+        rows = penalty_rows(model.parameters) if penalty is None else penalty
+        self.penalty = np.sqrt(eta) * rows[np.any(rows != 0.0, axis=1)]
         self.evaluations = 0
 
     @property
@@ -161,9 +189,8 @@ class Misfit:
         y, J = self.model.sensitivities(theta)
         self.evaluations += 1
         difference = (decibel(y) - self.target)[self.valid]
-        regularised = self.root_eta > 0
-        residual = np.concatenate([difference, (self.root_eta * (theta - self.prior))[regularised]])
-        jacobian = np.vstack([J[self.valid], np.diag(self.root_eta)[regularised]])
+        residual = np.concatenate([difference, self.penalty @ (theta - self.prior)])
+        jacobian = np.vstack([J[self.valid], self.penalty])
         data = float(difference @ difference)
         total = max(float(residual @ residual), np.finfo(float).tiny)
         return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)

@@ -167,6 +167,8 @@ CASES = [
     (swap("regularisation: 0.04", "regularisation: 1" + "0" * 390), "update.regularisation", ["a number"]),
     (swap("regularisation: 0.04", "regularisation: -1"), "update.regularisation", ["at least 0", "the number -1"]),
     (swap("regularisation: 0.04", "regularisation: l-curve"), "update.regularisation", ["L-curve", "a number"]),
+    (swap("  reference: bolts-00\n", "  prior: reference\n"), "update.prior", ["no reference job", "prior: initial"]),
+    (swap("method: bfgs", "penalty: {slop: 1}"), "update.penalty.slop", ["did you mean 'slope'?"]),
     (swap("method: bfgs", "method: bfg"), "update.method", ["'gauss-newton' or 'bfgs'", "did you mean 'bfgs'?"]),
     (swap("method: bfgs", "max_iterations: 1e2"), "update.max_iterations", ["a whole number", "write 100"]),
     (swap("method: bfgs", "max_iterations: 1.5"), "update.max_iterations", ["a whole number"]),

@@ -1,0 +1,51 @@
+"""The rows of the regularisation, and the prior that they draw to."""
+
+import numpy as np
+import pytest
+
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.updating.misfit import penalty_rows
+
+
+def edge(count: int, first: int = 0, damping: EdgeDamping | None = None) -> ParameterGroup:
+    terms = np.arange(first, first + count)
+    return ParameterGroup(
+        f"edge{first}",
+        "stiffness",
+        terms,
+        np.arange(count),
+        np.full(count, 3.0),
+        np.tile([-1.0, 7.0], (count, 1)),
+        smoothing_matrix(None, count),
+        0.0,
+        damping,
+    )
+
+
+def test_departures_alone_are_the_paper():
+    parameters = Parameterisation((edge(4, damping=EdgeDamping(1e-6)),))
+    rows = penalty_rows(parameters)
+    assert rows.shape == (4, 5)
+    np.testing.assert_array_equal(rows[:, :4], np.eye(4))
+    np.testing.assert_array_equal(rows[:, 4], 0.0)
+
+
+@pytest.mark.parametrize(("key", "blind_to"), [("slope", [np.ones(5)]), ("curvature", [np.ones(5), np.arange(5.0)])])
+def test_differences_do_not_see_constants_and_straight_lines(key, blind_to):
+    rows = penalty_rows(Parameterisation((edge(5),)), value=0.0, **{key: 2.0})
+    for direction in blind_to:
+        np.testing.assert_allclose(rows @ direction, 0.0, atol=1e-14)
+    bump = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+    expected = {"slope": 2.0 * 2, "curvature": 2.0 * 6}[key]
+    assert np.sum((rows @ bump) ** 2) == pytest.approx(expected)
+
+
+def test_groups_are_not_tied_to_each_other():
+    parameters = Parameterisation((edge(3), edge(3, first=3)))
+    rows = penalty_rows(parameters, value=0.0, slope=1.0)
+    step = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+    np.testing.assert_allclose(rows @ step, 0.0, atol=1e-14)
+
+
+def test_a_single_parameter_has_no_neighbour():
+    assert penalty_rows(Parameterisation((edge(1),)), value=0.0, slope=1.0, curvature=1.0).shape == (0, 1)
