@@ -391,19 +391,20 @@ def test_coo_bounds(tmp_path):
     assert coo_array((2, 2)).shape == (2, 2)
 
 
-def small_files(folder):
+@pytest.fixture(scope="module")
+def small_files(tmp_path_factory):
     """One small valid file of each format."""
+    folder = tmp_path_factory.mktemp("small")
     for kind in KINDS:
-        path = folder / f"{kind}.bin"
-        write_example(kind, path, example(6, complex_values=kind in ("mat-v7.3", "hdf5"), seed=3))
-        yield kind, path.read_bytes()
+        write_example(kind, folder / kind, example(6, complex_values=kind in ("mat-v7.3", "hdf5"), seed=3))
+    return {kind: (folder / kind).read_bytes() for kind in KINDS}
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_damage_gives_a_data_error_or_a_matrix(tmp_path, data):
-    kind, content = data.draw(st.sampled_from(list(small_files(tmp_path))), label="file")
-    damaged = bytearray(content)
+def test_damage_gives_a_data_error_or_a_matrix(tmp_path, small_files, data):
+    kind = data.draw(st.sampled_from(KINDS), label="file")
+    damaged = bytearray(small_files[kind])
     for _ in range(data.draw(st.integers(0, 4), label="flips")):
         damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
     if data.draw(st.booleans(), label="cut"):
