@@ -383,7 +383,7 @@ class TestCertificate:
         # Too low would end the search early, too high only costs a point or two; a coupling errs on that side.
         high = 600 if "vibro" in name else 40
         assert 1 / 20 < estimate.max() / error.max() < high
-        assert 1 / 10 < np.median(estimate / error) < high
+        assert np.median(estimate / error) > 1 / 10
 
     def test_an_unreachable_tolerance_is_confessed(self):
         reduction = reduce_model(damped(), np.zeros(3, dtype=np.int64), ReductionOptions(BAND, tolerance=1e-3, max_size=12))
