@@ -217,7 +217,7 @@ def test_jobs_without_parameters(box: Folder) -> None:
     box.replace("- 1.5\n", "- 1.2\n")
     other = box.run("simulate", "--out", out, "--job", "loose")
     assert other.code == 3
-    assert "does not fit group springs" in other.stderr
+    assert "the result of job loose does not fit" in other.stderr
     assert not Path(out).exists()
 
 

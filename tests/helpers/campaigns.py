@@ -170,7 +170,7 @@ BOX_BETA = 2e-5
 def box(path: Path) -> Folder:
     """A tiny u-p model: masses, six of eight on springs, on the flank of a duct with 24 pressures; universal files without errors."""
     ns, na = 8, 24
-    K, M, acoustic = duct(ns, na, kappa=1.0, coupling=0.3)
+    K, M, acoustic = duct(ns, na, kappa=1.0, coupling=1.0)
     (path / "data").mkdir(parents=True)
     for name, matrix in (("K", K), ("M", M)):
         scipy.io.mmwrite(path / "data" / f"{name}.mtx", matrix, symmetry="general", precision=17)
@@ -186,7 +186,7 @@ def box(path: Path) -> Folder:
         "model": {
             "stiffness": "data/K.mtx",
             "mass": "data/M.mtx",
-            "damping": {"structure": {"alpha": 4.0, "beta": BOX_BETA}, "acoustic": {"alpha": 6.0, "beta": 1e-6}},
+            "damping": {"structure": {"alpha": 200.0, "beta": BOX_BETA}, "acoustic": {"alpha": 60.0, "beta": 1e-6}},
             "dofs": "data/dofs.csv",
         },
         "excitation": {"hammer": {"node": 8, "component": "UZ"}},
@@ -210,8 +210,8 @@ def box(path: Path) -> Folder:
         loads=unit(ns + na, 7),
         outputs=unit(ns + na, ns + 2, ns + 11, ns + na - 1, 6),
         left=unit(ns + na, *range(6)),
-        damping=(4.0, BOX_BETA),
-        acoustic_damping=(6.0, 1e-6),
+        damping=(200.0, BOX_BETA),
+        acoustic_damping=(60.0, 1e-6),
         is_acoustic=acoustic,
         output_power=[0, 0, 0, 2],
     )
