@@ -1,0 +1,176 @@
+"""Interrupted and killed runs: finished jobs stay, nothing is half written, the next run completes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from campaigns import Folder, frame
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+JOBS = [f"state-{i:02d}" for i in range(7)]
+
+
+def many_jobs(path: Path) -> Folder:
+    """The frame with seven jobs, so that a signal always comes before the end."""
+    folder = frame(path)
+    tree = folder.tree()
+    files = ["tight", "loose-2", "loose-all"]
+    tree["jobs"] = {job: {"frf": f"data/frf/{files[i % 3]}.csv"} for i, job in enumerate(JOBS)}
+    tree["update"]["reference"] = JOBS[0]
+    folder.write(tree)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    folder = many_jobs(tmp_path_factory.mktemp("undisturbed") / "frame")
+    assert folder.run("update").code == 0
+    return folder
+
+
+def interrupt_after(folder: Folder, kind: signal.Signals, after: int | str, pause: float, *args: str) -> tuple[int, list[str]]:
+    """Send a signal after a line of progress: the n-th, or the one that tells of a job."""
+    process = folder.start("update", "-v", *args)
+    assert process.stderr is not None
+    lines: list[str] = []
+    try:
+        while not (len(lines) == after or (lines and lines[-1].startswith(f"{after}:"))):
+            text = process.stderr.readline()
+            assert text, f"ended early: {lines}"
+            lines.append(text.rstrip("\n"))
+        time.sleep(pause)
+        process.send_signal(kind)
+        _, rest = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    return process.returncode, lines + rest.splitlines()
+
+
+def assert_whole(folder: Folder) -> None:
+    """Every file that is there can be read."""
+    for path in [*folder.out.rglob("*"), *folder.cache.rglob("*")]:
+        if path.name.startswith(".") or path.is_dir():
+            continue
+        assert path.suffix in (".json", ".csv", ".h5"), path
+        if path.suffix == ".json":
+            json.loads(path.read_text())
+        elif path.suffix == ".csv":
+            with path.open(newline="") as file:
+                assert len({len(row) for row in csv.reader(file)}) == 1, path
+        else:
+            with h5py.File(path) as file:
+                assert len(file)
+    # result.json comes last: it vouches for the others.
+    for path in folder.out.glob("*/result.json"):
+        assert json.loads(path.read_text())["status"] == "converged"
+        assert (path.parent / "profile.csv").is_file()
+        assert (path.parent / "frf.csv").is_file()
+
+
+def assert_same(folder: Folder, other: Folder) -> None:
+    found, expected = folder.results(), other.results()
+    assert list(found) == list(expected) == JOBS
+    for job in JOBS:
+        a, b = found[job], expected[job]
+        np.testing.assert_allclose(a["parameters"]["left_edge"]["log10"], b["parameters"]["left_edge"]["log10"], atol=1e-6)
+        assert a["parameters"]["left_edge"]["damping_exponent"] == pytest.approx(b["parameters"]["left_edge"]["damping_exponent"], abs=1e-6)
+        assert a["misfit_db"]["final"] == pytest.approx(b["misfit_db"]["final"], abs=1e-6)
+        assert [bolt["verdict"] for bolt in a["bolts"]] == [bolt["verdict"] for bolt in b["bolts"]]
+        assert a["provenance"]["identity"] == b["provenance"]["identity"]
+    with (folder.out / "campaign.csv").open(newline="") as file:
+        assert [row["job"] for row in csv.DictReader(file)] == JOBS
+
+
+def done(lines: list[str]) -> list[str]:
+    return [line.split(":")[0] for line in lines if ": converged, misfit" in line]
+
+
+@pytest.mark.parametrize(
+    ("after", "pause", "args"),
+    [
+        pytest.param(1, 0.0, (), id="while-reducing"),
+        pytest.param("state-00", 0.0, (), id="after-the-first-job"),
+        pytest.param("state-02", 0.02, (), id="within-a-job"),
+        pytest.param("state-02", 0.01, ("--workers", "2"), id="with-two-workers"),
+    ],
+)
+def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, pause: float, args: tuple[str, ...]) -> None:
+    folder = many_jobs(tmp_path / "frame")
+    code, lines = interrupt_after(folder, signal.SIGINT, after, pause, *args)
+    assert code == 130, lines
+    assert lines[-1] == "lrbc: interrupted; what was finished is kept"
+    assert not any("Traceback" in line for line in lines)
+    assert folder.leftovers() == []
+    assert_whole(folder)
+    finished = done(lines)
+    assert len(finished) < len(JOBS)
+    kept = {job: (folder.out / job / "result.json").read_bytes() for job in finished}
+    if finished:
+        with (folder.out / "campaign.csv").open(newline="") as file:
+            assert set(finished) <= {row["job"] for row in csv.DictReader(file)}
+    result = folder.run("update", "--json")
+    assert result.code == 0
+    assert set(finished) <= set(result.json["kept"])
+    assert {job: (folder.out / job / "result.json").read_bytes() for job in finished} == kept
+    assert_same(folder, undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("after", "pause"),
+    [
+        pytest.param(1, 0.02, id="while-reducing"),
+        pytest.param("state-00", 0.0, id="after-the-first-job"),
+        pytest.param("state-02", 0.03, id="within-a-job"),
+    ],
+)
+def test_killed(tmp_path: Path, undisturbed: Folder, after: int | str, pause: float) -> None:
+    folder = many_jobs(tmp_path / "frame")
+    code, lines = interrupt_after(folder, signal.SIGKILL, after, pause)
+    assert code == -signal.SIGKILL
+    assert_whole(folder)
+    finished = done(lines)
+    result = folder.run("update", "--json")
+    assert result.code == 0
+    assert set(finished) <= set(result.json["kept"])
+    assert_whole(folder)
+    assert_same(folder, undisturbed)
+
+
+def test_an_interrupted_rerun_keeps_what_was_there(undisturbed: Folder, tmp_path: Path) -> None:
+    """Running finished jobs again, an interruption leaves every job with a whole result: the old one or the new one."""
+    folder = undisturbed.copy(tmp_path / "frame")
+    code, lines = interrupt_after(folder, signal.SIGINT, "state-02", 0.01, "--force")
+    assert code == 130, lines
+    assert folder.leftovers() == []
+    assert_whole(folder)
+    assert_same(folder, undisturbed)
+
+
+def test_an_interrupted_report_leaves_no_half_page(undisturbed: Folder, tmp_path: Path) -> None:
+    folder = undisturbed.copy(tmp_path / "frame")
+    process = folder.start("report", "-v")
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline()
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, rest = process.communicate(timeout=60)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    assert process.returncode == 130, rest
+    assert "Traceback" not in rest
+    assert folder.leftovers() == []
+    page = folder.out / "report.html"
+    assert not page.exists() or page.read_text().rstrip().endswith("</html>")
