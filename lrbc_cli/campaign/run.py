@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign import cache
+from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.results import RESULT_FORMAT, read_json, write_campaign, write_failure, write_reduction, write_result, write_table
+from lrbc_cli.campaign.results import write_campaign, write_failure, write_reduction, write_result, write_table
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, NumericalError
 from lrbc_cli.io.atomic import file_hash

@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import cache_folder
+from lrbc_cli.campaign.documents import plain
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
-from lrbc_cli.campaign.results import plain
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign
 

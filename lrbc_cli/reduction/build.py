@@ -12,19 +12,18 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, check_orthonormal, energy_weight, new_directions
 from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
 from lrbc_cli.reduction.estimate import Estimator
+from lrbc_cli.reduction.full import full_operators, full_ports
+from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
 from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
@@ -41,112 +40,6 @@ ALGORITHM_VERSION = 3
 FIRST_POINTS = 2
 
 
-@dataclass(frozen=True)
-class ReductionOptions:
-    """What decides about the reduced model.
-
-    Attributes
-    ----------
-    band_hz : (float, float)
-    tolerance : float
-        Relative error of y, per line and physical quantity.
-    held_out : int
-        Lines outside the basis at which the final error is measured.
-    max_points : int
-        Expansion points after which the reduction gives up.
-    max_size : int or None
-        Reduced DOFs after which no expansion point is added.
-    """
-
-    band_hz: tuple[float, float]
-    tolerance: float = 1e-3
-    held_out: int = 5
-    max_points: int = 40
-    max_size: int | None = None
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Measured errors at one line outside the basis.
-
-    Attributes
-    ----------
-    frequency_hz : float
-    errors : dict
-        Worst relative error of y by kind of parameter vector.
-    """
-
-    frequency_hz: float
-    errors: dict[str, float]
-
-    @property
-    def worst(self) -> float:
-        """Largest of them."""
-        return max(self.errors.values())
-
-
-@dataclass(frozen=True)
-class Step:
-    """One factorisation in the trace."""
-
-    frequency_hz: float
-    size: int
-    order: int
-    added: int
-    measured_error: float | None
-    grid_hz: Floats = field(repr=False)
-    estimate: Floats = field(repr=False)
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """A reduced model with its certificate and its costs.
-
-    Attributes
-    ----------
-    model : ReducedModel
-    options : ReductionOptions
-    reached : bool
-        Whether every measured error is at most the tolerance.
-    held_out : tuple of HeldOut
-    trace : tuple of Step
-    seconds : dict
-        ``full_line`` (median of factorisation + one solve + one refinement step), ``factor``, ``basis``, ``projection``,
-        ``certificate``, ``total``.
-    backend : str
-    coupling : str
-    sizes : tuple of int
-        Reduced DOFs of each field.
-    full_size : int
-        DOFs of the full model.
-    vectors : int
-        Parameter vectors for which each held-out error was measured.
-    machine : dict
-        Where the seconds were measured.
-    date : str
-        When, UTC.
-    """
-
-    model: ReducedModel
-    options: ReductionOptions
-    reached: bool
-    held_out: tuple[HeldOut, ...]
-    trace: tuple[Step, ...]
-    seconds: dict[str, float]
-    backend: str
-    coupling: str
-    sizes: tuple[int, ...]
-    full_size: int
-    vectors: int
-    machine: dict[str, str | int]
-    date: str
-
-    @property
-    def worst(self) -> float:
-        """Largest measured error."""
-        return max((line.worst for line in self.held_out), default=float("nan"))
-
-
 class _Clock:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {"basis": 0.0, "projection": 0.0, "certificate": 0.0, "estimate": 0.0}
@@ -157,17 +50,6 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[stage] += now - self._last
         self._last = now
-
-
-def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
-    """K, C, M with the reference values of the terms added."""
-    out = []
-    for power, operator in enumerate((model.K, model.C, model.M)):
-        weight = reference[:, power]
-        if np.any(weight):
-            operator = (operator + (model.terms.left * weight[None, :]) @ model.terms.right.T).tocsc()
-        out.append(operator)
-    return out[0], out[1], out[2]
 
 
 class Reducer:
@@ -444,49 +326,4 @@ def reduce_model(
         return Reducer(model, input_of, options, backend=backend, ordering=ordering).run(progress)
 
 
-def full_ports(
-    model: FeModel,
-    input_of: NDArray[np.int64],
-    s: Complexes,
-    band_hz: tuple[float, float],
-    *,
-    backend: str = "auto",
-    ordering: str = "auto",
-    progress: Callable[[int, int], None] = lambda *_: None,
-) -> PortFrf:
-    """Port FRFs of the unreduced model by one refined full solve a line: the reference that reduced models are compared with.
-
-    Parameters
-    ----------
-    model : FeModel
-    input_of : (n_out,) int array
-    s : (F,) complex array
-    band_hz : (float, float)
-        Sets the reference values of the terms only.
-
-    Returns
-    -------
-    PortFrf
-    """
-    high = 2 * np.pi * band_hz[1]
-    reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
-    with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
-        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
-        inputs, outputs = model.inputs.toarray(), model.outputs
-        H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
-        for line, value in enumerate(s):
-            factorisation = Z.factor(complex(value))
-            X = factorisation.solve(inputs, refine=1)
-            residual = factorisation.residual(X, inputs)
-            if residual > 1e-8:
-                raise NumericalError(
-                    f"the full model is nearly singular at {value.imag / (2 * np.pi):.6g} Hz",
-                    expected="residual at most 1e-8",
-                    found=f"{residual:.1e}",
-                )
-            H[line] = outputs @ X
-            progress(line + 1, s.size)
-    return port_frf(H, s, reference_dynamic(reference, s), model.output_power, input_of)
-
-
-__all__ = ["HeldOut", "Reduction", "ReductionOptions", "Step", "full_ports", "reduce_model"]
+__all__ = ["HeldOut", "Reducer", "Reduction", "ReductionOptions", "Step", "full_operators", "full_ports", "reduce_model"]

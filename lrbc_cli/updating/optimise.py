@@ -67,9 +67,9 @@ class _Recorder:
         self.accept()
         return theta, value
 
-    def accept(self) -> None:
-        last = self.entries[-1]
-        self.entries[-1] = HistoryEntry(last.evaluation, last.cost, last.misfit_db, True)
+    def accept(self, at: int = -1) -> None:
+        entry = self.entries[at]
+        self.entries[at] = HistoryEntry(entry.evaluation, entry.cost, entry.misfit_db, True)
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
         return Solution(theta, value, status, reason, iterations, len(self.entries), tuple(self.entries))
@@ -79,6 +79,24 @@ def _free(theta: Floats, gradient: Floats, bounds: Floats) -> NDArray[np.bool_]:
     """Parameters that a descent does not push against their bounds."""
     lower, upper = bounds.T
     return np.asarray(~(((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))))
+
+
+def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
+    """Minimum of ``gradient·x + x·A x / 2`` between low and high, A positive definite, by a primal-dual active set."""
+    x = np.zeros_like(gradient)
+    held = np.zeros(x.size, dtype=int)
+    for _ in range(3 * x.size + 3):
+        free = held == 0
+        x[held < 0], x[held > 0] = low[held < 0], high[held > 0]
+        if free.any():
+            x[free] = -la.solve(A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free], assume_a="pos")
+        below, above = free & (x < low), free & (x > high)
+        slope = gradient + A @ x
+        release = ((held < 0) & (slope < 0)) | ((held > 0) & (slope > 0))
+        if not (below | above | release).any():
+            break
+        held[below], held[above], held[release] = -1, 1, 0
+    return np.clip(x, low, high)
 
 
 def _finite(value: Evaluation) -> bool:
@@ -117,13 +135,14 @@ def gauss_newton(
         free = _free(theta, gradient, bounds)
         if not free.any():
             return record.solution(theta, value, "converged", "all parameters lie at their bounds", iteration - 1)
-        J = value.jacobian[:, free]
-        normal = J.T @ J
+        if not gradient[free].any():
+            return record.solution(theta, value, "converged", "the gradient vanishes", iteration - 1)
+        normal = value.jacobian.T @ value.jacobian
         scale = np.maximum(np.diag(normal), 1e-8 * max(float(np.diag(normal).max()), np.finfo(float).tiny))
         improved = False
         for _ in range(12):
-            step = np.zeros_like(theta)
-            step[free] = -la.solve(normal + damping * np.diag(scale), gradient[free], assume_a="pos")
+            # Clipping a free step afterwards could leave no decrease at all, far from the minimum.
+            step = _box_step(normal + damping * np.diag(scale), gradient, lower - theta, upper - theta)
             step *= min(1.0, max_step / max(float(np.abs(step).max()), np.finfo(float).tiny))
             trial = np.clip(theta + step, lower, upper)
             step = trial - theta
@@ -235,13 +254,14 @@ def _line_search(
         return None
     low, high = 0.0, np.inf
     best: tuple[Floats, Evaluation] | None = None
+    best_at = -1
     for _ in range(20):
         trial = np.clip(theta + alpha * direction, lower, upper)
         candidate = record(trial)
         if not _finite(candidate) or candidate.cost > value.cost + c * alpha * slope:
             high = alpha
         elif candidate.cost < value.cost + (1 - c) * alpha * slope and alpha * float(np.abs(direction).max()) < max_step:
-            low, best = alpha, (trial, candidate)
+            low, best, best_at = alpha, (trial, candidate), len(record.entries) - 1
         else:
             record.accept()
             return trial, candidate
@@ -252,4 +272,6 @@ def _line_search(
         )
         if best is not None and high - low < 0.1 * high:
             break
+    if best is not None:
+        record.accept(best_at)
     return best

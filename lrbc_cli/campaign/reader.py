@@ -1,0 +1,126 @@
+"""Reading the files of a model, and finding the DOFs that the campaign file speaks of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.structure import PointConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.matrices import read_matrix, read_vectors
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
+from lrbc_cli.model.selection import at_node, nearest, spacing
+
+Point = tuple[int | None, int | None]
+
+#: Directions of universal files by the label of a DOF; a pressure has none.
+DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+
+
+class ModelReader:
+    """Reads matrices and tables of one campaign, finds DOFs, and keeps notes, warnings and hashes of files.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.notes: list[str] = []
+        self.warnings: list[str] = []
+        self.hashes: dict[str, str] = {}
+        self.dofs: DofTable | None = None
+        self.n = 0
+
+    def hash(self, path: Path) -> None:
+        """Note the hash of a file that was read."""
+        self.hashes[path.as_posix()] = file_hash(path)
+
+    def matrix(self, ref: MatrixRef, what: str, n: int | None = None) -> sp.csc_array:
+        """A square matrix, of order n where that is known already."""
+        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
+        self.hash(ref.path)
+        matrix = found.matrix
+        self.notes += [f"{what}: {note}" for note in found.notes]
+        if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
+            size = matrix.shape[0] if n is None else n
+            raise DataError(
+                f"the {what} matrix has the wrong size",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{size} x {size}" + (", as the stiffness matrix" if n is not None else ""),
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
+                hint="export all matrices of one model in one run",
+            )
+        self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
+        return matrix
+
+    def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
+        """Real vectors, one column each, turned round where the file has them as rows."""
+        found = read_vectors(ref.path, ref.group, ref.format)
+        self.hash(ref.path)
+        matrix = found.matrix
+        if matrix.shape[0] != self.n and matrix.shape[1] == self.n:
+            matrix = matrix.T.tocsc()
+        if matrix.shape[0] != self.n:
+            raise DataError(
+                f"the vectors of {what} do not fit the model",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{self.n} rows",
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
+            )
+        if np.iscomplexobj(matrix.data):
+            raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
+        return matrix
+
+    def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
+        """One DOF, and where it was found in words."""
+        table, campaign = self.dofs, self.campaign
+        if point.dof is not None:
+            if point.dof >= self.n:
+                raise campaign.error("this DOF does not exist", *keys, "dof", expected=f"0 to {self.n - 1}", found=point.dof)
+            return point.dof, f"DOF {point.dof}"
+        if table is None:
+            raise campaign.error("nodes and coordinates need a DOF table", *keys, hint="add model.dofs, or give {dof: number}")
+        assert point.component is not None
+        components = ", ".join(sorted(set(table.component.tolist())))
+        if point.node is not None:
+            dofs = at_node(table, point.node, point.component)
+            if dofs.size != 1:
+                here = sorted(table.component[table.node == point.node].tolist())
+                raise campaign.error(
+                    f"node {point.node} has no DOF {point.component}"
+                    if not dofs.size
+                    else f"node {point.node} has several DOFs {point.component}",
+                    *keys,
+                    expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
+                    found=point.component if here else f"node {point.node}",
+                    hint="a fixed DOF that the export eliminated cannot be used" if here else None,
+                )
+            return int(dofs[0]), f"node {point.node} {point.component}"
+        assert point.near is not None
+        found = nearest(table, point.near, point.component)
+        if found is None:
+            raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
+        dof, distance = found
+        size = spacing(table, dof)
+        text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
+        if distance > 0.05 * size:
+            self.warnings.append(
+                f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
+                "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
+            )
+        return dof, text
+
+    def point(self, dof: int) -> Point:
+        """Node and direction of a DOF, None where unknown."""
+        if self.dofs is None:
+            return None, None
+        return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))

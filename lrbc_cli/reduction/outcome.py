@@ -1,0 +1,118 @@
+"""What a reduction is asked for, and what it gives: options, held-out errors, trace, certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.reduction.reduced import ReducedModel
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReductionOptions:
+    """What decides about the reduced model.
+
+    Attributes
+    ----------
+    band_hz : (float, float)
+    tolerance : float
+        Relative error of y, per line and physical quantity.
+    held_out : int
+        Lines outside the basis at which the final error is measured.
+    max_points : int
+        Expansion points after which the reduction gives up.
+    max_size : int or None
+        Reduced DOFs after which no expansion point is added.
+    """
+
+    band_hz: tuple[float, float]
+    tolerance: float = 1e-3
+    held_out: int = 5
+    max_points: int = 40
+    max_size: int | None = None
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Measured errors at one line outside the basis.
+
+    Attributes
+    ----------
+    frequency_hz : float
+    errors : dict
+        Worst relative error of y by kind of parameter vector.
+    """
+
+    frequency_hz: float
+    errors: dict[str, float]
+
+    @property
+    def worst(self) -> float:
+        """Largest of them."""
+        return max(self.errors.values())
+
+
+@dataclass(frozen=True)
+class Step:
+    """One factorisation in the trace."""
+
+    frequency_hz: float
+    size: int
+    order: int
+    added: int
+    measured_error: float | None
+    grid_hz: Floats = field(repr=False)
+    estimate: Floats = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A reduced model with its certificate and its costs.
+
+    Attributes
+    ----------
+    model : ReducedModel
+    options : ReductionOptions
+    reached : bool
+        Whether every measured error is at most the tolerance.
+    held_out : tuple of HeldOut
+    trace : tuple of Step
+    seconds : dict
+        ``full_line`` (median of factorisation + one solve + one refinement step), ``factor``, ``basis``, ``projection``,
+        ``certificate``, ``total``.
+    backend : str
+    coupling : str
+    sizes : tuple of int
+        Reduced DOFs of each field.
+    full_size : int
+        DOFs of the full model.
+    vectors : int
+        Parameter vectors for which each held-out error was measured.
+    machine : dict
+        Where the seconds were measured.
+    date : str
+        When, UTC.
+    """
+
+    model: ReducedModel
+    options: ReductionOptions
+    reached: bool
+    held_out: tuple[HeldOut, ...]
+    trace: tuple[Step, ...]
+    seconds: dict[str, float]
+    backend: str
+    coupling: str
+    sizes: tuple[int, ...]
+    full_size: int
+    vectors: int
+    machine: dict[str, str | int]
+    date: str
+
+    @property
+    def worst(self) -> float:
+        """Largest measured error."""
+        return max((line.worst for line in self.held_out), default=float("nan"))
