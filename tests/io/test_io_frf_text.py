@@ -1,0 +1,266 @@
+"""FRFs in text: what is found out, what can be told, and errors."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf, write_frf
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+FREQUENCY = np.array([10.0, 10.5, 11.0, 11.5])
+H = np.array([1 - 2j, 0.3 + 0.4j, -5 + 1e-3j, 2e-6 - 1e-6j])
+MAGNITUDE, DECIBEL, DEGREES, RADIANS = np.abs(H), 20 * np.log10(np.abs(H)), np.rad2deg(np.angle(H)), np.angle(H)
+
+
+def table(header, columns, delimiter=",", decimal="."):
+    rows = [delimiter.join(f"{x:.17g}" for x in row).replace(".", "·") for row in zip(*columns, strict=True)]
+    return "\n".join([*header, *(row.replace("·", decimal) for row in rows), ""])
+
+
+def read(tmp_path, text, layout=None, encoding="utf-8"):
+    path = tmp_path / "frf.txt"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+    return read_frf(path, layout)
+
+
+REAL_IMAG, MAG_DEG, DB_DEG, MAG_RAD = (
+    (FREQUENCY, H.real, H.imag),
+    (FREQUENCY, MAGNITUDE, DEGREES),
+    (FREQUENCY, DECIBEL, DEGREES),
+    (FREQUENCY, MAGNITUDE, RADIANS),
+)
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (" ", "."), (" ", ","), ("   ", ".")]
+)
+@pytest.mark.parametrize(
+    "header", [["f{0}a_real{0}a_imag"], [], ["Measurement of 3.4.2024", "", "f{0}a_real{0}a_imag"], ["# f{0}a_real{0}a_imag"]]
+)
+def test_separators_are_found_out(tmp_path, delimiter, decimal, header):
+    result = read(tmp_path, table([line.format(delimiter) for line in header], REAL_IMAG, delimiter, decimal))
+    (found,) = result.records
+    np.testing.assert_array_equal(found.frequency_hz, FREQUENCY)
+    np.testing.assert_array_equal(found.values, H)
+    assert found.name == ("a" if header else "column 2")
+    assert any(f"decimal {'point' if decimal == '.' else 'comma'}" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "name"),
+    [
+        ("frequency_hz,mic01_real,mic01_imag", REAL_IMAG, "mic01"),
+        ("Frequency [Hz],Re(mic01),Im(mic01)", REAL_IMAG, "mic01"),
+        ("Freq,mic01 Real,mic01 Imaginary", REAL_IMAG, "mic01"),
+        ("Hz,Real,Imag", REAL_IMAG, ""),
+        ("f,mic01_mag,mic01_phase_deg", MAG_DEG, "mic01"),
+        ("f,mic01_mag,mic01_phase_rad", MAG_RAD, "mic01"),
+        ("f,Magnitude (m/s^2/N),Phase (deg)", MAG_DEG, ""),
+        ("f,mic01 Amplitude,mic01 Phase [rad]", MAG_RAD, "mic01"),
+        ("f,mic01 Magnitude [dB],mic01 Phase [°]", DB_DEG, "mic01"),
+        ("f,mic01_dB,mic01_phase", DB_DEG, "mic01"),
+        ("f,mic01_abs,mic01_phase", MAG_RAD, "mic01"),
+        ("f,mic01_abs,mic01_phase", MAG_DEG, "mic01"),
+    ],
+)
+def test_headers_are_understood(tmp_path, header, columns, name):
+    (found,) = read(tmp_path, table([header], columns)).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-12)
+    assert found.name == name
+
+
+def test_units_row_and_quantity(tmp_path):
+    text = table(["Frequency;a_real;a_imag", "Hz;mm/s^2/N;mm/s^2/N"], REAL_IMAG, ";", ",")
+    result = read(tmp_path, text)
+    np.testing.assert_allclose(result.records[0].values, 1e-3 * H, rtol=1e-15)
+    assert result.records[0].quantity == "acceleration"
+    assert any("0.001" in note for note in result.notes)
+    found = read(tmp_path, text, TextLayout(unit="g")).records[0]
+    np.testing.assert_allclose(found.values, 9.80665 * H, rtol=1e-15)
+    assert read(tmp_path, table(["f,a_real [Pa],a_imag [Pa]"], REAL_IMAG)).records[0].quantity == "pressure"
+    assert read(tmp_path, table(["f,a_real,a_imag"], REAL_IMAG)).records[0].quantity is None
+    assert read(tmp_path, table(["f,a_real,a_imag"], REAL_IMAG), TextLayout(quantity="velocity")).records[0].quantity == "velocity"
+    with pytest.raises(DataError, match="do not fit"):
+        read(tmp_path, text, TextLayout(quantity="pressure"))
+
+
+@pytest.mark.parametrize(("header", "factor"), [("f [kHz],a_real,a_imag", 1e3), ("omega_rad/s,a_real,a_imag", 1 / (2 * np.pi))])
+def test_frequency_units(tmp_path, header, factor):
+    np.testing.assert_allclose(read(tmp_path, table([header], REAL_IMAG)).records[0].frequency_hz, factor * FREQUENCY, rtol=1e-15)
+
+
+def test_everything_can_be_told(tmp_path):
+    text = table(["title", "1;2;3;4"], (np.arange(4.0), DEGREES, FREQUENCY / 1e3, DECIBEL), ";", ",")
+    layout = TextLayout(
+        delimiter=";",
+        decimal=",",
+        skip=2,
+        frequency=3,
+        frequency_unit="kHz",
+        representation="db-phase",
+        phase="deg",
+        unit="Pa/N",
+        columns={"mic": (4, 2)},
+    )
+    (found,) = read(tmp_path, text, layout).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-12)
+    np.testing.assert_allclose(found.frequency_hz, FREQUENCY, rtol=1e-15)
+    assert (found.name, found.quantity) == ("mic", "pressure")
+    named = TextLayout(frequency="F", columns={"a": ("x", "y"), "b": ("y", "x")})
+    a, b = read(tmp_path, table(["x,F,y"], (H.real, FREQUENCY, H.imag)), named).records
+    np.testing.assert_array_equal(b.values, 1j * np.conj(a.values))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("eol", ["\n", "\r\n", "\r"])
+def test_encodings_and_line_ends(tmp_path, encoding, eol):
+    text = table(["Prüfling", "f,ä_real,ä_imag"], REAL_IMAG).replace("\n", eol)
+    path = tmp_path / "frf.txt"
+    path.write_bytes(text.encode(encoding))
+    (found,) = read_frf(path).records
+    assert found.name == "ä"
+    np.testing.assert_array_equal(found.values, H)
+
+
+@pytest.mark.parametrize("first", ["0,NaN,NaN", "0,,", "0,inf,-inf", "0,NaN,NaN\n5,,\n7,nan,1"])
+def test_unusable_first_lines_are_left_out(tmp_path, first):
+    result = read(tmp_path, table(["f,a_real,a_imag", first], REAL_IMAG))
+    np.testing.assert_array_equal(result.records[0].frequency_hz, FREQUENCY)
+    assert any("cannot be used" in note for note in result.notes)
+
+
+def test_several_records_and_leftovers(tmp_path):
+    text = table(
+        ["f,a_real,a_imag,temperature,b_real,b_imag,b_coherence,c_real"],
+        (*REAL_IMAG, FREQUENCY, H.imag, H.real, [0.1, 0.2, 0.3, 1.0], H.real),
+    )
+    result = read(tmp_path, text)
+    assert [found.name for found in result.records] == ["a", "b"]
+    np.testing.assert_array_equal(result.records[1].coherence, [0.1, 0.2, 0.3, 1.0])
+    assert result.records[0].coherence is None
+    assert any("temperature, c" in note for note in result.notes)
+
+
+def test_coherence_of_text(tmp_path):
+    path = tmp_path / "coherence.csv"
+    path.write_text("f;a;b\n1;0.5;0.6\n2;0.7;1\n")
+    found = read_coherence(path)
+    assert set(found) == {"a", "b"}
+    np.testing.assert_array_equal(found["b"], [[1, 2], [0.6, 1.0]])
+    path.write_text("f;a_coherence;b\n1;0.5;7\n2;0.7;7\n")
+    assert set(read_coherence(path)) == {"a"}
+    path.write_text("f;a\n1;0.5\n2;1.7\n")
+    with pytest.raises(DataError, match="coherence is wrong"):
+        read_coherence(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hello\nworld\n", "no table of numbers"),
+        ("f,a_real,a_imag\n1,2,3\n2,3,nan\n3,4,5\n", "line 3, column a_imag"),
+        ("f,a_real,a_imag\n1,2,3\n2,x,1\n3,4,5\n", "line 3: a line does not fit"),
+        ("f,a_real,a_imag\n1,2,3\n2,1\n3,4,5\n4,5,6\n", "line 3: a line does not fit"),
+        ("f,a_real,a_imag\n1,2,3\n1,2,1\n", "do not rise"),
+        ("f,a_real,a_imag\n2,2,3\n1,2,1\n", "do not rise"),
+        ("f,a_real,a_imag\n-1,2,3\n1,2,1\n", "a frequency is wrong"),
+        ("f,a\n1,2\n2,3\n", "do not pair up"),
+        ("f,a_real,b_imag\n1,2,3\n2,3,4\n", "do not pair up"),
+        ("f,a_real,a_real,a_imag\n1,2,3,4\n2,3,4,5\n", "same part"),
+        ("f,a_real,a_imag,a_coherence\n1,2,3,4\n2,3,4,5\n", "coherence is wrong"),
+    ],
+)
+def test_errors_name_the_place(tmp_path, text, message):
+    with pytest.raises(DataError, match=message) as caught:
+        read(tmp_path, text)
+    assert "frf.txt" in str(caught.value)
+
+
+def test_wrong_columns_in_the_layout(tmp_path):
+    text = table(["f,a_real,a_imag"], REAL_IMAG)
+    for layout in (TextLayout(frequency="F"), TextLayout(frequency=9), TextLayout(columns={"a": ("x", "a_imag")})):
+        with pytest.raises(DataError, match="no such column"):
+            read(tmp_path, text, layout)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"delimiter": "|"},
+        {"decimal": ";"},
+        {"delimiter": ",", "decimal": ","},
+        {"skip": -1},
+        {"representation": "polar"},
+        {"phase": "grad"},
+        {"quantity": "force"},
+        {"unit": "furlong"},
+        {"unit": "s"},
+        {"unit": "Pa/N", "quantity": "velocity"},
+        {"frequency_unit": "rpm"},
+    ],
+)
+def test_a_wrong_layout_is_an_error_of_the_campaign_file(wrong):
+    with pytest.raises(ConfigError):
+        TextLayout(**wrong)
+
+
+NAMES = st.text("abzAZ019-. ", min_size=1, max_size=12).map(lambda name: f"p{name}q") | st.sampled_from(
+    ["a,b", 'say "x"', "a_b", "Re x", "ä"]
+)
+
+
+@st.composite
+def frf_sets(draw):
+    frequency = np.array(sorted(draw(st.sets(st.floats(0, 1e4), min_size=1, max_size=12))))
+    parts = st.floats(allow_nan=False, allow_infinity=False)
+    records = []
+    for name in draw(st.lists(NAMES, min_size=1, max_size=4, unique_by=str.strip)):
+        values = np.array([complex(draw(parts), draw(parts)) for _ in frequency])
+        records.append(FrfRecord(name, frequency, values, coherence=draw(st.none() | st.just(np.linspace(0, 1, frequency.size)))))
+    return FrfSet("drawn", tuple(records))
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=REUSE_FOLDER)
+@given(frf=frf_sets())
+def test_round_trip_is_exact(tmp_path, frf):
+    path = tmp_path / "written.csv"
+    write_frf(path, frf)
+    assert path.read_text(encoding="utf-8").startswith("frequency_hz,")
+    found = read_frf(path).records
+    assert [a.name for a in found] == [b.name for b in frf.records]
+    for a, b in zip(found, frf.records, strict=True):
+        np.testing.assert_array_equal(a.frequency_hz, b.frequency_hz)
+        np.testing.assert_array_equal(a.values, b.values)
+        np.testing.assert_array_equal(a.coherence, b.coherence)
+
+
+def test_what_csv_cannot_hold(tmp_path):
+    a, b = FrfRecord("a", FREQUENCY, H), FrfRecord("a", FREQUENCY, H)
+    for records in ((a, b), (FrfRecord("", FREQUENCY, H),), (a, FrfRecord("b", FREQUENCY[1:], H[1:])), ()):
+        with pytest.raises(DataError):
+            write_frf(tmp_path / "x.csv", FrfSet("x", records))
+        assert not (tmp_path / "x.csv").exists()
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=REUSE_FOLDER)
+@given(data=st.data())
+def test_damage_gives_a_data_error_or_frfs(tmp_path, data):
+    sources = [table(["frequency_hz,a_real,a_imag"], REAL_IMAG), table(["f;a [dB];a_phase", "Hz;dB;deg"], DB_DEG, ";", ",")]
+    content = bytearray(data.draw(st.sampled_from(sources)).encode())
+    for _ in range(data.draw(st.integers(0, 5))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(
+            st.sampled_from(b'0123456789 -+.,;Ee\n\r"\0\xff') | st.integers(0, 255)
+        )
+    if data.draw(st.booleans()):
+        content = content[: data.draw(st.integers(0, len(content)))]
+    with contextlib.suppress(DataError):
+        for found in read(tmp_path, bytes(content)).records:
+            assert np.all(np.isfinite(found.values))
+            assert np.all(np.diff(found.frequency_hz) > 0)

@@ -1,0 +1,125 @@
+"""Tables in CSV."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.tables import read_dof_list, read_dof_table, read_points, read_positions
+
+REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
+DOFS = "dof,node,component,x,y,z\n0,11,UX,0.1,0.2,0.3\n1,11,roty,0.1,0.2,0.3\n2,12,PRES,1,2,3\n"
+
+
+def write(tmp_path, text):
+    path = tmp_path / "table.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        DOFS,
+        DOFS.replace("\n", "\r\n"),
+        DOFS.replace(",", ";"),
+        DOFS.replace(",", "\t"),
+        DOFS.replace(",", " , "),
+        "\ufeff" + DOFS.upper(),
+        "# a comment\n\n" + DOFS + "\n# the end\n",
+        "z,component,dof,extra,x,y,node\n3,PRES,2,a,1,2,12\n0.3,UX,0,b,0.1,0.2,11\n.3,ROTY,1,c,1e-1,2E-1,11\n",
+        'dof,node,component,x,y,z,,\n0,11,"UX",0.1,0.2,0.3,,\n1,11,ROTY,0.1,0.2,0.3\n2,12.0,PRES,1,2,3,\n',
+    ],
+)
+def test_dof_table(tmp_path, text):
+    table = read_dof_table(write(tmp_path, text))
+    assert table.component.tolist() == ["UX", "ROTY", "PRES"]
+    assert table.node.tolist() == [11, 11, 12]
+    np.testing.assert_array_equal(table.xyz, [[0.1, 0.2, 0.3], [0.1, 0.2, 0.3], [1, 2, 3]])
+    assert table.is_acoustic.tolist() == [False, False, True]
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=REUSE_FOLDER)
+@given(order=st.permutations(range(7)), columns=st.permutations(["dof", "node", "component", "x", "y", "z"]))
+def test_any_order_of_lines_and_columns(tmp_path, order, columns):
+    rows = [{"dof": i, "node": 100 + i, "component": "UZ", "x": i / 7, "y": -i, "z": 1e-9 * i} for i in order]
+    text = "\n".join([",".join(columns), *(",".join(repr(row[c]) if c != "component" else "UZ" for c in columns) for row in rows)])
+    table = read_dof_table(write(tmp_path, text))
+    assert table.node.tolist() == list(range(100, 107))
+    np.testing.assert_array_equal(table.xyz[:, 0], np.arange(7) / 7)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("\n\n", "the table is empty"),
+        ("dof,node\n", "component, x, y, z are missing"),
+        ("dof,node,component,x,y\n0,1,UX,0,0\n", "the column z is missing"),
+        ("dof,dof,node,component,x,y,z\n", "header twice"),
+        ("dof,node,component,x,y,z\n", "no lines"),
+        (DOFS.replace("0.2", "0,2", 1), "line 2: the line does not fit the header"),
+        (DOFS.replace(",PRES", ""), "line 4: the line does not fit"),
+        (DOFS.replace("2,12,", "2.5,12,"), "line 4, column 'dof'"),
+        (DOFS.replace("2,12,", "2,abc,"), "line 4, column 'node'"),
+        (DOFS.replace("2,12,", "2,1e99,"), "line 4, column 'node'"),
+        (DOFS.replace("2,12,", "2,nan,"), "line 4, column 'node'"),
+        (DOFS.replace("PRES,1,", "PRES,one,"), "line 4, column 'x'"),
+        (DOFS.replace("PRES,1,", "PRES,nan,"), "line 4, column 'x'(.|\n)*finite"),
+        (DOFS.replace("PRES", ""), "line 4, column 'component'"),
+        (DOFS.replace("2,12,", "1,12,"), "line 4, column 'dof'(.|\n)*twice(.|\n)*line 3"),
+        (DOFS.replace("2,12,", "7,12,"), "line 4, column 'dof'(.|\n)*out of range"),
+        (DOFS.replace("2,12,", "3,12,").replace("1,11", "2,11").replace("0,11", "1,11"), "counts from 1"),
+        (DOFS + '3,"13,UX,0,0,0\n', "line 5: the line cannot be split"),
+        (b"\0\1\2\3", "not a text file"),
+        (b"", "is empty"),
+    ],
+)
+def test_bad_dof_tables(tmp_path, text, message):
+    path = write(tmp_path, text)
+    with pytest.raises(DataError, match=message) as caught:
+        read_dof_table(path)
+    assert str(path) in str(caught.value)
+
+
+def test_points(tmp_path):
+    points = read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\n7,1,2,3\n"))
+    assert points.name == ("B01", "7")
+    np.testing.assert_array_equal(points.xyz, [[0, 0.5, 1], [1, 2, 3]])
+    with pytest.raises(DataError, match=r"line 3, column 'name'(.|\n)*line 2"):
+        read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\nB01,1,2,3\n"))
+    with pytest.raises(DataError, match="line 2, column 'name'"):
+        read_points(write(tmp_path, "name,x,y,z\n,0,0.5,1\n"))
+
+
+def test_dof_list(tmp_path):
+    assert read_dof_list(write(tmp_path, "dof\n5\n3\n")).tolist() == [5, 3]
+    assert read_dof_list(write(tmp_path, "name,dof\na,5\nb,3\n")).tolist() == [5, 3]
+    for text, message in (("dof\n-1\n", "line 2"), ("dof\n1\n1\n", "line 3"), ("node\n1\n", "'node'")):
+        with pytest.raises(DataError, match=message):
+            read_dof_list(write(tmp_path, text))
+
+
+def test_positions(tmp_path):
+    positions = read_positions(write(tmp_path, "x,y,z\n1,2,3\n4,5,6\n"))
+    assert positions.parameter is None
+    assert positions.xyz.shape == (2, 3)
+    assert read_positions(write(tmp_path, "parameter,x,y,z\n1,1,2,3\nleft,4,5,6\n")).parameter == ("1", "left")
+    with pytest.raises(DataError, match="line 3, column 'parameter'"):
+        read_positions(write(tmp_path, "parameter,x,y,z\n1,1,2,3\n,4,5,6\n"))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=REUSE_FOLDER)
+@given(data=st.data())
+def test_damage_gives_a_data_error_or_a_table(tmp_path, data):
+    content = bytearray(DOFS.encode())
+    for _ in range(data.draw(st.integers(0, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.sampled_from(b'0123456789,;"\n\r\0\xff') | st.integers(0, 255))
+    path = write(tmp_path, bytes(content[: data.draw(st.integers(0, len(content)))]))
+    for reader in (read_dof_table, read_points, read_dof_list, read_positions):
+        with contextlib.suppress(DataError):
+            reader(path)
