@@ -1,0 +1,81 @@
+"""A beam on pads: stiffness terms along it that can come loose, identified from a few accelerations. Small enough for dense algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+from systems import beam, csc, dense_ports, fe_model, unit
+
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.reduced import ReducedModel
+
+PADS = 10
+THIRDS = (1 / 3, 2 / 3, 1 / 3)
+S = 2j * np.pi * np.linspace(15.0, 400.0, 120)
+
+
+def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = False, bounds=(0.0, 7.0), initial: float = 4.5, baseline=0.0):
+    """FeModel and Parameterisation; with ``extras`` a dashpot and a mass of unknown size beside the pads."""
+    K, M = beam(44, bending=40.0)
+    n = K.shape[0]
+    nodes = np.linspace(4, 40, PADS).round().astype(int)
+    left = [unit(n, *(2 * nodes - 1)).toarray()]
+    powers, baselines = [0] * PADS, [baseline] * PADS
+    at = nodes / 44
+    stiffness = ParameterGroup(
+        "pads",
+        "stiffness",
+        np.arange(PADS),
+        np.arange(PADS),
+        np.full(PADS, initial),
+        np.tile(bounds, (PADS, 1)),
+        smoothing_matrix(smoothing, PADS),
+        baseline,
+        None if beta is None else EdgeDamping(beta, 0.0, (-2.0, 3.0)),
+        np.column_stack([at, 0 * at, 0 * at]),
+        at - at[0],
+    )
+    groups = [stiffness]
+    if extras:
+        left += [unit(n, 23).toarray(), unit(n, 60).toarray()]
+        powers += [1, 2]
+        baselines += [0.0, 0.0]
+        for j, (name, kind, start, limits) in enumerate((("pot", "damping", 0.5, (-1.0, 3.0)), ("lump", "mass", -2.0, (-4.0, 0.0)))):
+            at = np.array([PADS + j])
+            groups.append(ParameterGroup(name, kind, at, np.array([0]), np.array([start]), np.array([limits]), np.eye(1)))
+    model = fe_model(
+        K,
+        M,
+        loads=unit(n, 19),
+        outputs=unit(n, 7, 33, 51, 79),
+        left=csc(np.hstack(left)),
+        power=powers,
+        baseline=baselines,
+        damping=(6.0, 4e-6),
+        output_power=2,
+    )
+    return model, Parameterisation(tuple(groups))
+
+
+def pads_ports(model, s=S):
+    """Port FRFs about a stiffness inside the range."""
+    reference = np.zeros((model.terms.size, 3))
+    reference[model.terms.power == 0] = [1e4, 1.0, 0.0]
+    return dense_ports(model, s, reference)
+
+
+def pads_dynamic(model) -> ReducedModel:
+    """The dynamic stiffness itself, as the other formula."""
+    pieces = (X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right))
+    nt = model.terms.size
+    return ReducedModel(*pieces, model.output_power, np.zeros(model.L.shape[0], dtype=np.int64), np.zeros((nt, 3)), model.size)
+
+
+def loosened(parameters, tight=5.0, loose=2.0, at=(4, 5, 6), p_damp=0.5):
+    """Theta with some pads loose."""
+    theta = parameters.initial.copy()
+    values, damping = parameters.slices[0]
+    theta[values] = tight
+    theta[values][list(at)] = loose
+    if damping is not None:
+        theta[damping] = p_damp
+    return theta

@@ -1,0 +1,204 @@
+"""Cost, residuals and derivatives of the updating."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from derivatives import check_derivative
+from pads import PADS, THIRDS, S, loosened, pads_dynamic, pads_model, pads_ports
+from systems import direct_frf, relative
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
+from lrbc_cli.updating.misfit import Misfit, decibel, mean_misfit, penalty_rows, port_model, reduced_model
+
+ROWS = np.array([0, 2, 3])
+
+
+def wavy(parameters, seed=2):
+    """A theta in general position."""
+    rng = np.random.default_rng(seed)
+    theta = parameters.initial + rng.uniform(-1.2, 0.2, size=parameters.size)
+    theta[parameters.is_damping] = 0.7
+    return theta
+
+
+def measurement(model, parameters, rows, s=S):
+    """FRFs of the loosened state, with three values missing."""
+    y = direct_frf(model, s, parameters.dynamic(loosened(parameters), s))[:, rows]
+    y[3, 0] = y[17, 1] = np.nan
+    y[40, 2] = 0.0
+    return y
+
+
+def misfits(smoothing=THIRDS, *, eta=0.04, extras=True, **more):
+    """The same cost by both formulas."""
+    model, parameters = pads_model(smoothing, extras=extras, **more)
+    measured = measurement(model, parameters, ROWS)
+    by_ports = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
+    by_stiffness = reduced_model(pads_dynamic(model), S, parameters, ROWS)
+    return [Misfit(by, measured, parameters.initial, eta) for by in (by_ports, by_stiffness)]
+
+
+class TestGradient:
+    """|C(x + h d) - C(x) - h g·d| falls as h² over three decades of h."""
+
+    @pytest.mark.parametrize("which", ["port", "reduced"])
+    @pytest.mark.parametrize("part", ["stiffness", "p_damp", "damping", "mass", "all"])
+    def test_of_the_cost(self, which, part):
+        misfit = misfits()[which == "reduced"]
+        parameters = misfit.model.parameters
+        theta = wavy(parameters)
+        where = {
+            "stiffness": slice(0, PADS),
+            "p_damp": slice(PADS, PADS + 1),
+            "damping": slice(PADS + 1, PADS + 2),
+            "mass": slice(PADS + 2, PADS + 3),
+        }
+        direction = np.zeros(theta.size)
+        part_of = where.get(part, slice(None))
+        direction[part_of] = np.random.default_rng(1).normal(size=direction[part_of].size)
+        check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.1)
+
+    @pytest.mark.parametrize("smoothing", [None, THIRDS, (0.1, 0.2, 0.4, 0.2, 0.1)])
+    @pytest.mark.parametrize("k", [0, 4, PADS - 1])
+    def test_of_every_parameter_through_the_smoothing(self, smoothing, k):
+        misfit = misfits(smoothing)[0]
+        theta = wavy(misfit.model.parameters)
+        check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, np.eye(theta.size)[k], first=0.1)
+
+    def test_with_a_baseline(self):
+        misfit = misfits(baseline=300.0)[0]
+        theta = wavy(misfit.model.parameters)
+        direction = np.random.default_rng(4).normal(size=theta.size)
+        check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.05)
+
+    def test_of_the_residuals(self):
+        misfit = misfits()[0]
+        theta = wavy(misfit.model.parameters)
+        direction = np.random.default_rng(3).normal(size=theta.size)
+        check_derivative(lambda t: misfit(t).residual, misfit(theta).jacobian, theta, direction / np.linalg.norm(direction), first=0.03)
+
+    def test_several_parameters_share_terms(self):
+        """One parameter for two pads: a bolt with several terms."""
+        model, parameters = pads_model(None)
+        pads = parameters.groups[0]
+        pairs = Parameterisation(
+            (
+                type(pads)(
+                    **{
+                        **pads.__dict__,
+                        "parameter": np.arange(PADS) // 2,
+                        "initial": pads.initial[: PADS // 2],
+                        "bounds": pads.bounds[: PADS // 2],
+                        "smoothing": smoothing_matrix(THIRDS, PADS // 2),
+                    }
+                ),
+            )
+        )
+        misfit = Misfit(port_model(pads_ports(model), pairs), measurement(model, parameters, np.arange(4)), pairs.initial, 0.1)
+        theta = wavy(pairs)
+        direction = np.random.default_rng(3).normal(size=theta.size)
+        check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.1)
+
+
+class TestCost:
+    def test_equation_29(self):
+        """Against the formula written out with direct solves."""
+        misfit = misfits(extras=False, eta=0.3)[0]
+        parameters = misfit.model.parameters
+        model, _ = pads_model()
+        measured, theta = measurement(model, parameters, ROWS), wavy(parameters)
+        y = direct_frf(model, S, parameters.dynamic(theta, S))[:, ROWS]
+        valid = np.isfinite(measured) & (measured != 0)
+        T = 20 * np.log10(np.abs(y[valid])) - 20 * np.log10(np.abs(measured[valid]))
+        data = np.sum(T**2)
+        total = data + 0.3 * np.sum((theta[:PADS] - parameters.initial[:PADS]) ** 2)
+        value = misfit(theta)
+        assert valid.sum() == 3 * S.size - 3
+        assert value.data == pytest.approx(data, rel=1e-8)
+        assert value.total == pytest.approx(total, rel=1e-8)
+        assert value.cost == pytest.approx(np.log10(total), rel=1e-9)
+        assert value.misfit_db == pytest.approx(np.mean(np.abs(T)), rel=1e-8)
+        assert misfit.lines == S.size
+        assert misfit.evaluations == 1
+
+    def test_both_formulas_agree(self):
+        by_ports, by_stiffness = misfits()
+        theta = wavy(by_ports.model.parameters)
+        a, b = by_ports(theta), by_stiffness(theta)
+        assert a.total == pytest.approx(b.total, rel=1e-7)
+        np.testing.assert_allclose(a.gradient, b.gradient, rtol=1e-6, atol=1e-7 * np.abs(b.gradient).max())
+        np.testing.assert_allclose(a.jacobian, b.jacobian, rtol=1e-5, atol=1e-6 * np.abs(b.jacobian).max())
+        assert relative(by_ports.model.frf(theta), by_stiffness.model.frf(theta)) < 1e-9
+
+    def test_p_damp_is_not_regularised(self):
+        weak, strong = misfits(eta=0.0)[0], misfits(eta=1e4)[0]
+        parameters = weak.model.parameters
+        theta = parameters.initial.copy()
+        theta[parameters.is_damping] += 1.3
+        assert strong(theta).total == pytest.approx(weak(theta).total, rel=1e-12)
+        theta[0] += 0.5
+        assert strong(theta).total == pytest.approx(weak(theta).total + 1e4 * 0.25, rel=1e-9)
+
+    def test_no_regularisation_has_no_rows(self):
+        misfit = misfits(eta=0.0)[0]
+        assert not misfit(wavy(misfit.model.parameters)).residual[3 * S.size - 3 :].any()
+
+    def test_the_true_state_costs_nothing(self):
+        misfit = misfits(eta=0.0)[0]
+        value = misfit(loosened(misfit.model.parameters))
+        assert value.misfit_db < 1e-6
+        assert np.isfinite(value.cost)
+
+    def test_nothing_to_compare_with(self):
+        model, parameters = pads_model()
+        with pytest.raises(DataError, match="no measured value"):
+            Misfit(port_model(pads_ports(model), parameters), np.full((S.size, 4), np.nan + 0j), parameters.initial, 0.0)
+
+
+class TestPenalty:
+    def test_values_slopes_and_curvatures_of_each_edge_apart(self):
+        _, parameters = pads_model(extras=True)
+        x = np.random.default_rng(0).normal(size=parameters.size)
+        pads = x[:PADS]
+        rows = penalty_rows(parameters, 0.5, 2.0, 3.0)
+        expected = 0.5 * np.sum(pads**2) + 2.0 * np.sum(np.diff(pads) ** 2) + 3.0 * np.sum(np.diff(pads, 2) ** 2)
+        # The dashpot and the mass have a value and no neighbours.
+        expected += 0.5 * np.sum(x[PADS + 1 :] ** 2)
+        assert np.sum((rows @ x) ** 2) == pytest.approx(expected)
+        assert not rows[:, parameters.is_damping].any()
+
+    def test_no_weights(self):
+        _, parameters = pads_model()
+        assert penalty_rows(parameters, 0.0).shape == (0, parameters.size)
+
+    def test_it_enters_the_cost_about_the_prior(self):
+        model, parameters = pads_model()
+        measured = measurement(model, parameters, np.arange(4)[ROWS])
+        by_ports = port_model(pads_ports(model).select(np.arange(S.size), ROWS), parameters)
+        prior, theta, rows = wavy(parameters, 5), wavy(parameters, 6), penalty_rows(parameters, 0.3, 1.0)
+        plain, penalised = Misfit(by_ports, measured, prior, 0.0), Misfit(by_ports, measured, prior, 7.0, rows)
+        expected = plain(theta).total + 7.0 * np.sum((rows @ (theta - prior)) ** 2)
+        assert penalised(theta).total == pytest.approx(expected, rel=1e-10)
+        direction = np.random.default_rng(3).normal(size=theta.size)
+        check_derivative(lambda t: penalised(t).cost, penalised(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.1)
+
+
+def test_decibel():
+    np.testing.assert_allclose(decibel(np.array([10.0, -1.0, 0.1j])), [20.0, 0.0, -20.0], atol=1e-12)
+
+
+def test_mean_misfit_leaves_out_what_was_not_measured():
+    y = np.array([[1.0, 1.0, 1.0], [10.0, 1.0, 1.0]], dtype=complex)
+    measured = np.array([[10.0, np.nan, np.nan], [10.0, 0.1, 0.0]], dtype=complex)
+    np.testing.assert_allclose(mean_misfit(y, measured), [10.0, 20.0, np.nan])
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01, -1.0])
+def test_the_check_of_gradients_sees_an_error_of_a_percent(factor):
+    misfit = misfits()[0]
+    theta = wavy(misfit.model.parameters)
+    direction = np.random.default_rng(3).normal(size=theta.size)
+    with pytest.raises(AssertionError, match="second order"):
+        check_derivative(lambda t: misfit(t).cost, factor * misfit(theta).gradient, theta, direction / np.linalg.norm(direction))
