@@ -46,7 +46,7 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
         K,
         M,
         loads=unit(n, 19),
-        outputs=unit(n, 7, 33, 51, 79),
+        outputs=unit(n, 11, 33, 51, 75),
         left=csc(np.hstack(left)),
         power=powers,
         baseline=baselines,

@@ -1,0 +1,93 @@
+"""Resonances found on synthetic FRFs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lrbc_cli.updating.lines import HALF_WIDTH, resonance_lines
+
+F = np.arange(20.0, 401.0)
+
+
+def modal(frequencies, shapes, loss=0.01, f=F):
+    """(F, R) sum of modes."""
+    w2 = (2 * np.pi * np.asarray(frequencies)) ** 2
+    return (np.asarray(shapes).T[None] / (w2 * (1 + 1j * loss) - (2 * np.pi * f[:, None, None]) ** 2)).sum(axis=-1)
+
+
+MODES = [60.0, 131.0, 250.0]
+SHAPES = [[1.0, 0.5, 0.8], [0.7, -0.9, 1.0], [1.0, 1.0, -0.6]]
+
+
+def test_every_resonance_and_its_flanks():
+    chosen = F[resonance_lines(F, modal(MODES, SHAPES))]
+    for mode in MODES:
+        assert {mode - 1, mode, mode + 1} <= set(chosen)
+    assert chosen.size < 0.4 * F.size
+
+
+def test_nothing_far_from_a_resonance():
+    chosen = F[resonance_lines(F, modal(MODES, np.ones((3, 2))))]
+    assert set(MODES) <= set(chosen)
+    assert np.abs(chosen[:, None] - MODES).min(axis=1).max() <= HALF_WIDTH * 250 + 1
+
+
+def test_sorted_and_unique():
+    chosen = resonance_lines(F, modal(MODES, SHAPES))
+    assert np.all(np.diff(chosen) > 0)
+
+
+def test_lines_end_15_db_below_the_peak():
+    H = modal([200.0], [[1.0]], loss=0.002)
+    chosen = resonance_lines(F, H)
+    level = 20 * np.log10(np.abs(H[:, 0]))
+    assert level[chosen].min() > level.max() - 15.0
+    assert chosen.size >= 3
+
+
+def test_wide_resonances_are_cut():
+    chosen = F[resonance_lines(F, modal([200.0], [[1.0]], loss=0.3))]
+    assert np.abs(chosen - 200).max() <= HALF_WIDTH * 210 + 2
+
+
+def test_flat_frfs_give_all_lines():
+    np.testing.assert_array_equal(resonance_lines(F, np.full((F.size, 2), 1e-6 + 0j)), np.arange(F.size))
+    np.testing.assert_array_equal(resonance_lines(F, (F[:, None] * (1 + 0j))), np.arange(F.size))
+
+
+def test_noise_of_single_responses_is_no_resonance():
+    """Antiphase spikes vanish in the mean of the responses."""
+    rng = np.random.default_rng(0)
+    H = np.repeat(modal(MODES, np.ones((3, 1))), 8, axis=1)
+    noisy = H * 10.0 ** (rng.normal(scale=1.0, size=H.shape) / 20)
+    chosen = F[resonance_lines(F, noisy)]
+    assert all({mode - 1, mode, mode + 1} <= set(chosen) for mode in MODES)
+    assert np.abs(chosen[:, None] - MODES).min(axis=1).max() <= 25
+
+
+def test_missing_values_do_not_matter():
+    H = modal(MODES, SHAPES)
+    H[:60, 0] = np.nan
+    H[40, :] = np.nan
+    H[100, 1] = 0.0
+    H = np.column_stack([H, np.full(F.size, np.nan)])
+    chosen = F[resonance_lines(F, H)]
+    for mode in MODES[1:]:
+        assert {mode - 1, mode, mode + 1} <= set(chosen)
+
+
+def test_one_response():
+    chosen = F[resonance_lines(F, modal(MODES, SHAPES)[:, :1])]
+    assert set(MODES) <= set(chosen)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
+def test_units_do_not_matter(scale):
+    np.testing.assert_array_equal(resonance_lines(F, scale * modal(MODES, SHAPES)), resonance_lines(F, modal(MODES, SHAPES)))
+
+
+def test_coarse_lines_keep_two_neighbours():
+    coarse = np.arange(20.0, 401.0, 10.0)
+    chosen = coarse[resonance_lines(coarse, modal([100.0], [[1.0]], loss=0.2, f=coarse))]
+    assert {80.0, 90.0, 100.0, 110.0, 120.0} <= set(chosen)

@@ -1,0 +1,129 @@
+"""From stiffness profiles to verdicts on bolts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lrbc_cli.updating.verdicts import Edge, foot, judge, pitch_of
+
+Y = np.linspace(0.0, 0.5, 51)
+XYZ = np.column_stack([0 * Y, Y, 0 * Y])
+BOLTS = np.column_stack([np.full(9, -0.02), np.linspace(0.05, 0.45, 9), np.zeros(9)])
+
+
+def edge(log10, reference=None, cap=5.0):
+    return Edge(XYZ, Y, np.asarray(log10, dtype=float), cap, None if reference is None else np.asarray(reference, dtype=float))
+
+
+def profile(tight, loose=None, at=()):
+    """Log10 stiffness with a dip at some bolts."""
+    p = np.full(Y.size, tight)
+    for bolt in at:
+        p[np.abs(Y - BOLTS[bolt, 1]) <= 0.025] = loose
+    return p
+
+
+def verdicts(edges, bolts=BOLTS, loose_change=-1.0, is_reference=False):
+    return [v.verdict for v in judge(edges, bolts, loose_change, is_reference)]
+
+
+class TestAgainstTheTightState:
+    def test_loose_and_tight(self):
+        found = judge([edge(profile(4.5, 2.0, (3, 4)), profile(4.5))], BOLTS, -1.0, False)
+        assert [v.verdict for v in found] == ["tight"] * 3 + ["loose"] * 2 + ["tight"] * 4
+        assert found[3].change == pytest.approx(-2.5, abs=0.6)
+        assert found[0].change == pytest.approx(0.0)
+        assert found[0].log10_stiffness == pytest.approx(4.5)
+        assert found[0].note is None
+
+    def test_all_loose(self):
+        assert verdicts([edge(profile(2.0), profile(4.5))]) == ["loose"] * 9
+
+    def test_saturated_values_count_as_equal(self):
+        """A fall from 10^12 to 10^5.2 is none where nothing above 10^5 is felt."""
+        found = judge([edge(profile(5.2), profile(12.0))], BOLTS, -1.0, False)
+        assert {v.verdict for v in found} == {"tight"}
+        assert found[0].change == pytest.approx(0.0)
+        # The stiffness itself is reported as it was found.
+        assert found[0].log10_stiffness == pytest.approx(5.2)
+
+    def test_the_threshold_counts(self):
+        edges = [edge(profile(3.8), profile(4.5))]
+        assert verdicts(edges, loose_change=-1.0) == ["tight"] * 9
+        assert verdicts(edges, loose_change=-0.5) == ["loose"] * 9
+
+    def test_a_stiffer_state_is_tight(self):
+        assert verdicts([edge(profile(4.9), profile(3.0))]) == ["tight"] * 9
+
+
+def test_the_reference_itself_is_tight():
+    found = judge([edge(profile(4.5, 2.0, (3,)))], BOLTS, -1.0, True)
+    assert {v.verdict for v in found} == {"tight"}
+    assert {v.change for v in found} == {0.0}
+    assert "reference" in found[0].note
+
+
+class TestContrast:
+    def test_without_a_tight_state(self):
+        found = judge([edge(profile(4.5, 2.0, (3, 4)))], BOLTS, -1.0, False)
+        assert [v.verdict for v in found] == ["tight"] * 3 + ["loose"] * 2 + ["tight"] * 4
+        assert found[3].change is None
+        assert "contrast" in found[3].note
+
+    def test_an_even_profile_has_no_contrast(self):
+        assert verdicts([edge(profile(1.0))]) == ["tight"] * 9
+
+
+class TestPlaces:
+    def test_half_a_pitch_on_either_side(self):
+        """Means over the terms nearest to each bolt and no others."""
+        ramp = 10.0 * Y
+        found = judge([edge(ramp, cap=99.0)], BOLTS, -1.0, False)
+        np.testing.assert_allclose([v.log10_stiffness for v in found], 10.0 * BOLTS[:, 1], atol=0.06)
+
+    def test_beyond_the_ends_is_undecided(self):
+        bolts = np.vstack([BOLTS, [[-0.02, 0.60, 0.0]], [[-0.02, -0.08, 0.0]]])
+        found = judge([edge(profile(2.0), profile(4.5))], bolts, -1.0, False)
+        assert [v.verdict for v in found[-2:]] == ["undecided", "undecided"]
+        assert "100 mm" in found[-2].note
+        assert "80 mm" in found[-1].note
+        assert {v.verdict for v in found[:-2]} == {"loose"}
+
+    def test_just_beyond_the_end_still_feels_its_last_terms(self):
+        bolts = np.vstack([BOLTS, [[-0.02, 0.52, 0.0]]])
+        assert verdicts([edge(profile(2.0), profile(4.5))], bolts)[-1] == "loose"
+
+    def test_the_nearest_of_several_edges(self):
+        far = Edge(XYZ + np.array([0.6, 0, 0]), Y, profile(2.0), 5.0, profile(4.5))
+        bolts = np.vstack([BOLTS, BOLTS + np.array([0.64, 0, 0])])
+        found = verdicts([edge(profile(4.5), profile(4.5)), far], bolts)
+        assert found == ["tight"] * 9 + ["loose"] * 9
+
+    def test_a_single_term(self):
+        one = Edge(np.zeros((1, 3)), np.zeros(1), np.array([2.0]), 5.0, np.array([4.5]))
+        found = judge([one], np.array([[0.0, 0.01, 0.0]]), -1.0, False)
+        assert found[0].verdict in ("loose", "undecided")
+        assert found[0].change == pytest.approx(-2.5)
+
+    def test_no_bolts(self):
+        assert judge([edge(profile(4.5))], np.zeros((0, 3)), -1.0, False) == []
+
+    def test_foot_on_a_corner(self):
+        corner = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]])
+        bent = Edge(corner, np.array([0.0, 1.0, 2.0]), np.zeros(3), 5.0, None)
+        assert foot(bent, np.array([0.4, -0.1, 0.0])) == pytest.approx((0.4, 0.1))
+        assert foot(bent, np.array([1.2, 0.7, 0.0])) == pytest.approx((1.7, 0.2))
+        # Beyond the ends the edge goes on straight.
+        assert foot(bent, np.array([-0.5, 0.0, 0.1])) == pytest.approx((-0.5, 0.1))
+        assert foot(bent, np.array([1.0, 1.5, 0.0])) == pytest.approx((2.5, 0.0))
+
+    def test_nodes_that_coincide(self):
+        doubled = Edge(XYZ[[0, 10, 10, 50]], Y[[0, 10, 10, 50]], np.zeros(4), 5.0, None)
+        assert foot(doubled, np.array([0.0, 0.3, 0.0]))[0] == pytest.approx(0.3)
+
+    def test_pitch(self):
+        assert pitch_of(BOLTS) == pytest.approx(0.05)
+        assert pitch_of(BOLTS[:1]) == 0.0
+        # One gap does not change the pitch.
+        assert pitch_of(np.delete(BOLTS, 4, axis=0)) == pytest.approx(0.05)
