@@ -116,8 +116,11 @@ class DynamicStiffness:
             self._perm = nested_dissection(union, ordering)
         else:
             self._perm = np.arange(n)
+        self._permuted = backend == "superlu"
+        self._rows = [op.tocsr() for op in (K, C, M)]
         inverse = np.empty(n, dtype=np.int64)
         inverse[self._perm] = np.arange(n)
+        self._inverse = inverse
         rows, cols = (inverse[index] for index in (union.tocoo().row, union.tocoo().col))
         upper = backend == "pardiso" and self.symmetric
         if upper:
@@ -158,9 +161,10 @@ class DynamicStiffness:
         """Z(s) as a sparse array."""
         return (s**2 * self.M + s * self.C + self.K).tocsr()
 
-    def apply(self, s: complex, X: Complexes) -> Complexes:
-        """Z(s) X."""
-        return np.asarray(self.operator(s) @ X)
+    def apply(self, s: complex, X: Complexes, *, transposed: bool = False) -> Complexes:
+        """Z(s) X, or Z(s)ᵀ X."""
+        K, C, M = (op.T for op in self._rows) if transposed else self._rows
+        return np.asarray(s**2 * (M @ X) + s * (C @ X) + K @ X)
 
     def factor(self, s: complex) -> Factorisation:
         """Factorise Z(s); the returned object is valid until the next call.
@@ -208,22 +212,20 @@ class DynamicStiffness:
         swap = transposed and not self.symmetric
 
         def once(b: Complexes) -> Complexes:
-            scaled = (before if b.ndim == 1 else before[:, None]) * b[self._perm]
+            scaled = (before if b.ndim == 1 else before[:, None]) * (b[self._perm] if self._permuted else b)
             y = self._solver.solve(scaled, transposed=swap)
-            x = np.empty_like(y)
-            x[self._perm] = (after if b.ndim == 1 else after[:, None]) * y
-            return np.asarray(x)
+            y *= after if b.ndim == 1 else after[:, None]
+            return np.asarray(y[self._inverse] if self._permuted else y)
 
         b = np.asarray(rhs, dtype=complex)
         x = once(b)
         regular = bool(np.all(np.isfinite(x)))
         if refine and regular:
-            Z = self.operator(s).T if transposed else self.operator(s)
             for _ in range(refine):
-                x = x + once(b - Z @ x)
+                x = x + once(b - self.apply(s, x, transposed=transposed))
             # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
             weight = np.abs(before) if b.ndim == 1 else np.abs(before)[:, None]
-            rest = np.linalg.norm(weight * (b - Z @ x)[self._perm], axis=0)
+            rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
             regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
         self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
         if not regular:
