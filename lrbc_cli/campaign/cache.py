@@ -155,6 +155,9 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         },
     }
     try:
+        # Port FRFs of the model that is replaced.
+        for old in decision.path.parent.glob("ports-*.h5"):
+            old.unlink(missing_ok=True)
         write_store(decision.path, tree)
         with atomic_write(decision.path.with_name("key.json")) as file:
             json.dump(parts, file, indent=1)

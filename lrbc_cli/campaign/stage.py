@@ -86,8 +86,6 @@ def obtain_reduction(
         options = ReductionOptions(settings.band, settings.tolerance, settings.held_out, max_size=settings.max_size)
         reduction = reduce_model(inputs.model, inputs.input_of, options, backend=settings.backend, progress=progress)
         reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
-        for old in decision.path.parent.glob("ports-*.h5"):
-            old.unlink(missing_ok=True)
         cache.store(decision, parts, reduction)
     if not reduction.reached and not accept:
         raise NumericalError(

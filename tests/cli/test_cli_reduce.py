@@ -169,6 +169,18 @@ def test_damaged_port_frfs_are_computed_anew(box: Folder) -> None:
     assert box.run("update", "--force").stderr == ""
 
 
+def test_port_frfs_of_a_replaced_model_are_removed(box: Folder) -> None:
+    assert list(box.cache.glob("*/ports-*.h5"))
+    assert box.run("reduce", "--force").code == 0
+    assert not list(box.cache.glob("*/ports-*.h5"))
+    # One that cannot be removed is told as a cache that cannot be written.
+    (cached(box)[0].parent / "ports-port-0.h5").mkdir()
+    result = box.run("reduce", "--force")
+    assert result.code == 2
+    assert "the cache cannot be written" in result.stderr
+    assert "LRBC_CACHE" in result.stderr
+
+
 def test_damaged_keys_do_not_matter(box: Folder) -> None:
     for content in ("{", "[]", "null", '{"operators": 3}'):
         for path in box.cache.glob("*/key.json"):

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import BOX_TRUTH, Folder, box, frame
+from campaigns import BOX_TRUTH, Folder, frame, lrbc
+from campaigns import box as make_box
 
 from lrbc_cli.campaign.results import CAMPAIGN_COLUMNS
 from lrbc_cli.io.frf import read_frf
@@ -315,6 +316,32 @@ def test_damaged_and_missing_results_are_made_anew(box: Folder) -> None:
         assert box.results() == before
 
 
+def test_the_files_of_the_campaign_are_written_anew(box: Folder) -> None:
+    for name in ("reduction.json", "campaign.json", "campaign.csv"):
+        before = (box.out / name).read_bytes()
+        (box.out / name).unlink()
+        assert box.run("update", "--json").json["kept"] == ["tight", "loose"]
+        assert (box.out / name).stat().st_size == pytest.approx(len(before), rel=0.05)
+
+
+def test_any_folder_will_do(box: Folder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blanks and letters of any kind; paths are relative to the campaign file, not to where the command runs."""
+    folder = make_box(tmp_path / "Prüfstand 1 – Δ")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.setenv("LRBC_CACHE", "../my cache")
+    config = Path("..") / folder.path.name / "campaign.yaml"
+    for command in ("check", "reduce", "update", "report"):
+        result = lrbc(command, config)
+        assert result.code == 0, result.stderr
+    assert lrbc("simulate", config, "--job", "loose", "--out", "Δ.csv").code == 0
+    assert (tmp_path / "elsewhere" / "Δ.csv").is_file()
+    assert list((tmp_path / "my cache").glob("*/model.h5"))
+    assert (folder.out / "report.html").is_file()
+    for job, tree in box.results().items():
+        assert folder.results()[job]["parameters"] == tree["parameters"]
+
+
 def test_force_and_workers_give_the_same(frame: Folder) -> None:
     before = frame.results()
     for args in (["--force"], ["--force", "--workers", "2"], ["--force", "--workers", "3", "--job", "loose-2"]):
@@ -326,7 +353,7 @@ def test_force_and_workers_give_the_same(frame: Folder) -> None:
 
 
 def test_one_job_brings_its_reference(tmp_path: Path) -> None:
-    folder = box(tmp_path / "new")
+    folder = make_box(tmp_path / "new")
     result = folder.run("update", "--job", "loose", "--json")
     assert list(result.json["results"]) == ["tight", "loose"]
     assert result.json["results"]["loose"]["bolts"][2]["change"] < -1
@@ -405,7 +432,7 @@ def test_a_defect_in_one_job_is_its_failure(box: Folder, monkeypatch: pytest.Mon
 
 
 def test_all_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = box(tmp_path / "new")
+    folder = make_box(tmp_path / "new")
     for name in ("tight", "loose"):
         (folder.data / f"{name}.uff").unlink()
     result = folder.run("update", "--fail-on-loose")
@@ -456,9 +483,7 @@ def test_fail_on_loose(frame: Folder) -> None:
 
 @pytest.mark.parametrize("args", [[], ["--json"], ["--force"], ["--job", "loose"]])
 def test_dry_run_changes_nothing(box: Folder, tmp_path: Path, args: list[str]) -> None:
-    from campaigns import box as make
-
-    for folder in (box, make(tmp_path / "new")):
+    for folder in (box, make_box(tmp_path / "new")):
         before = folder.listing()
         for command in ("update", "reduce"):
             if "--job" in args and command == "reduce":
@@ -517,7 +542,7 @@ def test_output_that_cannot_be_written(box: Folder, command: str) -> None:
 
 @pytest.mark.parametrize("command", ["reduce", "update", "simulate"])
 def test_cache_that_cannot_be_written(tmp_path: Path, command: str) -> None:
-    folder = box(tmp_path / "new")
+    folder = make_box(tmp_path / "new")
     (folder.path / "file").write_text("no folder")
     args = ["--out", str(tmp_path / "x.csv")] if command == "simulate" else []
     for cache in ("file", "file/below"):
