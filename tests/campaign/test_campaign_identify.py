@@ -387,3 +387,44 @@ def test_without_bolts(box: Folder) -> None:
     assert identify(box)["bolts"] == []
     assert box.run("update", "--fail-on-loose").code == 0
     assert box.run("report").code == 0
+
+
+def test_a_prior_from_the_reference_job(box: Folder) -> None:
+    """A strong weight draws the other jobs to the result of the reference job, whether it was just run or kept."""
+    strong = ("update.prior=reference", "update.regularisation=1e7")
+    start = identify(box, "update.regularisation=1e7", "parameters.springs.initial=4.0")
+    np.testing.assert_allclose(values(start), 4.0, atol=0.05)
+    tight = values(identify(box, *strong, "parameters.springs.initial=4.0", job="tight"))
+    np.testing.assert_allclose(tight, 4.0, atol=0.05)
+    for _ in range(2):
+        loose = identify(box, *strong, "parameters.springs.initial=4.0")
+        np.testing.assert_allclose(values(loose), tight, atol=0.05)
+        (box.out / "loose" / "result.json").unlink()
+    # A weak weight on the changes alone: what the measurement says comes through.
+    weak = identify(box, "update.prior=reference", "update.regularisation=1e-6")
+    np.testing.assert_allclose(values(weak), BOX_TRUTH["loose"], atol=1e-3)
+
+
+def test_a_prior_needs_the_result_of_the_reference_job(box: Folder) -> None:
+    (box.data / "tight.uff").write_bytes(b"")
+    result = box.run("update", "--override", "update.prior=reference")
+    assert result.code == 3
+    for part in ("tight.uff: the file is empty", "no result to serve as the prior", "job loose", "update.prior: initial"):
+        assert part in result.stderr
+    assert (box.out / "loose" / "result.previous.json").is_file()
+    # Without such a prior the other job stands on its own.
+    result = box.run("update")
+    assert result.code == 5
+    assert box.result("loose")["status"] == "converged"
+    result = box.run("check", "--override", "update.prior=reference", "--override", "update.reference=")
+    assert result.code == 2
+    assert "update.prior" in result.stderr
+
+
+def test_penalties_on_slope_and_curvature(box: Folder) -> None:
+    rough = values(identify(box, "update.regularisation=10", "update.penalty={value: 0.0, slope: 0.0, curvature: 0.0}"))
+    np.testing.assert_allclose(rough, BOX_TRUTH["loose"], atol=1e-4)
+    even = values(identify(box, "update.regularisation=1e7", "update.penalty={value: 0.0, slope: 1.0}"))
+    assert np.ptp(even) < 0.05 < np.ptp(rough)
+    straight = values(identify(box, "update.regularisation=1e7", "update.penalty={value: 0.0, curvature: 1.0}"))
+    assert np.abs(np.diff(straight, 2)).max() < 0.05
