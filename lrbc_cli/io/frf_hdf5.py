@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import atomic_path
+from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
-from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, text_attribute
+from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, text_attribute
 from lrbc_cli.io.sparse import numeric
 from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
@@ -122,7 +122,8 @@ def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
                 "this layout needs the same lines for every FRF", file=path, expected="one axis", found=found, hint="write .uff"
             )
     quantities = [record.quantity or "" for record in records]
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+
+    def fill(file: h5py.File) -> None:
         file.attrs["encoding-type"], file.attrs["encoding-version"] = ENCODING, VERSION
         arrays: dict[str, NDArray[Any]] = {
             "frequency_hz": np.asarray(frequency, dtype=np.float64),
@@ -145,6 +146,9 @@ def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
             ("unit", [_UNITS[q] for q in quantities]),
         ):
             file.create_dataset(name, data=np.array(texts, dtype=object), dtype=text, track_times=False)
+
+    with atomic_write(path, "wb") as stream:
+        stream.write(hdf5_image(fill))
 
 
 def _nodes(nodes: list[int | None]) -> NDArray[np.int64]:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import atomic_path
+from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
 ENCODING_VERSION = "0.1.0"
@@ -74,7 +74,8 @@ def write_matrix_hdf5(path: Path, matrices: Mapping[str, Any], *, compression: s
     compression
         An HDF5 filter, or None.
     """
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+
+    def fill(file: h5py.File) -> None:
         for name, matrix in matrices.items():
             rows = csr_array(matrix)
             rows.sum_duplicates()
@@ -86,6 +87,9 @@ def write_matrix_hdf5(path: Path, matrices: Mapping[str, Any], *, compression: s
                 values = getattr(rows, key)
                 packed = {"compression": compression, "shuffle": True} if compression and values.size else {}
                 node.create_dataset(key, data=values, track_times=False, **packed)
+
+    with atomic_write(path, "wb") as stream:
+        stream.write(hdf5_image(fill))
 
 
 def _is_matlab(file: h5py.File, path: Path) -> bool:

@@ -1,8 +1,9 @@
-"""Opening HDF5 files of unknown origin with care."""
+"""Opening HDF5 files of unknown origin with care, and building new ones."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import uuid
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,25 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     require_file(path)
     with damaged(path, "HDF5 file"), h5py.File(path, "r") as file:
         yield file
+
+
+def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
+    """Content of a new HDF5 file, built in memory.
+
+    The HDF5 library does not survive a disk that is full: it may end the process. Bytes are written by the caller,
+    where a full disk is a plain OSError.
+
+    Parameters
+    ----------
+    fill
+        Called with the open file.
+    """
+    # The library tells files without a disk apart by their names.
+    with h5py.File(f"{uuid.uuid4().hex}.h5", "w", driver="core", backing_store=False, block_size=1 << 20) as file:
+        fill(file)
+        file.flush()
+        image: bytes = file.id.get_file_image()
+    return image
 
 
 def lookup(file: h5py.Group, name: str, path: Path) -> Any:

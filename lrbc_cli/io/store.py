@@ -15,7 +15,7 @@ from scipy.sparse import csc_array, issparse
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_path
-from lrbc_cli.io.hdf5_tools import load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import numeric
 
 VERSION = "0.1.0"
@@ -41,13 +41,18 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
         If the tree holds something else, or a key is empty or holds ``/``.
     DataError
         If what was written cannot be read back.
+    OSError
+        If the file cannot be written, a full disk included; nothing is left then.
     """
     if not isinstance(tree, dict):
         raise TypeError(f"a store holds a dictionary, not {type(tree).__name__}")
+
+    def fill(file: h5py.File) -> None:
+        file.attrs["store"] = _ROOT
+        _write_group(file, tree)
+
     with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w") as file:
-            file.attrs["store"] = _ROOT
-            _write_group(file, tree)
+        temporary.write_bytes(hdf5_image(fill))
         with open_hdf5(temporary) as file:
             _verify(file, tree, path)
 
