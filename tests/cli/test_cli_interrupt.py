@@ -130,7 +130,6 @@ def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, paus
     ("after", "pause"),
     [
         pytest.param(1, 0.02, id="while-reducing"),
-        pytest.param("state-00", 0.0, id="after-the-first-job"),
         pytest.param("state-02", 0.03, id="within-a-job"),
     ],
 )
