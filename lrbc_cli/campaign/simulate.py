@@ -13,7 +13,7 @@ from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.identify import parameterise, stored_theta
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
-from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 
 #: Lines at most in one call: a slip in the step must not fill the memory.
 MAX_LINES = 200_000
+
+#: Largest log10 value that is taken for a parameter.
+MAX_LOG10 = 30.0
 
 
 def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
@@ -93,9 +96,11 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
         except ValueError:
             raise ConfigError("not a number", place=f"--set {text}", expected="log10 values, inf or -inf", found=values) from None
         if damped:
-            if at is None or numbers.size != 1 or not np.isfinite(numbers[0]):
+            if at is None or numbers.size != 1 or not abs(numbers[0]) <= MAX_LOG10:
                 raise ConfigError(
-                    f"group {group_name} has no damping exponent" if at is None else "the damping exponent is one finite number",
+                    f"group {group_name} has no damping exponent"
+                    if at is None
+                    else f"the damping exponent is one number up to {MAX_LOG10:g}",
                     place=f"--set {text}",
                 )
             theta[at] = numbers[0]
@@ -106,6 +111,13 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
                 place=f"--set {text}",
                 expected=f"1 or {group.count} values",
                 found=numbers.size,
+            )
+        if np.any(np.abs(numbers[np.isfinite(numbers)]) > MAX_LOG10):
+            raise ConfigError(
+                "a value that no structure has",
+                place=f"--set {text}",
+                expected=f"log10 values between {-MAX_LOG10:g} and {MAX_LOG10:g}, inf or -inf",
+                found=values,
             )
         if np.isnan(numbers).any() or (np.isposinf(numbers).any() and group.kind != "stiffness"):
             raise ConfigError(
@@ -202,6 +214,12 @@ def simulate(
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)
     y = source.model(s, parameters).frf(theta)
+    if not np.all(np.isfinite(y)):
+        line, row = (int(index[0]) for index in np.nonzero(~np.isfinite(y)))
+        raise NumericalError(
+            f"the FRF of {inputs.responses[row].name} is not finite at {frequency[line]:g} Hz",
+            hint="less extreme values, or damping in the model",
+        )
     records = []
     for i, response in enumerate(inputs.responses):
         node, direction = inputs.excitation_points[response.input]

@@ -16,14 +16,14 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: A term whose outer product would have more entries than this stays out of the reference.
 FILL_LIMIT = 4096
 
-#: Kinds of certificate vectors as decades from the local stiffness of each term.
-KINDS = {"loose": -2.0, "local": 0.0, "clamped": 4.0, "beyond": 9.0}
+#: Kinds of certificate vectors as decades from the local value of each term: of stiffness, and of damping and mass.
+KINDS = {"loose": (-2.0, -2.0), "local": (0.0, 0.0), "clamped": (4.0, 1.0), "beyond": (9.0, 2.0)}
 
 #: Kinds of certificate vectors in the order in which they are shown.
 ERROR_KINDS = ("free", *KINDS, "random")
 
-#: Range in decades around the local stiffness from which random vectors are drawn.
-RANDOM_DECADES = (-4.0, 6.0)
+#: Range in decades around the local value from which random vectors are drawn.
+RANDOM_DECADES = ((-4.0, 6.0), (-4.0, 1.0))
 
 
 def local_scale(K: sp.csc_array, M: sp.csc_array, terms: LowRankTerms, omega: float) -> Floats:
@@ -84,12 +84,14 @@ def certificate_vectors(terms: LowRankTerms, scale: Floats, s: Complexes, count:
     power = s[:, None] ** terms.power
     base = -terms.baseline * power
     vectors = {"free": [base]}
+    stiff = terms.power == 0
     for kind, decades in KINDS.items():
-        vectors[kind] = [base + 10.0**decades * scale * power]
+        vectors[kind] = [base + 10.0 ** np.where(stiff, *decades) * scale * power]
     rng = np.random.default_rng(20180405)
     vectors["random"] = []
     for _ in range(count):
-        value = scale * 10.0 ** rng.uniform(*RANDOM_DECADES, size=terms.size)
+        low, high = (np.where(stiff, *ends) for ends in zip(*RANDOM_DECADES, strict=True))
+        value = scale * 10.0 ** rng.uniform(low, high)
         # Damping tied to stiffness (33): a time constant from none to a loss factor of order one.
         lag = 10.0 ** rng.uniform(-8.0, -3.0) * (terms.power == 0)
         vectors["random"].append(base + value * power * (1.0 + s[:, None] * lag))

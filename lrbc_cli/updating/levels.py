@@ -21,19 +21,20 @@ Floats = NDArray[np.float64]
 #: Values along an edge at each level before the full one.
 KNOTS = (3, 5, 9)
 
-#: Uniform values tried on the first level.
-SCAN = 13
+#: Step between the uniform values tried on the first level [decades], and how many at the most.
+SCAN_STEP, SCAN_MOST = 0.25, 41
 
 #: Stop rule of the coarse levels.
 LEVEL_TOLERANCE, LEVEL_ITERATIONS = 1e-3, 25
 
 
 def hats(positions: Floats, knots: int) -> Floats:
-    """(k, knots) piecewise linear interpolation from evenly spaced knots to positions along an edge."""
-    if knots == 1 or positions.size == 1:
+    """(k, m) piecewise linear interpolation from evenly spaced knots to positions along an edge; knots that no term feels are left out."""
+    if knots == 1 or np.ptp(positions) == 0.0:
         return np.ones((positions.size, 1))
     at = np.linspace(positions[0], positions[-1], knots)
-    return np.column_stack([np.interp(positions, at, row) for row in np.eye(knots)])
+    T = np.column_stack([np.interp(positions, at, row) for row in np.eye(knots)])
+    return np.asarray(T[:, T.any(axis=0)])
 
 
 def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Floats:
@@ -76,14 +77,18 @@ class Level:
     def bounds(self, bounds: Floats) -> Floats:
         """(m, 2) bounds of z that keep theta inside its own: hats have weights from 0 to 1."""
         low, high = bounds[:, 0] - self._theta, bounds[:, 1] - self._theta
-        inside = self._T > 0.5
+        half = 0.5 * self._T.max(axis=0)
+        inside = half < self._T
         return np.array([[low[column].max(), high[column].min()] for column in inside.T])
 
 
 def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats]:
     """Thetas with a few uniform values of all groups between their bounds; p_damp stays."""
     damping = misfit.model.parameters.is_damping
-    return [np.where(damping, theta, bounds[:, 0] + fraction * (bounds[:, 1] - bounds[:, 0])) for fraction in np.linspace(0.0, 1.0, SCAN)]
+    width = bounds[:, 1] - bounds[:, 0]
+    widest = float(np.max(width[~damping], initial=0.0))
+    count = int(np.clip(np.ceil(widest / SCAN_STEP) + 1, 2, SCAN_MOST))
+    return [np.where(damping, theta, bounds[:, 0] + fraction * width) for fraction in np.linspace(0.0, 1.0, count)]
 
 
 def gauss_newton_by_levels(

@@ -16,6 +16,12 @@ Floats = NDArray[np.float64]
 #: Mean distance in dB from the clamped limit at the start value and at the upper bound, and from the free limit at the lower bound.
 START_DB, BOUND_DB = 0.3, 0.02
 
+#: Decades below and above the local stiffness between which the limits are sought.
+SEARCH = (8.0, 6.0)
+
+#: Lower bound, start and upper bound in decades from the local stiffness where the FRFs reach no limit.
+FALLBACK = (-4.0, 1.0, 4.0)
+
 
 @dataclass(frozen=True)
 class Saturation:
@@ -27,11 +33,14 @@ class Saturation:
         ``START_DB`` from the clamped limit: below the plateau.
     lower, upper : float
         ``BOUND_DB`` from the free and from the clamped limit.
+    found : bool
+        False where the FRFs reach no such limit (clamping silences them, say): the values are then decades from the local stiffness.
     """
 
     start: float
     lower: float
     upper: float
+    found: bool = True
 
 
 def saturation(
@@ -67,7 +76,8 @@ def saturation(
         trial[:, terms] = value - baseline
         return decibel(values(trial))
 
-    free, clamped = level(0.0), level(np.inf)
+    with np.errstate(divide="ignore"):
+        free, clamped = level(0.0), level(np.inf)
 
     def distance(p: float, limit: Floats) -> float:
         return float(np.mean(np.abs(level(10.0**p) - limit)))
@@ -84,7 +94,11 @@ def saturation(
                 low = p
         return 0.5 * (low + high)
 
-    low, high = middle - 8.0, middle + 10.0
+    low, high = middle - SEARCH[0], middle + SEARCH[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = [distance(high, clamped) <= BOUND_DB, distance(low, clamped) > START_DB, distance(low, free) <= BOUND_DB]
+    if not all(ends):
+        return Saturation(middle + FALLBACK[1], middle + FALLBACK[0], middle + FALLBACK[2], found=False)
     start = crossing(clamped, START_DB, low, high, rising=False)
     upper = crossing(clamped, BOUND_DB, start, high, rising=False)
     lower = crossing(free, BOUND_DB, low, start, rising=True)

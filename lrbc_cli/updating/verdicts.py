@@ -100,13 +100,15 @@ def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: b
     -------
     list of BoltVerdict
     """
-    half = 0.5 * pitch_of(bolts)
+    pitch = pitch_of(bolts)
     found = []
     for bolt in bolts:
         feet = [foot(edge, bolt) for edge in edges]
         which = int(np.argmin([distance for _, distance in feet]))
         edge, at = edges[which], feet[which][0]
         away = np.abs(edge.arc_length - at)
+        # A single bolt has no pitch: the terms on both sides of it count.
+        half = 0.5 * pitch if pitch else float(np.median(np.diff(edge.arc_length))) if edge.arc_length.size > 1 else np.inf
         near = np.flatnonzero(away <= half * (1 + 1e-9))
         note = None
         if not near.size:
@@ -118,16 +120,20 @@ def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: b
     verdicts = []
     for (edge, near, note), value in zip(found, capped, strict=True):
         change = None
+        contrast = False
         if edge.reference is not None:
             change = value - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
         measure = change
         if measure is None and not is_reference:
             measure = value - level
-            note = note or "no tight state to compare with: judged by contrast with the other bolts"
+            contrast = True
+            note = note or "no tight state to compare with: loose by contrast with the other bolts, or undecided"
         if is_reference:
             change, measure = 0.0, 0.0
             note = note or "reference state, taken as tight"
         far = note is not None and note.startswith("no term")
-        verdict = "undecided" if far or measure is None else ("loose" if measure <= loose_change else "tight")
+        # Without a tight state nothing says that a bolt is tight: all may be loose.
+        calm = "undecided" if contrast else "tight"
+        verdict = "undecided" if far or measure is None else ("loose" if measure <= loose_change else calm)
         verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note))
     return verdicts

@@ -93,3 +93,15 @@ def test_terms_without_influence_give_an_interval_all_the_same():
     limits = saturation(lambda D: np.ones((S.size, 2), dtype=complex), np.zeros((S.size, PADS), dtype=complex), TERMS, 1e4)
     assert limits.lower < limits.start < limits.upper
     assert np.all(np.isfinite([limits.lower, limits.start, limits.upper]))
+
+
+def test_a_response_that_clamping_silences_has_no_limit():
+    """A spring at the loaded point: the FRF falls for ever, so decades around the local stiffness are taken, and it is said."""
+    s = 2j * np.pi * np.linspace(10.0, 50.0, 9)
+
+    def values(D):
+        return (1.0 / (1e4 + 3.0 * s + s**2 + D[:, 0]))[:, None]
+
+    found = saturation(values, np.zeros((s.size, 1), dtype=complex), np.array([0]), 1e4)
+    assert not found.found
+    assert found.lower < 4.0 < found.start < found.upper
