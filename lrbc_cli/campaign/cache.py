@@ -42,8 +42,22 @@ PARTS = {
 
 
 def cache_folder(folder: Path | None) -> Path:
-    """The folder of the cache: as given, or the platform's user cache."""
-    return (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+    """The folder of the cache: as given, or the platform's user cache.
+
+    Raises
+    ------
+    ConfigError
+        Where there cannot be such a folder.
+    """
+    found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+    try:
+        # What look_up asks for: a name as long as any in the cache.
+        (found / ("0" * 32) / "model.h5").is_file()
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be used ({error.strerror or error})", file=found, hint="name another folder with --cache or LRBC_CACHE"
+        ) from error
+    return found
 
 
 def _digest(*parts: Any) -> str:
@@ -237,5 +251,5 @@ def load_ports(path: Path) -> PortFrf | None:
     try:
         return PortFrf(**read_store(path))
     except (DataError, TypeError) as error:
-        log.warning("port FRFs in the cache are computed anew: %s", error)
+        log.warning("%s: port FRFs in the cache are computed anew (%s)", path, error.problem if isinstance(error, DataError) else error)
         return None

@@ -116,6 +116,15 @@ def _model(inputs: Inputs, out: Findings) -> list[str]:
         out.warnings.append(
             f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
         )
+    for group in inputs.groups:
+        if group.config.baseline > 0 and group.config.kind == "stiffness":
+            left, right = m.terms.left[:, group.terms], m.terms.right[:, group.terms]
+            share = np.asarray((left.multiply(m.K.real @ right)).sum(axis=0)).ravel()
+            norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
+            if np.any(share < group.config.baseline * norm * (1 - 1e-9)):
+                out.warnings.append(
+                    f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
+                )
     if inputs.dofs is not None:
         masses = []
         for component in TRANSLATIONS:

@@ -74,17 +74,81 @@ def read_json(path: Path, expected: str) -> dict[str, Any] | None:
     Raises
     ------
     DataError
-        Where it is damaged or something else.
+        Where it is damaged, of another version, or something else.
+    ConfigError
+        Where the output folder cannot be read at all.
     """
-    if not path.is_file():
-        return None
     try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DataError(f"this result file is damaged ({error})", file=path, hint="run lrbc update --force") from error
+        if not path.is_file():
+            return None
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        problem = f"the results cannot be read ({error.strerror or error})"
+        raise ConfigError(problem, file=path, hint="choose another folder in `output`") from error
+    except ValueError as error:
+        raise DataError("this result file is damaged: it is not UTF-8 text", file=path, hint=_HINT) from error
+    try:
+        tree = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"this result file is damaged: {str(error)[:100]}", file=path, hint=_HINT) from error
     if not isinstance(tree, dict) or tree.get("format") != expected:
-        raise DataError("this is not a result file of this tool", file=path, expected=expected, hint="run lrbc update --force")
+        raise DataError("this is not a result file of this tool", file=path, expected=expected, hint=_HINT)
+    if type(tree.get("version")) is not int or tree["version"] != RESULT_VERSION:
+        raise DataError(
+            "this result file is of another version",
+            file=path,
+            place="version",
+            expected=RESULT_VERSION,
+            found=tree.get("version", "none"),
+            hint=_HINT,
+        )
+    if expected == RESULT_FORMAT:
+        wrong = _difference(tree, _FAILED if tree.get("status") == "failed" else _RESULT)
+        if wrong is not None:
+            place, form, found = wrong
+            raise DataError("this result file is damaged", file=path, place=place, expected=form, found=found, hint=_HINT)
     return tree
+
+
+def _refuse(name: str) -> Any:
+    raise ValueError(f"{name} is no JSON")
+
+
+_HINT = "run lrbc update --force"
+_NUMBER, _TEXT, _MAYBE = (int, float), (str,), (int, float, type(None))
+_FAILED: dict[str, Any] = {"job": _TEXT, "status": _TEXT, "reason": _TEXT, "provenance": {}}
+#: What is read back of a result: types by key; a list holds things of its one form, a dictionary under ``*`` likewise.
+_RESULT: dict[str, Any] = _FAILED | {
+    "parameters": {"*": {"log10": [_NUMBER], "log10_effective": [_MAYBE]}},
+    "bolts": [{"name": _TEXT, "verdict": _TEXT}],
+    "misfit_db": {"initial": _MAYBE, "final": _MAYBE, "held_out_final": _MAYBE},
+    "cost": {"initial": _MAYBE, "final": _MAYBE},
+    "iterations": _NUMBER,
+    "evaluations": _NUMBER,
+    "line_evaluations": _NUMBER,
+    "seconds": {"total": _NUMBER},
+    "removed": (list, type(None)),
+}
+
+
+def _difference(value: Any, form: Any, place: str = "") -> tuple[str, str, str] | None:
+    """Key path, what was expected and what was found, where a value first differs from its form."""
+    if isinstance(form, tuple):
+        if isinstance(value, form) and not isinstance(value, bool):
+            return None
+        return place, " or ".join("null" if t is type(None) else t.__name__ for t in form), repr(value)
+    if not isinstance(value, type(form)):
+        return place, "an object" if isinstance(form, dict) else "a list", repr(value)
+    if isinstance(form, list):
+        parts = [(f"{place}[{i}]", item, form[0]) for i, item in enumerate(value)]
+    elif "*" in form:
+        parts = [(f"{place}.{key}", item, form["*"]) for key, item in value.items()]
+    else:
+        for key in form:
+            if key not in value:
+                return f"{place}.{key}".lstrip("."), "a value", "no such key"
+        parts = [(f"{place}.{key}".lstrip("."), value[key], below) for key, below in form.items()]
+    return next((found for at, item, below in parts if (found := _difference(item, below, at)) is not None), None)
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
-from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.vectors import local_scale
 from lrbc_cli.updating.levels import gauss_newton_by_levels
@@ -98,6 +98,13 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
 def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     config, count = group.config, group.count
     W = smoothing_matrix(config.smoothing, count, config.normalised)
+    if np.any(W.sum(axis=1) <= 0):
+        raise ConfigError(
+            "smoothing weights that leave a term without stiffness",
+            place=f"parameters.{group.name}.smoothing",
+            expected="a positive weight in the middle",
+            found=str(list(config.smoothing or ())),
+        )
     if config.bounds != "auto":
         low, high = config.bounds
     else:

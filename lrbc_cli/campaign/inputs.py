@@ -99,7 +99,7 @@ class Inputs:
         What ``lrbc check`` prints about the files.
     warnings : tuple of str
     hashes : dict
-        SHA-256 of every file that was read, by its path as written.
+        SHA-256 of every file that was read, by its absolute path.
     """
 
     campaign: Campaign
@@ -181,7 +181,9 @@ class _Reader(ModelReader):
             at = excitations.index(point.excitation) if point.excitation else 0
             self.notes.append(f"response {name}: {text}, {quantity}")
             rows.append(row)
-            responses.append(Response(name, quantity, UNITS[quantity], at, *place, text))
+            turns = (point.component or "").startswith("ROT")
+            unit = UNITS[quantity].replace("m", "rad", 1) if turns else UNITS[quantity]
+            responses.append(Response(name, quantity, unit, at, *place, text))
         return sp.vstack(rows, format="csc"), responses
 
     def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Point, str, bool]:
@@ -339,6 +341,10 @@ def read_inputs(campaign: Campaign) -> Inputs:
     reader = _Reader(campaign)
     K = reader.matrix(campaign.model.stiffness, "stiffness")
     n = reader.n = K.shape[0]
+    if K.nnz == 0:
+        raise DataError(
+            "the stiffness matrix is empty", file=campaign.model.stiffness.path, place=campaign.model.stiffness.group, expected="values"
+        )
     M = reader.matrix(campaign.model.mass, "mass", n)
     if np.iscomplexobj(M.data):
         raise DataError("the mass matrix is complex", file=campaign.model.mass.path, expected="real numbers")

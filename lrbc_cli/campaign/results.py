@@ -177,9 +177,31 @@ def result_tree(
             "regularisation_per_residual": campaign.update.regularisation / max(int(result.selected.size) * used.size, 1),
         },
         "seconds": result.seconds,
-        "notes": list(result.measurement.warnings),
+        "notes": [*result.measurement.warnings, *remarks(result)],
         "provenance": provenance,
     }
+
+
+def remarks(result: Identification) -> list[str]:
+    """What a reader of the result should know: limits that do not exist, values at their bounds."""
+    found = []
+    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        limits = result.saturations.get(group.name)
+        if limits is not None and not limits.found:
+            found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")
+        p, bounds = result.solution.theta[values], group.bounds
+        low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
+        if low or high:
+            found.append(f"{group.name}: {low} of {group.count} values at the lower and {high} at the upper bound")
+        if (
+            at is not None
+            and group.damping is not None
+            and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
+        ):
+            found.append(
+                f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
+            )
+    return found
 
 
 def _states_removed(inputs: Inputs, name: str) -> bool:

@@ -229,7 +229,7 @@ def run_jobs(
     reference = campaign.update.reference
 
     def one(name: str) -> dict[str, Any]:
-        before = outcome.results.get(reference) if reference is not None and reference != name else None
+        before = tight_state(output, outcome, reference) if reference is not None and reference != name else None
         result = identify(inputs, source, name, before)
         return write_result(output, inputs, stage, result, plans[name].identity, before)
 
@@ -265,6 +265,16 @@ def run_jobs(
     finally:
         write_table(output, list(campaign.jobs))
     return outcome, stage
+
+
+def tight_state(output: Path, outcome: Outcome, reference: str) -> dict[str, Any] | None:
+    """Result of the reference job: of this call, or where it failed now the one that it had before."""
+    if reference in outcome.results:
+        return outcome.results[reference]
+    try:
+        return read_json(output / reference / "result.previous.json", RESULT_FORMAT)
+    except DataError:
+        return None
 
 
 def _run_all(

@@ -134,12 +134,21 @@ class Reducer:
             slope = (2 * s * self.M + self.C).tocsr()
             blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
         snapshots = np.hstack(blocks)
-        new = [new_directions(f, snapshots[f.dofs], self.deflation) for f in self.fields]
+        new = self.limited([new_directions(f, snapshots[f.dofs], self.deflation) for f in self.fields])
         self.clock.lap("basis")
         self.projection.extend(new)
         self.clock.lap("projection")
         self.enriched.append(frequency)
         return order, sum(block.shape[1] for block in new)
+
+    def limited(self, new: list[Floats]) -> list[Floats]:
+        """New directions, cut to ``max_size`` in proportion of the fields; they come in order of their singular values."""
+        limit = self.options.max_size
+        total = sum(block.shape[1] for block in new)
+        if limit is None or self.projection.size + total <= limit:
+            return new
+        share = max(limit - self.projection.size, 0) / total
+        return [block[:, : int(share * block.shape[1])] for block in new]
 
     # -- errors -----------------------------------------------------------------------------------------------------
 

@@ -51,12 +51,16 @@ def _row(job: JobResult) -> list[str]:
     return [
         job.job,
         job.status,
-        (_short(loose) or "none") if job.bolts else "",
+        _bolts(loose, job.names("undecided")) if job.bolts else "",
         ", ".join(f"{group.damping_exponent:.2f}" for group in job.damping()),
         "" if job.misfit is None else f"{job.misfit.initial:.2f} -> {job.misfit.final:.2f}",
         "" if job.evaluations is None else f"{job.evaluations:.0f}",
         "" if total is None else f"{total:.1f}",
     ]
+
+
+def _bolts(loose: Sequence[str], undecided: Sequence[str]) -> str:
+    return (_short(loose) or "none") + (f" ({len(undecided)} undecided)" if undecided else "")
 
 
 def _short(names: Sequence[str], limit: int = 6) -> str:
