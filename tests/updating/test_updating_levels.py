@@ -1,0 +1,194 @@
+"""Start values by levels, and what is identified from them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pads import PADS, S, loosened, pads_model, pads_ports
+from scipy.optimize import least_squares
+from systems import direct_frf
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, uniform_values
+from lrbc_cli.updating.misfit import Misfit, port_model
+from lrbc_cli.updating.optimise import bfgs, gauss_newton
+
+
+def problem(*, eta=1e-3, at=(4, 5, 6), noise_db=0.0, **more):
+    """A cost whose true theta is known; the measurement comes from direct solves."""
+    model, parameters = pads_model(**more)
+    truth = loosened(parameters, at=at)
+    y = direct_frf(model, S, parameters.dynamic(truth, S))
+    y = y * 10.0 ** (np.random.default_rng(0).normal(scale=noise_db, size=y.shape) / 20)
+    return Misfit(port_model(pads_ports(model), parameters), y, parameters.initial, eta), parameters, truth
+
+
+class TestHats:
+    def test_they_interpolate(self):
+        positions = np.linspace(0.2, 1.0, 17)
+        T = hats(positions, 5)
+        assert T.shape == (17, 5)
+        np.testing.assert_allclose(T.sum(axis=1), 1.0)
+        np.testing.assert_allclose(T @ np.linspace(0.2, 1.0, 5), positions)
+        np.testing.assert_allclose(T[::4], np.eye(5), atol=1e-12)
+
+    def test_one_knot_and_one_position(self):
+        np.testing.assert_array_equal(hats(np.linspace(0, 1, 4), 1), np.ones((4, 1)))
+        np.testing.assert_array_equal(hats(np.array([0.3]), 5), np.ones((1, 1)))
+
+
+class TestLevelMatrix:
+    def test_groups_and_damping_have_their_own_columns(self):
+        _, parameters = pads_model(extras=True)
+        T = level_matrix(parameters, 3, damping=True)
+        # Three hats, p_damp, the dashpot, the mass.
+        assert T.shape == (PADS + 3, 6)
+        np.testing.assert_allclose(T.sum(axis=1), 1.0)
+        np.testing.assert_array_equal(T[PADS], np.eye(6)[3])
+        np.testing.assert_array_equal(T[PADS + 1 :], np.eye(6)[4:])
+        without = level_matrix(parameters, 3, damping=False)
+        assert without.shape == (PADS + 3, 5)
+        assert not without[PADS].any()
+
+    def test_short_groups_keep_every_value(self):
+        _, parameters = pads_model()
+        np.testing.assert_array_equal(level_matrix(parameters, PADS, damping=True), np.eye(PADS + 1))
+
+
+def with_positions(parameters, positions):
+    """The same pads elsewhere along the edge."""
+    group = dataclasses.replace(parameters.groups[0], arc_length=np.asarray(positions, dtype=float))
+    return Parameterisation((group, *parameters.groups[1:]))
+
+
+@pytest.mark.parametrize(
+    "positions",
+    [
+        pytest.param([0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 1.0], id="one far away"),
+        pytest.param([0.0, 0.1, 0.1, 0.1, 0.2, 0.2, 0.9, 0.9, 1.0, 1.0], id="coinciding"),
+        pytest.param(np.zeros(10), id="all in one place"),
+    ],
+)
+def test_uneven_positions(positions):
+    """Knots that no term is near to must not stop the identification."""
+    misfit, parameters, _ = problem()
+    parameters = with_positions(parameters, positions)
+    misfit = Misfit(dataclasses.replace(misfit.model, parameters=parameters), 10.0 ** (misfit.target / 20), misfit.prior, 1e-3)
+    for knots in (3, 5, 9):
+        T = level_matrix(parameters, knots, damping=True)
+        level = Level(misfit, parameters.initial, T)
+        bounds = level.bounds(parameters.bounds)
+        assert bounds.shape == (T.shape[1], 2)
+        assert np.all(bounds[:, 0] <= 0)
+        assert np.all(bounds[:, 1] >= 0)
+    solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, max_iterations=20)
+    assert solution.status in ("converged", "stopped")
+
+
+class TestLevel:
+    def test_chain_rule(self):
+        misfit, parameters, _ = problem()
+        T = level_matrix(parameters, 5, damping=True)
+        level = Level(misfit, parameters.initial, T)
+        z = np.random.default_rng(1).uniform(-0.4, 0.4, size=T.shape[1])
+        value, full = level(z), misfit(parameters.initial + T @ z)
+        assert value.total == pytest.approx(full.total, rel=1e-14)
+        np.testing.assert_allclose(value.gradient, T.T @ full.gradient, rtol=1e-10)
+
+    def test_bounds_keep_theta_inside(self):
+        misfit, parameters, _ = problem()
+        rng = np.random.default_rng(1)
+        for knots in (3, 5, 9):
+            T = level_matrix(parameters, knots, damping=True)
+            theta = parameters.bounds[:, 0] + rng.uniform(size=parameters.size) * np.diff(parameters.bounds, axis=1)[:, 0]
+            level = Level(misfit, theta, T)
+            bounds = level.bounds(parameters.bounds)
+            assert np.all(bounds[:, 0] <= 0)
+            assert np.all(bounds[:, 1] >= 0)
+            # From an even profile, as the first level has it, the bounds are kept exactly.
+            even = Level(misfit, parameters.initial, T)
+            for corner in (0, 1):
+                found = even.theta(even.bounds(parameters.bounds)[:, corner])
+                assert np.all(found >= parameters.bounds[:, 0] - 1e-12)
+                assert np.all(found <= parameters.bounds[:, 1] + 1e-12)
+
+
+def test_uniform_values_leave_the_damping_alone():
+    misfit, parameters, _ = problem()
+    tried = uniform_values(misfit, parameters.initial, parameters.bounds)
+    assert len(tried) > 5
+    for theta in tried:
+        assert np.ptp(theta[:PADS]) == 0.0
+        assert theta[PADS] == parameters.initial[PADS]
+    np.testing.assert_allclose([tried[0][0], tried[-1][0]], parameters.bounds[0])
+
+
+class TestRecovery:
+    """The measurement is made by the model itself from a known state: it has to be found."""
+
+    @pytest.mark.parametrize("at", [(4, 5, 6), (0, 1), (9,), (7, 8), tuple(range(PADS)), ()])
+    @pytest.mark.parametrize("initial", [3.0, 6.5])
+    def test_by_levels(self, at, initial):
+        misfit, parameters, truth = problem(at=at, initial=initial, eta=1e-5)
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, tolerance=1e-8, max_iterations=200)
+        assert solution.status in ("converged", "stopped")
+        assert solution.evaluation.misfit_db < 0.05
+        found, expected = (np.log10(parameters.scales(theta)) for theta in (solution.theta, truth))
+        np.testing.assert_allclose(found, expected, atol=0.1)
+        assert solution.theta[PADS] == pytest.approx(truth[PADS], abs=0.1)
+
+    def test_history_is_one_list(self):
+        misfit, parameters, _ = problem()
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
+        assert solution.evaluations == misfit.evaluations == len(solution.history)
+        assert [entry.evaluation for entry in solution.history] == list(range(solution.evaluations))
+        assert solution.evaluation.total == pytest.approx(misfit(solution.theta).total)
+        accepted = [entry.cost for entry in solution.history if entry.accepted]
+        assert solution.evaluation.cost == pytest.approx(min(accepted), abs=1e-9)
+
+    def test_never_worse_than_all_at_once(self):
+        """A start on the clamped plateau, where all nodes at once run into another basin or crawl."""
+        misfit, parameters, _ = problem(initial=6.9)
+        by_levels = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
+        at_once = gauss_newton(misfit, parameters.initial, parameters.bounds)
+        assert by_levels.evaluation.total <= 1.05 * at_once.evaluation.total
+
+    def test_noise_is_not_chased(self):
+        """Half a decibel of noise leaves half a decibel of misfit, and the loose pads loose."""
+        misfit, parameters, truth = problem(noise_db=0.5, eta=1.0)
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
+        assert 0.3 < solution.evaluation.misfit_db < 0.55
+        found, expected = (np.log10(parameters.scales(theta)) for theta in (solution.theta, truth))
+        loose = np.array([4, 5, 6])
+        assert found[loose].mean() < np.delete(found, [3, 4, 5, 6, 7]).mean() - 1.0
+        assert np.abs(found - expected)[[0, 1, 8, 9]].max() < 1.0
+
+    def test_no_better_minimum_next_to_it(self):
+        """Another solver of bounded least squares, started there, gains nothing."""
+        misfit, parameters, _ = problem(noise_db=0.5, eta=0.3)
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, tolerance=1e-6)
+        low, high = parameters.bounds.T
+        inside = np.clip(solution.theta, low + 1e-9, high - 1e-9)
+        polished = least_squares(lambda x: misfit(x).residual, inside, lambda x: misfit(x).jacobian, (low, high), ftol=1e-10)
+        assert solution.evaluation.total < 1.001 * 2 * polished.cost
+
+    def test_bfgs_of_the_paper_gets_there_too(self):
+        misfit, parameters, truth = problem(initial=4.0, eta=1e-5)
+        solution = bfgs(misfit, parameters.initial, parameters.bounds, tolerance=1e-7, max_iterations=500)
+        assert solution.evaluation.misfit_db < 0.3
+        found, expected = (np.log10(parameters.scales(theta)) for theta in (solution.theta, truth))
+        np.testing.assert_allclose(found, expected, atol=0.3)
+
+    def test_dashpots_and_masses_too(self):
+        """Stiffness, damping and mass terms and p_damp together, from a start in the neighbourhood."""
+        misfit, parameters, truth = problem(extras=True, eta=0.0, at=())
+        truth[-2:] = 0.8, -1.9
+        model, _ = pads_model(extras=True)
+        misfit = Misfit(misfit.model, direct_frf(model, S, parameters.dynamic(truth, S)), parameters.initial, 0.0)
+        start = truth + np.random.default_rng(0).uniform(-0.03, 0.03, size=truth.size)
+        solution = gauss_newton(misfit, start, parameters.bounds, tolerance=1e-9)
+        assert solution.evaluation.misfit_db < 1e-3
+        np.testing.assert_allclose(solution.theta[-2:], [0.8, -1.9], atol=1e-3)
+        np.testing.assert_allclose(parameters.scales(solution.theta), parameters.scales(truth), rtol=1e-2)
