@@ -229,7 +229,7 @@ def run_jobs(
     reference = campaign.update.reference
 
     def one(name: str) -> dict[str, Any]:
-        before = tight_state(output, outcome, reference) if reference is not None and reference != name else None
+        before = tight_state(output, outcome, reference, stage) if reference is not None and reference != name else None
         result = identify(inputs, source, name, before)
         return write_result(output, inputs, stage, result, plans[name].identity, before)
 
@@ -267,14 +267,16 @@ def run_jobs(
     return outcome, stage
 
 
-def tight_state(output: Path, outcome: Outcome, reference: str) -> dict[str, Any] | None:
-    """Result of the reference job: of this call, or where it failed now the one that it had before."""
+def tight_state(output: Path, outcome: Outcome, reference: str, stage: ReductionStage | None) -> dict[str, Any] | None:
+    """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
     if reference in outcome.results:
         return outcome.results[reference]
     try:
-        return read_json(output / reference / "result.previous.json", RESULT_FORMAT)
+        before = read_json(output / reference / "result.previous.json", RESULT_FORMAT)
     except DataError:
         return None
+    key = stage.decision.key if stage else None
+    return before if before is not None and before["provenance"].get("certificate", {}).get("key") == key else None
 
 
 def _run_all(
