@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+#: Characters at most of one part of a message; what was found may be a whole file.
+LONGEST = 500
+
+
+def _shortened(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
+
 
 class LrbcError(Exception):
     """Base of all errors with a message meant for the user.
@@ -45,14 +53,15 @@ class LrbcError(Exception):
     @property
     def message(self) -> str:
         """The whole message, on a few short lines."""
-        where = ", ".join(part for part in (self.file, self.place) if part)
-        lines = [f"{where}: {self.problem}" if where else self.problem]
+        where = ", ".join(_shortened(part) for part in (self.file, self.place) if part)
+        problem = _shortened(self.problem)
+        lines = [f"{where}: {problem}" if where else problem]
         if self.expected is not None:
-            lines.append(f"  expected: {self.expected}")
+            lines.append(f"  expected: {_shortened(self.expected)}")
         if self.found is not None:
-            lines.append(f"  found:    {self.found}")
+            lines.append(f"  found:    {_shortened(self.found)}")
         if self.hint:
-            lines.append(f"  to mend:  {self.hint}")
+            lines.append(f"  to mend:  {_shortened(self.hint)}")
         return "\n".join(lines)
 
     def __str__(self) -> str:

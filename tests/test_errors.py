@@ -1,0 +1,26 @@
+"""The form of a message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lrbc_cli.errors import LONGEST, ConfigError, DataError
+
+
+def test_all_parts() -> None:
+    error = DataError("wrong", file=Path("a") / "b", place="line 3", expected=3, found=[1, 2], hint="mend it")
+    assert str(error) == f"{Path('a') / 'b'}, line 3: wrong\n  expected: 3\n  found:    [1, 2]\n  to mend:  mend it"
+    assert str(DataError("wrong")) == "wrong"
+    assert ConfigError("wrong", place="--job").message == "--job: wrong"
+
+
+def test_long_parts_are_shortened() -> None:
+    whole = "x" * 2_000_000
+    error = DataError(whole, file=whole, place=whole, expected=whole, found=[whole], hint=whole)
+    assert error.found == [whole]
+    lines = error.message.splitlines()
+    assert len(lines) == 4
+    assert len(error.message) < 7 * LONGEST
+    assert lines[2] == "  found:    ['" + "x" * (LONGEST - 6) + " ..."
+    whole = "y" * LONGEST
+    assert DataError("wrong", found=whole).message == f"wrong\n  found:    {whole}"
