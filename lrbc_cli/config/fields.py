@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Mapping
@@ -89,7 +90,14 @@ def _to_path(value: object, info: ValidationInfo) -> object:
     if not value or "\n" in value:
         raise problem("not a path", expected="a path relative to the campaign file", found=f"{value!r}")
     folder = (info.context or {}).get("folder", Path())
-    return Path(os.path.realpath(Path(folder) / value))
+    path = Path(os.path.realpath(Path(folder) / value))
+    try:
+        path.lstat()
+    except OSError as error:
+        # What is missing or out of reach is told by whoever reads or writes it.
+        if error.errno == errno.ENAMETOOLONG:
+            raise problem("a path longer than this system allows", found=f"{len(str(path))} characters", hint="shorten it") from None
+    return path
 
 
 #: A path: text in the file, absolute once it is loaded.

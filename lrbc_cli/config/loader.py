@@ -73,6 +73,13 @@ def _refuse_later_features(document: Document) -> None:
 
 
 def _override(document: Document, text: str) -> Node:
+    if any(0xD800 <= ord(char) <= 0xDFFF for char in text):
+        raise ConfigError(
+            "this override holds characters outside the character set of the terminal",
+            place=f"--override {text[:60]!a}",
+            expected="a terminal that speaks UTF-8",
+            hint="set PYTHONUTF8=1 (or LC_ALL=C.UTF-8), or write the value into the campaign file",
+        )
     path, equals, value = text.partition("=")
     keys = _split_path(path)
     if not equals or not keys:

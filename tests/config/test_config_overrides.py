@@ -73,9 +73,16 @@ def test_places_name_the_override(write) -> None:  # type: ignore[no-untyped-def
         (".".join("a" * 100) + "=1", "--override a.a.a", "key.path=value"),
         ("reduction.band=[5, 4]", "--override reduction.band", "lower below upper"),
         ("jobs.con.frf=a.uff", "--override jobs.con.frf, jobs.con", "Windows"),
+        ("jobs={Reduction.json: {frf: a.uff}}", "--override jobs, jobs.Reduction.json", "a file of the results"),
+        ("jobs={campaign.json: {frf: a.uff}}", "--override jobs, jobs.campaign.json", "a file of the results"),
         ("calibration={job: bolts-00}", "--override calibration", "no calibration yet"),
         ("update.regularisation=l-curve", "--override update.regularisation", "L-curve"),
         ("model=", "--override model", "nothing"),
+        ("output=" + "x" * 5000, "--override output", "a path longer than this system allows"),
+        ("model.dofs=" + "x/" * 5000, "--override model.dofs", "a path longer than this system allows"),
+        # What a terminal without UTF-8 makes of other letters.
+        ("jobs.t\udcc3\udcbcr.frf=a.uff", r"--override 'jobs.t\udcc3", "PYTHONUTF8=1"),
+        ("output=t\udcc3\udcbcr", r"--override 'output=t\udcc3", "PYTHONUTF8=1"),
     ],
 )
 def test_messages(fails, override: str, place: str, part: str) -> None:  # type: ignore[no-untyped-def]
