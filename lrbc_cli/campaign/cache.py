@@ -251,5 +251,6 @@ def load_ports(path: Path) -> PortFrf | None:
     try:
         return PortFrf(**read_store(path))
     except (DataError, TypeError) as error:
-        log.warning("%s: port FRFs in the cache are computed anew (%s)", path, error.problem if isinstance(error, DataError) else error)
+        problem = error.problem if isinstance(error, DataError) else error
+        log.warning("port FRFs in the cache are computed anew (%s: %s)", path, problem)
         return None

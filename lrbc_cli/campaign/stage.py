@@ -77,7 +77,7 @@ def obtain_reduction(
         try:
             reduction = cache.load(decision)
         except DataError as error:
-            log.warning("%s: the reduced model in the cache is built anew (%s)", decision.path, error.problem)
+            log.warning("the cached reduced model is built anew (%s: %s)", decision.path, error.problem)
             decision = replace(decision, hit=False, reason="the file in the cache is damaged")
     elif decision.hit:
         decision = replace(decision, hit=False, reason="--force")

@@ -147,6 +147,8 @@ def test_a_damaged_cached_model_is_built_anew(box: Folder, damage) -> None:  # t
     assert result.code == 0, result.stderr
     assert "WARNING: the cached reduced model is built anew" in result.stderr
     assert str(path) in result.stderr
+    assert "export it again" not in result.stderr
+    assert result.stderr.count("\n") == 1
     assert "Traceback" not in result.stderr
     assert result.json["cache"]["hit"] is False
     assert result.json["cache"]["reason"] == "the file in the cache is damaged"
@@ -165,6 +167,8 @@ def test_damaged_port_frfs_are_computed_anew(box: Folder) -> None:
     result = box.run("update", "--force")
     assert result.code == 0
     assert "port FRFs in the cache are computed anew" in result.stderr
+    assert "export it again" not in result.stderr
+    assert result.stderr.count("\n") == len(tables)
     assert box.results() == before
     assert box.run("update", "--force").stderr == ""
 
