@@ -303,6 +303,8 @@ def test_damaged_and_missing_results_are_made_anew(box: Folder) -> None:
         (lambda: path.write_text(path.read_text()[:100]), "the earlier result is unusable"),
         (lambda: path.write_text("{}"), "the earlier result is unusable"),
         (lambda: path.write_bytes(b"\xff\x00"), "the earlier result is unusable"),
+        (lambda: path.write_text('{"format": "lrbc-result"}'), "the earlier result is unusable"),
+        (lambda: path.write_text('{"format": "lrbc-result", "version": 1}'), "the earlier result is unusable"),
         (path.unlink, "no result yet"),
         ((box.out / "loose" / "profile.csv").unlink, "a result file is missing"),
         ((box.out / "loose" / "frf.csv").unlink, "a result file is missing"),

@@ -1,0 +1,95 @@
+"""Result files that are read back: whatever is wrong with one is a DataError."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaigns import Folder
+
+from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
+from lrbc_cli.errors import ConfigError, DataError
+
+Spoil = Callable[[dict[str, Any]], Any]
+
+
+def test_results_as_written_are_read(frame_once: Folder, tmp_path: Path) -> None:
+    tree = read_json(frame_once.out / "loose-2" / "result.json", RESULT_FORMAT)
+    assert tree == frame_once.result("loose-2")
+    assert read_json(tmp_path / "none.json", RESULT_FORMAT) is None
+    (tmp_path / "failed.json").write_text(
+        json.dumps({"format": RESULT_FORMAT, "version": 1, "job": "a", "status": "failed", "reason": "r", "provenance": {}})
+    )
+    failed = read_json(tmp_path / "failed.json", RESULT_FORMAT)
+    assert failed is not None
+    assert failed["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "place", "found"),
+    [
+        (lambda t: t.update(version=99), "version", "99"),
+        (lambda t: t.pop("version"), "version", "none"),
+        (lambda t: t.update(version=True), "version", "True"),
+        (lambda t: t.pop("status"), "status", "no such key"),
+        (lambda t: t.pop("job"), "job", "no such key"),
+        (lambda t: t.update(status=None), "status", "None"),
+        (lambda t: t.pop("parameters"), "parameters", "no such key"),
+        (lambda t: t.update(parameters=[]), "parameters", "[]"),
+        (lambda t: t.update(parameters={"left_edge": {}}), "parameters.left_edge.log10", "no such key"),
+        (lambda t: t["parameters"]["left_edge"].update(log10=[1.0, None]), "parameters.left_edge.log10[1]", "None"),
+        (lambda t: t.update(bolts=[{}]), "bolts[0].name", "no such key"),
+        (lambda t: t.update(bolts=None), "bolts", "None"),
+        (lambda t: t.update(misfit_db=3), "misfit_db", "3"),
+        (lambda t: t.update(cost={"initial": "x", "final": 1}), "cost.initial", "'x'"),
+        (lambda t: t.update(provenance=[]), "provenance", "[]"),
+        (lambda t: t.update(seconds={}), "seconds.total", "no such key"),
+    ],
+)
+def test_damage_is_named(frame_once: Folder, tmp_path: Path, spoil: Spoil, place: str, found: str) -> None:
+    tree = copy.deepcopy(frame_once.result("loose-2"))
+    spoil(tree)
+    path = tmp_path / "result.json"
+    path.write_text(json.dumps(tree))
+    with pytest.raises(DataError) as caught:
+        read_json(path, RESULT_FORMAT)
+    assert (caught.value.place, str(caught.value.found)) == (place, found)
+    assert "--force" in caught.value.message
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense", "[" * 100_000, '{"format": NaN}', '{"format": "lrbc-campaign"}'])
+def test_what_is_no_result(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "result.json"
+    path.write_text(text)
+    with pytest.raises(DataError):
+        read_json(path, RESULT_FORMAT)
+
+
+def test_a_path_that_cannot_be(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="the results cannot be read"):
+        read_json(tmp_path / ("x" * 5000) / "result.json", RESULT_FORMAT)
+
+
+@pytest.mark.parametrize("text", ['{"format": "lrbc-result"}', '{"format": "lrbc-result", "version": 99, "status": "converged"}'])
+def test_commands_with_damaged_results(frame: Folder, text: str) -> None:
+    (frame.out / "loose-2" / "result.json").write_text(text)
+    result = frame.run("simulate", "--job", "loose-2", "--out", frame.path / "x.csv")
+    assert result.code == 3, result.stderr
+    assert str(frame.out / "loose-2" / "result.json") in result.stderr
+    assert not (frame.path / "x.csv").exists()
+    (frame.out / "tight" / "result.json").write_text(text)
+    result = frame.run("update", "--job", "loose-2")
+    assert result.code == 0, result.stderr
+    assert frame.result("loose-2")["status"] == frame.result("tight")["status"] == "converged"
+
+
+@pytest.mark.parametrize("command", ["check", "reduce", "update"])
+def test_a_cache_that_cannot_be(frame: Folder, command: str) -> None:
+    result = frame.run(command, "--cache", "x" * 5000)
+    assert result.code == 2, result.stderr
+    assert "the cache cannot be used" in result.stderr
+    assert len(result.stderr) < 2000
