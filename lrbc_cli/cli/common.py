@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -33,12 +35,19 @@ def progress() -> Callable[[str], None]:
     if verbosity.level >= 1:
         return lambda text: click.echo(text, err=True)
     if verbosity.level == 0 and sys.stderr.isatty():
-        width = 100
+
+        def width() -> int:
+            # Of stderr, as stdout may be a file. Terminals begin a new line after their last column; windows are resized.
+            try:
+                columns = os.get_terminal_size(sys.stderr.fileno()).columns
+            except (OSError, ValueError):
+                columns = 0
+            return max((columns or shutil.get_terminal_size().columns) - 1, 1)
 
         def show(text: str) -> None:
-            click.echo("\r" + text[:width].ljust(width), err=True, nl=False)
+            click.echo("\r" + text[: width()].ljust(width()), err=True, nl=False)
 
-        click.get_current_context().call_on_close(lambda: click.echo("\r" + " " * width + "\r", err=True, nl=False))
+        click.get_current_context().call_on_close(lambda: click.echo("\r" + " " * width() + "\r", err=True, nl=False))
         return show
     return lambda _: None
 

@@ -9,6 +9,7 @@ import select
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
 import click
@@ -30,6 +31,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 DEFECT = 1
 INTERRUPTED = 130
 PIPE_CLOSED = 141
+#: Errors of writing that more space or another place mends.
+NO_SPACE = {code for name in ("ENOSPC", "EDQUOT", "EFBIG") if (code := getattr(errno, name, None)) is not None}
 
 
 class LazyGroup(click.Group):
@@ -65,17 +68,25 @@ class LazyGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in self.table.items()])
 
+    def make_context(self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any) -> click.Context:
+        """Read the options; end quietly where the help has no reader."""
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except BrokenPipeError:
+            _release_streams()
+            raise click.exceptions.Exit(PIPE_CLOSED) from None
+
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; end quietly where the reader of stdout has gone (``lrbc schema | head``)."""
+        """Run the command; end quietly where the reader of its output has gone (``lrbc schema | head``)."""
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
         except OSError as error:
             if error.errno != errno.EPIPE:
                 raise
-            if not _stdout_is_closed():
+            if not _reader_has_gone():
                 raise RuntimeError(f"a pipe broke: {error}") from error
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _release_streams()
             ctx.exit(PIPE_CLOSED)
         return result
 
@@ -89,6 +100,7 @@ class LazyGroup(click.Group):
     ) -> Any:
         """Run and exit: an int that a command returns is its exit code, errors have theirs."""
         verbosity.reset()
+        _complete_streams()
         try:
             code = super().main(args, prog_name or "lrbc", complete_var, standalone_mode=False, **extra)
         except Exception as error:
@@ -124,16 +136,32 @@ def _defect(error: BaseException) -> str:
     return f"lrbc: a defect of the program ({problem})\n  to mend:  run with -vv for the traceback, and report it"
 
 
-def _stdout_is_closed() -> bool:
-    """Tell whether the reader of stdout has gone; a pipe may have broken elsewhere."""
+def _complete_streams() -> None:
+    """Open the null device where a standard stream was closed (``>&-``): a run needs no reader, and no file may get its number."""
+    for name, flags, mode in (("stdin", os.O_RDONLY, "r"), ("stdout", os.O_WRONLY, "w"), ("stderr", os.O_WRONLY, "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, flags), mode, encoding="utf-8"))
+
+
+def _release_streams() -> None:
+    """Let go what a standard stream cannot take: the interpreter would try, and complain, once more at its end."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _reader_has_gone() -> bool:
+    """Tell whether the reader of stdout or stderr has gone; a pipe may have broken elsewhere."""
     try:
         poll = select.poll()
-        poll.register(sys.stdout.fileno(), 0)
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):  # no file, as in tests
+                poll.register(stream.fileno(), 0)
         return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
     except AttributeError:  # no poll on Windows
         return True
-    except OSError:
-        return False
 
 
 def _stop(error: BaseException) -> NoReturn:
@@ -146,11 +174,17 @@ def _stop(error: BaseException) -> NoReturn:
         message, code = _usage_error(error), error.exit_code
     elif isinstance(error, KeyboardInterrupt | click.Abort):
         message, code = "lrbc: interrupted; what was finished is kept", INTERRUPTED
+    elif isinstance(error, OSError) and error.errno in NO_SPACE:
+        hint = "free space where stdout and the results go, or choose another place"
+        full = ConfigError(f"what was found cannot be written ({error.strerror})", file=error.filename, hint=hint)
+        message, code = full.message, full.exit_code
     else:
         message, code = _defect(error), DEFECT
-    click.echo(message, err=True)
-    if verbosity.level >= 2 and not isinstance(error, click.ClickException):
-        click.echo("".join(traceback.format_exception(error)).rstrip(), err=True)
+    with suppress(OSError):
+        click.echo(message, err=True)
+        if verbosity.level >= 2 and not isinstance(error, click.ClickException):
+            click.echo("".join(traceback.format_exception(error)).rstrip(), err=True)
+    _release_streams()
     sys.exit(code)
 
 

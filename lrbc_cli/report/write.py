@@ -13,7 +13,6 @@ from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.page import Content, FrfFigure, render
-from lrbc_cli.report.png import draw, is_current
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job, read_reduction
 
 #: Fewer figures than this are drawn here: starting processes takes about as long.
@@ -116,6 +115,9 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
 
 
 def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) -> int:
+    # matplotlib takes a second to import; `update` comes by here for the summary only.
+    from lrbc_cli.report.png import is_current
+
     todo = [(chart, file) for chart, file in tasks if not is_current(chart, file)]
     if todo:
         say(f"drawing {len(todo)} figures")
@@ -131,4 +133,6 @@ def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) 
 
 
 def _draw_one(task: _Task) -> None:
+    from lrbc_cli.report.png import draw
+
     draw(*task)
