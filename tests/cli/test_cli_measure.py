@@ -25,46 +25,52 @@ def measure(folder: Folder, *args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def arrive(folder: Folder, waiting: Path, name: str, content: bytes | None = None) -> str:
-    """Put a new file where the campaign expects it; the folder to watch, which holds what is new."""
-    shutil.rmtree(folder.path / "new", ignore_errors=True)
-    (folder.path / "new").mkdir()
-    (folder.data / "frf" / name).write_bytes(content or (waiting / name).read_bytes())
-    shutil.copy(folder.data / "frf" / name, folder.path / "new")
-    return str(folder.path / "new")
-
-
 def test_files_arrive_one_by_one(tmp_path: Path) -> None:
+    """The campaign's own files are missing: what arrives is identified, from a folder that needs quotes."""
     folder = frame(tmp_path / "frame")
     waiting = tmp_path / "waiting"
     (folder.data / "frf").rename(waiting)
-    (folder.data / "frf").mkdir()
+    new = tmp_path / "it's new: #1"
+    new.mkdir()
 
-    tight = measure(folder, str(folder.config), arrive(folder, waiting, "tight.csv"), "--once")
+    shutil.copy(waiting / "tight.csv", new)
+    (new / "notes.csv").write_text("no measurement")
+    (new / "two words.csv").write_text("no measurement")
+    tight = measure(folder, str(folder.config), str(new), "--once")
     assert tight.returncode == 0, tight.stderr
     assert "reduced model:" in tight.stdout
     assert "tight: all bolts tight, go on" in tight.stdout
+    assert "notes.csv: no job of this campaign has this name" in tight.stdout
+    assert "two words.csv: no job of this campaign has this name" in tight.stdout
     assert (folder.out / "report.html").is_file()
+    assert not (folder.out / "notes").exists()
 
+    # Another measurement under the name of this job.
     before = (folder.out / "tight" / "result.json").stat().st_mtime_ns
-    loose = measure(folder, str(folder.config), arrive(folder, waiting, "loose-2.csv"), "--once")
+    shutil.copy(waiting / "loose-2.csv", new / "loose-all.csv")
+    loose = measure(folder, str(folder.config), str(new), "--once")
     assert loose.returncode == 6, loose.stderr
     assert "cache: hit" in loose.stdout
-    assert "loose-2: A BOLT IS LOOSE" in loose.stdout
+    assert "loose-all: A BOLT IS LOOSE" in loose.stdout
+    assert {bolt["name"] for bolt in folder.result("loose-all")["bolts"] if bolt["verdict"] == "loose"} == {"B3", "B4"}
     assert (folder.out / "tight" / "result.json").stat().st_mtime_ns == before
-    assert "loose-2" in (folder.out / "report.html").read_text()
+    assert "loose-all" in (folder.out / "report.html").read_text()
 
     # Half a file.
-    half = measure(folder, str(folder.config), arrive(folder, waiting, "loose-all.csv", b"frequency_hz,acc1_r"), "--once")
+    (new / "loose-2.csv").write_bytes(b"frequency_hz,acc1_r")
+    half = measure(folder, str(folder.config), str(new), "--once")
     assert half.returncode == 5
-    assert "loose-all: no result" in half.stdout
-    assert "loose-all.csv" in half.stderr
-    assert folder.result("loose-2")["status"] == "converged"
+    assert "loose-2: no result" in half.stdout
+    assert str(new / "loose-2.csv") in half.stderr
+    assert folder.result("loose-all")["status"] == "converged"
 
 
 def test_wrong_calls(tmp_path: Path) -> None:
     folder = frame(tmp_path / "frame")
     assert "usage: measure.sh CONFIG FOLDER" in measure(folder).stderr
+    nowhere = measure(folder, str(folder.config), str(tmp_path / "nowhere"), "--once")
+    assert nowhere.returncode == 2
+    assert "nowhere" in nowhere.stderr
     missing = measure(folder, str(tmp_path / "none.yaml"), str(tmp_path), "--once")
     assert missing.returncode == 2
     assert "none.yaml" in missing.stderr
