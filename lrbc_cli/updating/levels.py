@@ -19,7 +19,7 @@ from lrbc_cli.updating.optimise import HistoryEntry, Solution, gauss_newton
 Floats = NDArray[np.float64]
 
 #: Values along an edge at each level before the full one.
-KNOTS = (3, 5, 9)
+KNOTS = (1, 3, 5, 9)
 
 #: Step between the uniform values tried on the first level [decades], and how many at the most.
 SCAN_STEP, SCAN_MOST = 0.25, 41

@@ -339,7 +339,7 @@ def gradients(inputs: Inputs, stage: ReductionStage, job: str, repeats: int) -> 
 
     def cost(at: Floats) -> float:
         difference = (decibel(misfit.model.frf(at)) - misfit.target)[misfit.valid]
-        prior = misfit.root_eta * (at - misfit.prior)
+        prior = misfit.penalty @ (at - misfit.prior)
         return float(np.log10(difference @ difference + prior @ prior))
 
     def forward() -> Floats:
