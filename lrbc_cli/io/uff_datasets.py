@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text import decode
 from lrbc_cli.io.uff_axis import even_axis
+from lrbc_cli.io.uff_form import DataForm, data_form
 
 _DELIMITER = re.compile(rb"^[ \t]*-1[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
 _IDENTIFIER = re.compile(r"\s*(\d{1,6})([bB])?(?![\w.])(.*)")
@@ -208,7 +209,7 @@ def _header(content: bytes, start: int, count: int, path: Path, place: str) -> t
 def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFunction:
     place = f"record {record} ({dataset.place})"
     lines, start = _header(body, 0, _HEADER_LINES, path, place)
-    form = _data_form(lines[6], path, place)
+    form = data_form(lines[6], path, place)
     per_point = (2 if form.is_complex else 1) + (0 if form.even else 1)
     data = body[start:]
     tokens = data.split()
@@ -264,7 +265,7 @@ def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int)
             "this form of binary function is not read", file=path, place=place, expected=expected, found=found, hint="export as ASCII"
         )
     lines, start = _header(content, dataset.start, header_lines, path, place)
-    form = _data_form(lines[6], path, place)
+    form = data_form(lines[6], path, place)
     width = 8 if form.double else 4
     value_bytes = width * (2 if form.is_complex else 1)
     # The abscissa is single by the format's text, double in what several programs write.
@@ -308,32 +309,8 @@ def _closing(content: bytes, end: int) -> int | None:
     return len(content) if not content[end : end + 100].strip(b" \t\r\n\0\x1a") and len(content) - end < 100 else None
 
 
-@dataclass(frozen=True)
-class _Form:
-    count: int
-    even: bool
-    is_complex: bool
-    double: bool
-    minimum: str
-    increment: str
-
-
-def _data_form(line: str, path: Path, place: str) -> _Form:
-    for words in (line.split(), [line[a:b] for a, b in ((0, 10), (10, 20), (20, 30), (30, 43), (43, 56))]):
-        try:
-            kind, count, spacing = (int(word) for word in words[:3])
-            minimum, increment = (word.strip().upper().replace("D", "E") for word in words[3:5])
-            even = np.isfinite(float(minimum)) and 0 < float(increment) < np.inf
-        except ValueError:
-            continue
-        if kind in (2, 4, 5, 6) and count > 0 and (spacing == 0 or (spacing == 1 and even)):
-            return _Form(count, spacing == 1, kind in (5, 6), kind in (4, 6), minimum, increment)
-    expected = "ordinate type 2, 4, 5 or 6, number of points, spacing 0 or 1, minimum, increment"
-    raise _refuse(path, place, "record 7 of a function is wrong", expected, repr(line[:80]))
-
-
 def _build(
-    form: _Form,
+    form: DataForm,
     lines: list[str],
     numbers: NDArray[np.float64],
     path: Path,

@@ -52,7 +52,7 @@ def function(
     lines = ["    -1", "    58", "made up", "NONE", "NONE", "NONE", id5]
     dofs = "".join(f" {name:<10}{node:10d}{direction:4d}" for name, node, direction in (response, reference))
     lines.append(f"{kind:5d}{0:10d}{1:5d}{0:10d}{dofs}")
-    lines.append(f"{ordinate:10d}{len(values) if count is None else count:10d}{1:10d}{spacing}{0.0:13.5E}")
+    lines.append(f"{ordinate:10d}{len(values) if count is None else count:>10}{1:10d}{spacing}{0.0:13.5E}")
     for code, length, force, label, unit in ((abscissa[0], 0, 0, "", abscissa[1]), numerator, denominator, (0, 0, 0, "NONE", "NONE")):
         lines.append(f"{code:10d}{length:5d}{force:5d}{0:5d} {label:<20} {unit:<20}")
     lines += [body] if body is not None else ["".join(f"{x:13.5E}" for x in numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
@@ -363,9 +363,13 @@ def test_bytes_that_look_like_a_closing_line(tmp_path):
         (function() + function(body=" 1.0 2.0"), r"record 2 .*6 numbers.*2 numbers"),
         (function(body=" 1.0 2.0 3.0 4.0 5.0 6.0 7.0"), "7 numbers"),
         (function(count=10**9), "1000000000 points"),
-        (function(count=0), "record 7"),
-        (function(ordinate=5).replace("         5         3", "         9         3"), "record 7"),
-        (function(spacing="  1.00000E+01 -5.00000E-01"), "record 7"),
+        (function(count=0), "record 7 of a function is wrong: number of points\n.*above 0\n.*'0' in"),
+        (function(count="many").replace("many", "**********"), r"record 7 .*number of points\n.*\n.*'\*+'"),
+        (function(ordinate=5).replace("         5         3", "         9         3"), "record 7 .*ordinate data type\n.*\n.*'9' in"),
+        (function().replace(f"{3:10d}{1:10d} ", f"{3:10d}{7:10d} "), "record 7 .*abscissa spacing\n.*\n.*'7' in"),
+        (function(spacing="          nan  5.00000E-01"), "record 7 .*abscissa minimum\n.*\n.*'nan' in"),
+        (function(spacing="  1.00000E+01 -5.00000E-01"), "record 7 .*abscissa increment\n.*above 0\n.*'-5.00000E-01' in"),
+        (function(spacing=""), "record 7 .*abscissa increment"),
         (function(spacing=" -1.00000E+01  5.00000E-01"), "a frequency is wrong"),
         (function(body="9 1 1 8 1 1 7 1 1").replace(f"{1:10d}  1.00000E+01", f"{0:10d}  0.00000E+00"), "do not rise"),
         (function(denominator=(12, 0, 0, "", "NONE")), r"record 1: this is not an FRF over force"),
