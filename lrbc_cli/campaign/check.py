@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ class Findings:
     tree: dict[str, Any] = field(default_factory=dict)
 
 
-def check(inputs: Inputs, folder: Path) -> Findings:
+def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     """Examine the inputs of a campaign; changes nothing.
 
     Parameters
@@ -49,6 +50,8 @@ def check(inputs: Inputs, folder: Path) -> Findings:
     inputs : Inputs
     folder : Path
         Of the cache.
+    detailed : bool
+        Say for every job which record is which response.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def check(inputs: Inputs, folder: Path) -> Findings:
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
     out.sections["reduced model"] = _reduction(inputs, decision)
-    out.sections["jobs"] = _jobs(inputs, parts, out)
+    out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
     model = inputs.model
     out.tree = {
         "campaign": inputs.campaign.name,
@@ -162,7 +165,7 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision) -> list[str]:
     return lines
 
 
-def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings) -> list[str]:
+def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) -> list[str]:
     if not inputs.campaign.jobs:
         return ["none"]
     lines = []
@@ -173,16 +176,27 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings) -> list[str]:
             selected = select_lines(inputs, measurement, name)
         except LrbcError as error:
             out.errors[name] = error
-            lines.append(f"{name}: unusable")
+            lines.append(f"{name}: unusable ({error.message.splitlines()[0]})")
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         lines.append(f"{name}: {measurement.notes[0]}, {selected.size} selected, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
-        lines += [f"  {note}" for note in measurement.notes[1:]]
+        lines += [f"  {note}" for note in (*_packed(measurement.notes[1:]), *(measurement.records if detailed else ()))]
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
     except OSError:
         out.jobs = []
     lines += [f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})" for p in out.jobs]
+    return lines
+
+
+def _packed(notes: Sequence[str], width: int = 120) -> list[str]:
+    """Short notes side by side."""
+    lines: list[str] = []
+    for note in notes:
+        if lines and len(lines[-1]) + len(note) + 2 <= width:
+            lines[-1] += f"; {note}"
+        else:
+            lines.append(note)
     return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,8 @@ from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs
 from lrbc_cli.updating.saturation import Saturation, saturation
+
+log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -207,6 +210,8 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     start = time.perf_counter()
     settings = inputs.campaign.update
     measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
+    for warning in measurement.warnings:
+        log.warning("job %s: %s", name, warning)
     read = time.perf_counter()
     s = 2j * np.pi * measurement.frequency_hz
     selected = select_lines(inputs, measurement, name)

@@ -19,6 +19,9 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
+#: Shares of the band that the lines should cover, and of the lines on which a response that enters the cost should have values.
+MIN_BAND, MIN_LINES = 0.9, 0.8
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -32,6 +35,8 @@ class Measurement:
     coherence : (F, R) float array
         NaN where unknown.
     notes, warnings : tuples of str
+    records : tuple of str
+        Which record each response is, where it has one.
     hashes : dict
     """
 
@@ -40,6 +45,7 @@ class Measurement:
     coherence: Floats = field(repr=False)
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+    records: tuple[str, ...]
     hashes: dict[str, str]
 
 
@@ -135,6 +141,7 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     used = set(inputs.used.tolist())
     records: list[FrfRecord | None] = []
     notes, warnings = list(frf.notes), []
+    unstated: list[str] = []
     for i, response in enumerate(inputs.responses):
         wanted = job.records.get(response.name, campaign.responses[response.name].record)
         record = match_record(response, wanted, frf, inputs)
@@ -152,7 +159,7 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         if record is None:
             warnings.append(f"{job.frf.name}: no record of response {response.name}, which is only reported")
         elif record.quantity is None:
-            notes.append(f"{response.name}: the file does not say the quantity; taken as {response.quantity} in {response.unit}")
+            unstated.append(response.name)
         elif record.quantity != response.quantity:
             raise DataError(
                 f"the record of response {response.name} has another quantity",
@@ -163,8 +170,8 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 hint=f"set responses.{response.name}.quantity, or correct the record",
             )
         records.append(record)
-        if record is not None:
-            notes.append(f"{response.name}: {_describe(record)}")
+    if unstated:
+        notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
     axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
@@ -187,12 +194,36 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             raise DataError(
                 f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values"
             )
+    warnings += _gaps(axis, values, job, inputs)
     notes.insert(
         0,
         f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz"
         + (f" ({low} below and {high} above the band left out)" if low or high else ""),
     )
-    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), hashes)
+    mapping = (f"{r.name}: {_describe(record)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
+    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), tuple(mapping), hashes)
+
+
+def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
+    """Warn of a measurement that is much smaller than the band: it may have been cut off on its way here."""
+    found = []
+    low, high = inputs.campaign.reduction.band
+    # Each line stands for its surroundings.
+    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
+    if axis[-1] - axis[0] + step < MIN_BAND * (high - low):
+        found.append(
+            f"{job.frf.name}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
+            f"from {low:g} to {high:g} Hz; is the file complete?"
+        )
+    for i in inputs.used:
+        finite = np.isfinite(values[:, i])
+        if finite.mean() < MIN_LINES:
+            own = axis[finite]
+            found.append(
+                f"{job.frf.name}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
+                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete?"
+            )
+    return found
 
 
 def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -> tuple[Floats, int, int]:

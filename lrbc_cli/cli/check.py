@@ -8,7 +8,7 @@ import click
 
 from lrbc_cli.campaign.check import check as examine
 from lrbc_cli.cli.common import cache_folder, load, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import campaign_options, verbosity
 
 
 @click.command()
@@ -16,7 +16,7 @@ from lrbc_cli.cli.options import campaign_options
 def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool) -> int:
     """Read all inputs and print the plan; change nothing."""
     inputs = load(config, overrides)
-    findings = examine(inputs, cache_folder(cache))
+    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
     if as_json:
         say_json(findings.tree)
     else:

@@ -142,7 +142,12 @@ def test_quantities_must_agree(box: Folder) -> None:
 def test_a_file_that_does_not_say_its_quantity(box: Folder) -> None:
     write_frf(box.data / "loose.csv", read_frf(box.data / "loose.uff"))
     found = measured(box, "jobs.loose.frf=data/loose.csv")
-    assert "acc1: the file does not say the quantity; taken as acceleration in m/s²/N" in found.notes
+    stated = "quantities not stated in the file, taken as in the campaign: mic1, mic2, mic3, acc1"
+    assert found.notes[0] == "191 lines from 20 to 400 Hz"
+    assert found.notes[-1] == stated
+    assert not [note for note in found.notes[:-1] if "acc1" in note]
+    assert [line.partition(": ")[0] for line in found.records] == ["mic1", "mic2", "mic3", "acc1"]
+    assert found.records[3].endswith("acc1, quantity unknown")
     # The layout says it for the whole file, in a unit of its own.
     error = refused(box, "jobs.loose.frf=data/loose.csv", "jobs.loose.format={unit: g/N}")
     assert "another quantity" in str(error)
@@ -209,7 +214,28 @@ def test_a_single_line(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[30:31], values=r.values[30:31]))
     found = measured(box)
     assert found.frequency_hz.tolist() == [80.0]
+    assert found.warnings == ("loose.uff: the lines from 80 to 80 Hz cover 0% of the band from 20 to 400 Hz; is the file complete?",)
     assert box.run("update", "--job", "loose").code == 0
+
+
+def test_a_measurement_that_was_cut_off(box: Folder) -> None:
+    rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
+    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete?"
+    assert measured(box).warnings == (warning,)
+    assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
+    assert warning in box.run("check").stdout
+    result = box.run("update", "--job", "loose")
+    assert result.code == 0
+    assert result.stderr == f"WARNING: job loose: {warning}\n"
+    assert box.result("loose")["notes"][0] == warning
+
+
+def test_a_response_that_was_cut_off(box: Folder) -> None:
+    rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:150], values=r.values[:150]) if r.name == "mic2" else r)
+    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete?"
+    assert measured(box).warnings == (warning,)
+    assert measured(box, "update.responses=[mic1, acc1]").warnings == ()
+    assert measured(box, "reduction.band=[20.0, 380.0]").warnings == ()
 
 
 def test_band_ends_are_inside(box: Folder) -> None:

@@ -59,7 +59,12 @@ def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     assert any("estimate" in line and "GB" in line for line in reduced)
     jobs = section(result.stdout, "jobs")
     assert any(line.startswith("tight: 471 lines from 30 to 500 Hz") and "4 of 4 responses matched" in line for line in jobs)
-    assert "acc1: column acc1_real: acc1, quantity unknown" in jobs
+    stated = "quantities not stated in the file, taken as in the campaign: acc1, acc2, acc3, acc4"
+    assert jobs.count(stated) == 3
+    assert len(jobs) == 12
+    mapping = "acc1: column acc1_real: acc1, quantity unknown"
+    assert mapping not in jobs
+    assert section(folder.run("check", "-v").stdout, "jobs").count(mapping) == 3
     assert "loose-all: runs (no result yet)" in jobs
     assert "warnings" not in result.stdout.splitlines()
 
@@ -100,7 +105,9 @@ def test_coupling_of_the_box(box: Folder) -> None:
 
 def test_half_a_symmetric_matrix(tmp_path: Path) -> None:
     folder = chain_folder(tmp_path / "new")
-    (folder.data / "one.csv").write_text("frequency_hz,a_real,a_imag,b_real,b_imag\n" + "".join(f"{f},1,0,1,0\n" for f in range(20, 60)))
+    (folder.data / "one.csv").write_text(
+        "frequency_hz,a_real,a_imag,b_real,b_imag\n" + "".join(f"{f},1,0,1,0\n" for f in range(20, 501, 10))
+    )
     assert warnings(folder) == []
     spoil(folder, lambda matrices: matrices.update(K=np.tril(matrices["K"])))
     found = warnings(folder)
@@ -111,7 +118,9 @@ def test_half_a_symmetric_matrix(tmp_path: Path) -> None:
 
 def test_singular_mass_and_orphans(tmp_path: Path) -> None:
     folder = chain_folder(tmp_path / "new")
-    (folder.data / "one.csv").write_text("frequency_hz,a_real,a_imag,b_real,b_imag\n" + "".join(f"{f},1,0,1,0\n" for f in range(20, 60)))
+    (folder.data / "one.csv").write_text(
+        "frequency_hz,a_real,a_imag,b_real,b_imag\n" + "".join(f"{f},1,0,1,0\n" for f in range(20, 501, 10))
+    )
 
     def massless(matrices: Matrices) -> None:
         matrices["M"][4:6] = 0.0
@@ -189,7 +198,7 @@ def test_unusable_measurements_leave_the_rest_of_the_plan(frame: Folder) -> None
     assert result.code == 3
     assert frame.listing() == before
     jobs = section(result.stdout, "jobs")
-    assert "loose-2: unusable" in jobs
+    assert f"loose-2: unusable ({frame.data / 'frf' / 'loose-2.csv'}: the file is empty)" in jobs
     assert "tight: kept (nothing changed)" in jobs
     assert "loose-all: kept (nothing changed)" in jobs
     assert "loose-2.csv: the file is empty" in result.stderr
