@@ -142,6 +142,12 @@ class TestDerivatives:
         direction = np.random.default_rng(seed).normal(size=mixed.size)
         check_derivative(mixed.scales, mixed.scale_jacobian(mixed.initial), mixed.initial, direction, first=0.05)
 
+    @pytest.mark.parametrize("more", [{"weights": (0.1, 0.7, 0.2)}, {"weights": THIRDS, "normalised": True}])
+    def test_unsymmetric_smoothing(self, more):
+        P = Parameterisation((group("edge", "stiffness", range(6), **more),))
+        direction = np.random.default_rng(1).normal(size=6)
+        check_derivative(P.scales, P.scale_jacobian(P.initial), P.initial, direction, first=0.05)
+
     def test_p_damp_does_not_move_the_scales(self, mixed):
         assert not mixed.scale_jacobian(mixed.initial)[:, mixed.is_damping].any()
 
