@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli import __version__
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 
 RESULT_FORMAT, RESULT_VERSION = "lrbc-result", 1
+CAMPAIGN_FORMAT = "lrbc-campaign"
 
 
 def versions() -> dict[str, str]:
@@ -149,6 +151,29 @@ def _difference(value: Any, form: Any, place: str = "") -> tuple[str, str, str] 
                 return f"{place}.{key}".lstrip("."), "a value", "no such key"
         parts = [(f"{place}.{key}".lstrip("."), value[key], below) for key, below in form.items()]
     return next((found for at, item, below in parts if (found := _difference(item, below, at)) is not None), None)
+
+
+def require_own_output(campaign: Campaign) -> None:
+    """Refuse an output folder with the results of another campaign: jobs of one name would pass for each other.
+
+    Raises
+    ------
+    ConfigError
+    """
+    path = campaign.output / "campaign.json"
+    try:
+        tree = read_json(path, CAMPAIGN_FORMAT)
+    except DataError:
+        return  # damaged: it is written anew, or the report says so
+    other = None if tree is None else tree.get("campaign")
+    if isinstance(other, str) and other != campaign.name:
+        raise campaign.error(
+            "the output folder holds the results of another campaign",
+            "output",
+            expected=f"results of '{campaign.name}' in {campaign.output}",
+            found=f"those of '{other}'",
+            hint="choose another `output`, or remove the folder; if the campaign was only renamed, remove its campaign.json",
+        )
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

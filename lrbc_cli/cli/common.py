@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import cache_folder
-from lrbc_cli.campaign.documents import plain
+from lrbc_cli.campaign.documents import plain, require_own_output
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign
@@ -21,9 +21,12 @@ from lrbc_cli.config import load_campaign
 __all__ = ["cache_folder", "load", "progress", "say_json"]
 
 
-def load(config: Path, overrides: tuple[str, ...]) -> Inputs:
-    """Read the campaign file and its model; warnings go to stderr."""
-    inputs = read_inputs(load_campaign(config, overrides))
+def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True) -> Inputs:
+    """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts."""
+    campaign = load_campaign(config, overrides)
+    if own_output:
+        require_own_output(campaign)
+    inputs = read_inputs(campaign)
     if verbosity.level >= 0:
         for warning in inputs.warnings:
             click.echo(f"warning: {warning}", err=True)

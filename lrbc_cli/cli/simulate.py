@@ -38,7 +38,7 @@ def simulate(
     accept_tolerance: bool,
 ) -> None:
     """Compute FRFs of the model and write them to a file."""
-    inputs = load(config, overrides)
+    inputs = load(config, overrides, own_output=job is not None)
     frf = compute(
         inputs,
         cache_folder(cache),

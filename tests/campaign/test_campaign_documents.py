@@ -93,3 +93,27 @@ def test_a_cache_that_cannot_be(frame: Folder, command: str) -> None:
     assert result.code == 2, result.stderr
     assert "the cache cannot be used" in result.stderr
     assert len(result.stderr) < 2000
+
+
+@pytest.mark.parametrize("args", [["check"], ["reduce"], ["update"], ["update", "--dry-run"], ["report"], ["simulate", "--job", "tight"]])
+def test_the_output_of_another_campaign_is_refused(frame: Folder, args: list[str]) -> None:
+    frame.replace("campaign: frame-left-edge", "campaign: frame-right-edge")
+    before = frame.listing()
+    result = frame.run(*args, *(["--out", frame.path / "x.csv"] if args[0] == "simulate" else []))
+    assert result.code == 2, result.stderr
+    for part in ("line ", ", output: ", "'frame-right-edge'", "'frame-left-edge'", str(frame.out), "another `output`"):
+        assert part in result.stderr
+    assert frame.listing() == before
+
+
+def test_ways_out_of_a_foreign_output(frame: Folder) -> None:
+    frame.replace("campaign: frame-left-edge", "campaign: frame-right-edge")
+    assert frame.run("simulate", "--out", frame.path / "x.csv").code == 0
+    assert frame.run("check", "--override", "output=other").code == 0
+    (frame.out / "campaign.json").write_text("damaged")
+    assert frame.run("check").code == 0
+    (frame.out / "campaign.json").unlink()
+    result = frame.run("update", "-v")
+    assert result.code == 0
+    assert "tight: kept, nothing changed" in result.stderr
+    assert frame.run("report").code == 0

@@ -205,6 +205,11 @@ def touched(folder: Folder) -> tuple[str, ...]:
     return ()
 
 
+def retitled(folder: Folder) -> tuple[str, ...]:
+    (folder.out / "campaign.json").unlink()
+    return ("--override", "campaign=another title")
+
+
 def commented(folder: Folder) -> tuple[str, ...]:
     folder.config.write_text("# a remark\n" + folder.config.read_text())
     return ()
@@ -218,7 +223,7 @@ def commented(folder: Folder) -> tuple[str, ...]:
         commented,
         lambda _: ("--override", "reduction.backend=superlu"),
         lambda _: ("--workers", "2"),
-        lambda _: ("--override", "campaign=another title"),
+        retitled,
         lambda _: ("--accept-tolerance",),
         lambda folder: ("--override", f"output={folder.path.as_posix()}/x/../out"),
     ],
