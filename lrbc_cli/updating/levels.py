@@ -83,12 +83,19 @@ class Level:
 
 
 def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats]:
-    """Thetas with a few uniform values of all groups between their bounds; p_damp stays."""
-    damping = misfit.model.parameters.is_damping
+    """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
+
+    Where there is no stiffness group all groups are moved.
+    """
+    parameters = misfit.model.parameters
+    moved = np.zeros(parameters.size, dtype=bool)
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        moved[values] = group.kind == "stiffness"
+    if not moved.any():
+        moved = ~parameters.is_damping
     width = bounds[:, 1] - bounds[:, 0]
-    widest = float(np.max(width[~damping], initial=0.0))
-    count = int(np.clip(np.ceil(widest / SCAN_STEP) + 1, 2, SCAN_MOST))
-    return [np.where(damping, theta, bounds[:, 0] + fraction * width) for fraction in np.linspace(0.0, 1.0, count)]
+    count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / SCAN_STEP) + 1, 2, SCAN_MOST))
+    return [np.where(moved, bounds[:, 0] + fraction * width, theta) for fraction in np.linspace(0.0, 1.0, count)]
 
 
 def gauss_newton_by_levels(
