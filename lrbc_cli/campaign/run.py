@@ -256,11 +256,11 @@ def run_jobs(
                 f"{name}: {tree['status']}, misfit {misfit['initial']:.2f} -> {misfit['final']:.2f} dB, {tree['seconds']['total']:.1f} s"
             )
 
-    if reference in todo:
-        # The others are compared with it.
-        done(str(reference), lambda: one(str(reference)))
-        todo.remove(str(reference))
     try:
+        if reference in todo:
+            # The others are compared with it.
+            done(str(reference), lambda: one(str(reference)))
+            todo.remove(str(reference))
         _run_all(todo, one, done, workers)
     finally:
         write_table(output, list(campaign.jobs))
