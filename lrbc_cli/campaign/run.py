@@ -21,7 +21,7 @@ from lrbc_cli.io.atomic import file_hash
 log = logging.getLogger(__name__)
 
 #: Increased whenever the same input would be identified differently.
-IDENTIFICATION_VERSION = 2
+IDENTIFICATION_VERSION = 3
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ moved yet, and the optimiser stays in that basin. A coarse profile moves the pea
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,9 @@ KNOTS = (1, 3, 5, 9)
 
 #: Step between the uniform values tried on the first level [decades], and how many at the most.
 SCAN_STEP, SCAN_MOST = 0.25, 41
+
+#: Basins of the scan from which the levels are gone through; the lowest end is kept.
+STARTS = 2
 
 #: Stop rule of the coarse levels.
 LEVEL_TOLERANCE, LEVEL_ITERATIONS = 1e-3, 25
@@ -124,24 +127,43 @@ def gauss_newton_by_levels(
         first = len(history)
         history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
-    theta = np.clip(start, bounds[:, 0], bounds[:, 1])
-    lowest = np.inf
-    for trial in [theta, *uniform_values(misfit, theta, bounds)]:
+    first = np.clip(start, bounds[:, 0], bounds[:, 1])
+    trials = [first, *uniform_values(misfit, first, bounds)]
+    totals: list[float] = []
+    for trial in trials:
         value = misfit(trial)
-        better = bool(np.isfinite(value.total) and value.total < lowest)
-        note([HistoryEntry(0, value.cost, value.misfit_db, better)])
-        if better:
-            theta, lowest = trial, value.total
+        note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
+        totals.append(value.total if np.isfinite(value.total) else np.inf)
     iterations = 0
-    for knots in KNOTS:
-        T = level_matrix(parameters, knots, damping=True)
-        if T.shape[1] >= parameters.size:
-            break
-        level = Level(misfit, theta, T)
-        coarse = gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=LEVEL_TOLERANCE, max_iterations=LEVEL_ITERATIONS)
-        note(coarse.history)
-        iterations += coarse.iterations
-        theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
-    last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
-    note(last.history)
-    return replace(last, iterations=iterations + last.iterations, evaluations=len(history), history=tuple(history))
+    best: Solution | None = None
+    for at in basins(totals):
+        theta = trials[at]
+        for knots in KNOTS:
+            T = level_matrix(parameters, knots, damping=True)
+            if T.shape[1] >= parameters.size:
+                break
+            level = Level(misfit, theta, T)
+            coarse = gauss_newton(
+                level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=LEVEL_TOLERANCE, max_iterations=LEVEL_ITERATIONS
+            )
+            note(coarse.history)
+            iterations += coarse.iterations
+            theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
+        last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
+        note(last.history)
+        iterations += last.iterations
+        if best is None or last.evaluation.total < best.evaluation.total:
+            best = last
+    assert best is not None  # there is always one start
+    return replace(best, iterations=iterations, evaluations=len(history), history=tuple(history))
+
+
+def basins(totals: Sequence[float]) -> list[int]:
+    """Indices of the trials to start from: the lowest, and the lowest of another basin; trial 0 is the given start.
+
+    The trials after the first stand in order of their values. Without a second valley the given start is tried.
+    """
+    scan = np.array([np.inf, *totals[1:], np.inf])
+    valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]
+    order = sorted(valleys, key=lambda i: totals[i])[:STARTS]
+    return order if len(order) == STARTS else [*order, 0]

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, uniform_values
+from lrbc_cli.updating.levels import Level, basins, gauss_newton_by_levels, hats, level_matrix, uniform_values
 from lrbc_cli.updating.misfit import Misfit, port_model
 from lrbc_cli.updating.optimise import bfgs, gauss_newton
 
@@ -192,3 +192,18 @@ class TestRecovery:
         assert solution.evaluation.misfit_db < 1e-3
         np.testing.assert_allclose(solution.theta[-2:], [0.8, -1.9], atol=1e-3)
         np.testing.assert_allclose(parameters.scales(solution.theta), parameters.scales(truth), rtol=1e-2)
+
+
+class TestBasins:
+    def test_two_valleys(self):
+        assert basins([9.0, 5.0, 2.0, 6.0, 1.0, 4.0]) == [4, 2]
+
+    def test_one_valley_and_the_given_start(self):
+        assert basins([3.0, 5.0, 4.0, 2.0, 4.0]) == [3, 0]
+
+    def test_a_fall_to_the_end_is_a_valley(self):
+        assert basins([3.0, 5.0, 4.0, 2.0]) == [3, 0]
+
+    def test_values_without_a_cost_are_passed_over(self):
+        assert basins([3.0, np.inf, np.inf, 2.0, np.inf]) == [3, 0]
+        assert basins([3.0, np.inf, np.inf]) == [0]
