@@ -300,7 +300,10 @@ def _convergence(jobs: Sequence[JobResult]) -> _Section | None:
     if not charts:
         return None
     drawn = [_drawn(chart) for chart in charts]
-    text = "Accepted evaluations only. Gauss-Newton goes from coarse to fine profiles from two starts, and keeps the lower end: a jump is the second start."
+    text = (
+        "Accepted evaluations only. Gauss-Newton goes from coarse to fine profiles from two starts, and keeps the lower end: "
+        "a jump is the second start."
+    )
     return "convergence", "Convergence", [tag("p", text), legend(charts[0]), tag("div", *drawn, class_="grid pairs")]
 
 
