@@ -133,16 +133,13 @@ class FrfSource:
     progress: Callable[[str], None] = lambda _: None
     _tables: dict[bytes, PortFrf] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    seconds: float = 0.0
 
     def table(self, s: Complexes) -> PortFrf:
         """Port FRFs for all responses on the lines s."""
         with self._lock:
             key = s.tobytes()
             if key not in self._tables:
-                start = time.perf_counter()
                 self._tables[key] = self._compute(s)
-                self.seconds += time.perf_counter() - start
             return self._tables[key]
 
     def _compute(self, s: Complexes) -> PortFrf:

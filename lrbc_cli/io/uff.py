@@ -282,10 +282,6 @@ def _coherence(function: UffFunction, path: Path, notes: Notes) -> Coherence:
     return Coherence(_name(function), dof, frequency, values, function.record)
 
 
-def _identity(record: FrfRecord) -> tuple[object, ...]:
-    return record.name, record.response_node, record.response_direction, record.reference_node, record.reference_direction
-
-
 def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes) -> list[FrfRecord]:
     """Give each FRF the coherence of the same DOFs; names decide where several have them."""
     result = []

@@ -207,7 +207,7 @@ class Reducer:
         grid = self.estimator.grid_hz
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
         for frequency in 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles):
-            self._expand(float(frequency), progress, None)
+            self._expand(float(frequency), progress)
         held_out: list[float] = []
         effectivity = 1.0
         # Valid for the basis as it is: emptied whenever it grows.
@@ -249,10 +249,10 @@ class Reducer:
                 break
         return self._finish(held_out, measured)
 
-    def _expand(self, frequency: float, progress: Callable[[str], None], error: float | None) -> None:
+    def _expand(self, frequency: float, progress: Callable[[str], None]) -> None:
         factorisation, X = self.factor(frequency)
         order, added = self.enrich(frequency, factorisation, X)
-        self._record(frequency, order, added, error, np.full(self.estimator.grid_hz.size, np.nan))
+        self._record(frequency, order, added, None, np.full(self.estimator.grid_hz.size, np.nan))
         progress(f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
 
     def _record(self, frequency: float, order: int, added: int, error: float | None, estimate: Floats) -> None:

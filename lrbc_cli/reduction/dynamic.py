@@ -19,8 +19,6 @@ from lrbc_cli.reduction.ordering import nested_dissection
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
-BACKENDS = ("auto", "superlu", "pardiso")
-
 #: A refined solve whose residual stays above this fraction of its right-hand side is reported as singular.
 RESIDUAL_LIMIT = 1e-6
 
@@ -33,6 +31,10 @@ class Solver(Protocol):
 
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
         """Unrefined solution."""
+
+    @property
+    def nonzeros(self) -> int:
+        """Non-zeros of the factors."""
 
 
 class SuperLuSolver:
@@ -63,14 +65,6 @@ class SuperLuSolver:
     def nonzeros(self) -> int:
         """Non-zeros of the factors."""
         return int(self._lu.nnz)
-
-
-@dataclass(frozen=True)
-class SolveStatistics:
-    """Seconds spent in the full model, for the cost table."""
-
-    factor: tuple[float, ...]
-    solve: tuple[float, ...]
 
 
 class DynamicStiffness:
@@ -140,7 +134,7 @@ class DynamicStiffness:
             data[np.searchsorted(key, entry)] = coo.data[keep]
             self._values.append(data)
         self._diagonal = np.searchsorted(key, np.arange(n) * n + np.arange(n))
-        self._solver: Any = (
+        self._solver: Solver = (
             pardiso.Pardiso(indptr, self._minor, symmetric=self.symmetric) if backend == "pardiso" else SuperLuSolver(indptr, self._minor)
         )
         self._state: tuple[complex, Any, Any] | None = None

@@ -29,7 +29,7 @@ class ReducedModel:
     output_power : (n_out,) int array
     input_of : (n_out,) int array
         Which input each response belongs to.
-    reference : (nt,) complex array pair as (nt, 3) float array
+    reference : (nt, 3) float array
         D_ref(s) = k + s c + s² m of every term: the values about which port FRFs are taken.
     structure : int
         How many of the DOFs, counted from the first, are structural.

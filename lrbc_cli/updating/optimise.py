@@ -14,8 +14,6 @@ from lrbc_cli.updating.misfit import Evaluation
 Floats = NDArray[np.float64]
 Objective = Callable[[Floats], Evaluation]
 
-METHODS = ("gauss-newton", "bfgs")
-
 
 @dataclass(frozen=True)
 class HistoryEntry:
