@@ -1,0 +1,182 @@
+"""Global factors of the model: affine in the operators, but not low rank (gamma, delta, alpha and beta of Table 2, and further groups)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+FIELDS = ("structure", "acoustic")
+
+#: The operators of a model in the order in which coefficients are given.
+OPERATORS = ("stiffness", "damping", "mass")
+
+#: Scales the acoustic mass by its inverse square: c of rho c² changes, rho does not.
+SOUND_SPEED = "sound_speed"
+
+
+@dataclass(frozen=True)
+class Monomial:
+    """``coefficient * prod factor**exponent``, a share of one operator (0 stiffness, 1 damping, 2 mass)."""
+
+    slot: int
+    coefficient: float
+    exponents: Mapping[str, float]
+
+    def value(self, factors: Mapping[str, float]) -> float:
+        """At the given factors; those that are not named are one."""
+        return float(self.coefficient * np.prod([factors.get(name, 1.0) ** power for name, power in self.exponents.items()]))
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One constant matrix and its shares of K, C and M.
+
+    Attributes
+    ----------
+    operator : str
+        Which operator of the model, or of the group, the matrix is taken from.
+    field : str
+        ``structure``, ``acoustic`` or ``coupling``; empty for a whole group.
+    group : str or None
+        A further group instead of the model.
+    shares : tuple of Monomial
+    """
+
+    operator: str
+    field: str
+    group: str | None
+    shares: tuple[Monomial, ...]
+
+    def coefficients(self, factors: Mapping[str, float]) -> NDArray[np.float64]:
+        """(3,) shares of stiffness, damping and mass."""
+        out = np.zeros(3)
+        for share in self.shares:
+            out[share.slot] += share.value(factors)
+        return out
+
+    def slopes(self, factors: Mapping[str, float], name: str) -> NDArray[np.float64]:
+        """(3,) derivative of ``coefficients`` to the natural logarithm of a factor."""
+        out = np.zeros(3)
+        for share in self.shares:
+            out[share.slot] += share.exponents.get(name, 0.0) * share.value(factors)
+        return out
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the operators are put together from constant matrices and factors.
+
+    Attributes
+    ----------
+    pieces : tuple of Piece
+    names : tuple of str
+        Factors that change something.
+    """
+
+    pieces: tuple[Piece, ...]
+    names: tuple[str, ...]
+
+    def assemble(
+        self,
+        K: sp.csc_array,
+        C: sp.csc_array,
+        M: sp.csc_array,
+        is_acoustic: NDArray[np.bool_],
+        groups: Mapping[str, Sequence[sp.csc_array]],
+        factors: Mapping[str, float],
+    ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
+        """Operators at the given factors.
+
+        Parameters
+        ----------
+        K, C, M : (n, n) csc_array
+            At factors that are all one.
+        is_acoustic : (n,) bool array
+        groups : mapping of str to (K, C, M)
+            Matrices of the further groups, which K, C, M contain.
+        factors : mapping
+
+        Returns
+        -------
+        K, C, M : (n, n) csc_array
+        """
+        out: list[sp.csc_array] = [sp.csc_array(K.shape, dtype=A.dtype) for A in (K, C, M)]
+        operators = dict(zip(OPERATORS, (K, C, M), strict=True))
+        for piece in self.pieces:
+            slot = OPERATORS.index(piece.operator)
+            A = groups[piece.group][slot] if piece.group is not None else block(operators[piece.operator], is_acoustic, piece.field)
+            for at, weight in enumerate(piece.coefficients(factors)):
+                if weight != 0.0 and A.nnz:
+                    out[at] = out[at] + weight * A
+        for A in out:
+            A.sort_indices()
+        return out[0].tocsc(), out[1].tocsc(), out[2].tocsc()
+
+
+def block(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], field: str) -> sp.csc_array:
+    """The entries of a matrix that couple a field with itself, or the two fields (``coupling``)."""
+    coo = matrix.tocoo()
+    row, column = is_acoustic[coo.row], is_acoustic[coo.col]
+    keep = {"structure": ~row & ~column, "acoustic": row & column, "coupling": row != column}[field]
+    return sp.coo_array((coo.data[keep], (coo.row[keep], coo.col[keep])), shape=matrix.shape).tocsc()
+
+
+def make_recipe(
+    damping: tuple[tuple[float, float], tuple[float, float]] | None,
+    acoustic: bool,
+    structural: bool = True,
+    groups: Mapping[str, Sequence[bool]] | None = None,
+) -> Recipe:
+    """Say how K, C and M depend on the factors.
+
+    ``stiffness.FIELD`` scales the stiffness of a field, ``mass.FIELD`` its mass; with proportional damping
+    ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise the damping
+    matrix of a field has the factor ``damping.FIELD``. The coupling blocks stay. A further group is contained in the operators once.
+
+    Parameters
+    ----------
+    damping : ((alpha, beta), (alpha, beta)) or None
+        Of structure and air; None where C is a matrix of its own (or nothing).
+    acoustic, structural : bool
+        Which fields there are.
+    groups : mapping of str to (bool, bool, bool)
+        Which operators a further group contributes to.
+
+    Returns
+    -------
+    Recipe
+    """
+    pieces: list[Piece] = []
+    names: list[str] = []
+    present = [name for name, there in zip(FIELDS, (structural, acoustic), strict=True) if there]
+    for name in present:
+        stiffness, mass = {f"stiffness.{name}": 1.0}, {f"mass.{name}": 1.0}
+        names += [*stiffness, *mass]
+        if name == "acoustic":
+            mass[SOUND_SPEED] = -2.0
+        of_stiffness, of_mass = [Monomial(0, 1.0, stiffness)], [Monomial(2, 1.0, mass)]
+        if damping is not None:
+            alpha, beta = damping[FIELDS.index(name)]
+            of_mass.append(Monomial(1, alpha, mass | {f"alpha.{name}": 1.0}))
+            of_stiffness.append(Monomial(1, beta, stiffness | {f"beta.{name}": 1.0}))
+            names += [f"{key}.{name}" for key, value in (("alpha", alpha), ("beta", beta)) if value != 0.0]
+        else:
+            pieces.append(Piece("damping", name, None, (Monomial(1, 1.0, {f"damping.{name}": 1.0}),)))
+            names.append(f"damping.{name}")
+        pieces += [Piece("stiffness", name, None, tuple(of_stiffness)), Piece("mass", name, None, tuple(of_mass))]
+    if len(present) == 2:
+        for slot, operator in enumerate(OPERATORS):
+            if operator != "damping" or damping is None:
+                pieces.append(Piece(operator, "coupling", None, (Monomial(slot, 1.0, {}),)))
+    if acoustic:
+        names.append(SOUND_SPEED)
+    for group, there in (groups or {}).items():
+        names.append(group)
+        for slot, operator in enumerate(OPERATORS):
+            if there[slot]:
+                pieces.append(Piece(operator, "", group, (Monomial(slot, 1.0, {group: 1.0}), Monomial(slot, -1.0, {}))))
+    return Recipe(tuple(pieces), tuple(names))

@@ -1,0 +1,200 @@
+"""The reduced model as a function of global factors: stiffness, mass and damping of each field, and further affine groups (Table 2).
+
+Such factors are affine but not low rank, so the port formula does not cover them. The reduced dynamic stiffness (28) does, and one
+factorisation a line gives the FRFs with all their derivatives: to the terms, to the factors, and to shifts of the loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.factors import OPERATORS, Recipe
+from lrbc_cli.reduction.ports import in_chunks
+from lrbc_cli.reduction.reduced import ReducedModel
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
+SYMMETRY = 1e-9
+
+
+@dataclass(frozen=True)
+class Response:
+    """FRFs and their derivatives.
+
+    Attributes
+    ----------
+    y : (F, R) complex array
+    terms : (F, R, nt) complex array
+        dy/dD_j.
+    factors : (F, R, k) complex array
+        dy/d ln phi_i.
+    shifts : (F, R, 2) complex array
+        dy of a unit shift of the response's load along the two directions of ``AffineModel.shifts``; empty without them.
+    """
+
+    y: Complexes
+    terms: Complexes
+    factors: Complexes
+    shifts: Complexes
+
+
+@dataclass(frozen=True)
+class AffineModel:
+    """``Z(s, phi) = sum_p c_p(s, phi) A_p`` in reduced coordinates.
+
+    Attributes
+    ----------
+    base : ReducedModel
+        At factors that are all one; its columns of B beyond the loads are ``shifts``.
+    recipe : Recipe
+        How the coefficients depend on the factors.
+    extras : mapping of str to sequences of three (r, r) arrays
+        Projected K, C, M of the further groups.
+    shifts : (n_in, 2) int array or None
+        For every load the columns of B that hold its derivatives to two shifts of the hammer [N/m].
+    """
+
+    base: ReducedModel
+    recipe: Recipe
+    extras: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    shifts: NDArray[np.int64] | None = None
+
+    def blocks(self) -> list[Any]:
+        """A_p in the order of ``Recipe.pieces``."""
+        r, ns = self.base.size, self.base.structure
+        first = np.arange(r) < ns
+        inside = {"structure": np.outer(first, first), "acoustic": np.outer(~first, ~first), "coupling": first[:, None] != first[None, :]}
+        operators = dict(zip(OPERATORS, (self.base.K, self.base.C, self.base.M), strict=True))
+        out: list[Any] = []
+        for piece in self.recipe.pieces:
+            if piece.group is not None:
+                out.append(self.extras[piece.group][OPERATORS.index(piece.operator)])
+            else:
+                out.append(np.where(inside[piece.field], operators[piece.operator], 0.0))
+        return out
+
+    def operators(self, factors: Mapping[str, float], slope: str | None = None) -> list[Any]:
+        """K, C and M at the given factors, or their derivative to the logarithm of one of them."""
+        out: list[Any] = [np.zeros((self.base.size, self.base.size)) for _ in range(3)]
+        for piece, A in zip(self.recipe.pieces, self.blocks(), strict=True):
+            weights = piece.coefficients(factors) if slope is None else piece.slopes(factors, slope)
+            for slot in np.flatnonzero(weights):
+                out[slot] = out[slot] + weights[slot] * A
+        return out
+
+    def at(self, factors: Mapping[str, float]) -> ReducedModel:
+        """The reduced model with these factors."""
+        K, C, M = self.operators(factors)
+        return replace(self.base, K=K, C=C, M=M)
+
+    def restricted(self, responses: NDArray[np.int64]) -> AffineModel:
+        """The same for some of the responses."""
+        base = replace(
+            self.base, L=self.base.L[responses], output_power=self.base.output_power[responses], input_of=self.base.input_of[responses]
+        )
+        return replace(self, base=base)
+
+    def linearise(
+        self,
+        s: Complexes,
+        D: Complexes,
+        factors: Mapping[str, float],
+        names: Sequence[str],
+        offset: Floats | None = None,
+        *,
+        workers: int = 2,
+    ) -> Response:
+        """FRFs with their derivatives.
+
+        ``dy/dD_j = -(b_jᵀ v)(c_jᵀ x)`` and ``dy/d ln phi = -vᵀ (dZ/d ln phi) x`` with ``Z x = B u`` and ``Zᵀ v = Lᵀ``, eqs. (28), (32).
+
+        Parameters
+        ----------
+        s : (F,) complex array
+        D : (F, nt) complex array
+            Finite.
+        factors : mapping
+        names : sequence of str
+            Factors to derive to.
+        offset : (n_in, 2) float array or None
+            Shift of each load along its two directions [m].
+
+        Returns
+        -------
+        Response
+        """
+        base = self.base
+        R, r, nt = base.L.shape[0], base.size, base.terms
+        K, C, M = self.operators(factors)
+        slopes = [self.operators(factors, name) for name in names]
+        rows, own = np.arange(R), base.input_of
+        B = np.array(base.B, dtype=float)
+        if offset is not None and self.shifts is not None:
+            for load, columns in enumerate(self.shifts):
+                B[:, load] += base.B[:, columns] @ offset[load]
+        moved = 0 if self.shifts is None else 2
+        y = np.empty((s.size, R), dtype=complex)
+        by_term = np.empty((s.size, R, nt), dtype=complex)
+        by_factor = np.empty((s.size, R, len(names)), dtype=complex)
+        by_shift = np.empty((s.size, R, moved), dtype=complex)
+        kappa = self._kappa(K, C, M)
+        ns = base.structure
+
+        def work(part: slice) -> None:
+            z = s[part, None, None]
+            Z = z**2 * M + z * C + K
+            Z += (base.left * D[part, None, :]) @ base.right.T
+            to_quantity = s[part, None] ** base.output_power[None, :]
+            if kappa is None:
+                x = np.linalg.solve(Z, B.astype(complex)[None])
+                v = np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
+            else:
+                # diag(I, -1/(kappa s²)) Z is symmetric: v follows from the same factorisation.
+                scale = np.ones((Z.shape[0], r, 1), dtype=complex)
+                scale[:, ns:] = -1.0 / (kappa * z**2)
+                both = np.linalg.solve(Z, np.concatenate([np.broadcast_to(B, (Z.shape[0], *B.shape)), base.L.T[None] / scale], axis=2))
+                x, v = both[:, :, : B.shape[1]], scale * both[:, :, B.shape[1] :]
+            own_x = x[:, :, own]
+            y[part] = (base.L @ x)[:, rows, own] * to_quantity
+            by_term[part] = -((base.left.T @ v) * (base.right.T @ own_x)).transpose(0, 2, 1) * to_quantity[:, :, None]
+            for i, (k, c, m) in enumerate(slopes):
+                image = (k @ x) + z * (c @ x) + z**2 * (m @ x)
+                by_factor[part, :, i] = -np.einsum("frj,frj->fj", v, image[:, :, own]) * to_quantity
+            if self.shifts is not None:
+                for i in range(2):
+                    by_shift[part, :, i] = (base.L @ x)[:, rows, self.shifts[own, i]] * to_quantity
+
+        in_chunks(s.size, work, chunk=8, workers=workers)
+        return Response(y, by_term, by_factor, by_shift)
+
+    def _kappa(self, K: Any, C: Any, M: Any) -> float | None:
+        """The factor that makes Z symmetric; None where none does."""
+        ns, base = self.base.structure, self.base
+        if not np.array_equal(base.left, base.right):
+            return None
+        for A in (K, C, M):
+            for part in (A[:ns, :ns], A[ns:, ns:]):
+                if part.size and np.abs(part - part.T).max() > SYMMETRY * np.abs(part).max():
+                    return None
+        if ns in (0, base.size):
+            return 1.0
+        A, F = K[:ns, ns:], -M[ns:, :ns].T
+        if (
+            np.abs(K[ns:, :ns]).max(initial=0.0)
+            or np.abs(M[:ns, ns:]).max(initial=0.0)
+            or np.abs(C[:ns, ns:]).max()
+            or np.abs(C[ns:, :ns]).max()
+        ):
+            return None
+        square = float(np.sum(A * A))
+        if square == 0.0:
+            return 1.0
+        kappa = float(np.sum(A * F)) / square
+        return kappa if kappa != 0.0 and np.abs(F - kappa * A).max() <= SYMMETRY * np.abs(F).max() else None

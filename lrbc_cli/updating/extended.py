@@ -1,0 +1,129 @@
+"""FRFs as a function of the boundary parameters and of what else moves them: global factors, gains, and the point that the hammer hits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.updating.misfit import DB
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Extra:
+    """A scalar unknown beside the boundary parameters.
+
+    Attributes
+    ----------
+    kind : str
+        ``factor``: natural logarithm of a factor of the recipe; ``gain``: of a response [dB]; ``shift``: of a load [m].
+    name : str
+        Factor, response or load.
+    index : int
+        Response among those compared, or ``2 load + direction``; 0 for factors.
+    mean, std : float
+        Gaussian prior.
+    bounds : (float, float)
+    """
+
+    kind: str
+    name: str
+    index: int
+    mean: float
+    std: float
+    bounds: tuple[float, float]
+
+
+class ExtendedFrf:
+    """FRFs for theta = [boundary parameters, extras] by the reduced dynamic stiffness (28).
+
+    Parameters
+    ----------
+    model : AffineModel
+    s : (F,) complex array
+    parameters : Parameterisation
+    extras : sequence of Extra
+    responses : int array
+        Those to compare.
+    """
+
+    name = "reduced"
+
+    def __init__(
+        self, model: AffineModel, s: Complexes, parameters: Parameterisation, extras: Sequence[Extra], responses: NDArray[np.int64]
+    ) -> None:
+        self.model, self.s, self.parameters, self.extras = model.restricted(responses), s, parameters, tuple(extras)
+        self._factors = [(parameters.size + i, e.name) for i, e in enumerate(extras) if e.kind == "factor"]
+        self._gains = [(parameters.size + i, e.index) for i, e in enumerate(extras) if e.kind == "gain"]
+        self._shifts = [(parameters.size + i, e.index) for i, e in enumerate(extras) if e.kind == "shift"]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.parameters.size + len(self.extras)
+
+    @property
+    def initial(self) -> Floats:
+        """Start values: of the boundary, and the prior means of the extras."""
+        return np.concatenate([self.parameters.initial, [e.mean for e in self.extras]])
+
+    @property
+    def bounds(self) -> Floats:
+        """(size, 2) float array."""
+        return np.vstack([self.parameters.bounds, np.array([e.bounds for e in self.extras]).reshape(-1, 2)])
+
+    def factors(self, theta: Floats) -> dict[str, float]:
+        """Values of the factors."""
+        return {name: float(np.exp(theta[at])) for at, name in self._factors}
+
+    def offset(self, theta: Floats) -> Floats | None:
+        """(n_in, 2) shifts of the loads [m]; None without them."""
+        if not self._shifts or self.model.shifts is None:
+            return None
+        offset = np.zeros(self.model.shifts.shape)
+        for at, index in self._shifts:
+            offset[divmod(index, 2)] = theta[at]
+        return offset
+
+    def derivatives(self, theta: Floats) -> tuple[Complexes, Complexes]:
+        """(F, R) FRFs and their (F, R, size) complex derivatives to theta."""
+        P, s = self.parameters, self.s
+        own = theta[: P.size]
+        found = self.model.linearise(s, P.dynamic(own, s), self.factors(theta), [n for _, n in self._factors], self.offset(theta))
+        J = np.zeros((*found.y.shape, self.size), dtype=complex)
+        J[:, :, : P.size] = (found.terms * P.spectra(own, s)[:, None, :]) @ P.scale_jacobian(own)
+        kappa = P.scales(own)
+        for at, terms, slope in P.damping_spectra(own, s):
+            J[:, :, at] = (found.terms[:, :, terms] @ kappa[terms]) * slope[:, None]
+        for i, (at, _) in enumerate(self._factors):
+            J[:, :, at] = found.factors[:, :, i]
+        for at, index in self._shifts:
+            load, direction = divmod(index, 2)
+            J[:, :, at] = np.where(self.model.base.input_of == load, found.shifts[:, :, direction], 0.0)
+        y = found.y
+        if self._gains:
+            gain = np.zeros(y.shape[1])
+            gain[[r for _, r in self._gains]] = theta[[at for at, _ in self._gains]]
+            factor = 10.0 ** (gain / 20.0)
+            y = y * factor
+            J = J * factor[:, None]
+            for at, r in self._gains:
+                J[:, r, at] = y[:, r] / DB
+        return y, J
+
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs."""
+        return self.derivatives(theta)[0]
+
+    def sensitivities(self, theta: Floats) -> tuple[Complexes, Floats]:
+        """(F, R) FRFs and the (F, R, size) derivatives of their dB values."""
+        y, dy = self.derivatives(theta)
+        return y, DB * (dy / y[:, :, None]).real
