@@ -9,7 +9,8 @@ import numpy as np
 
 from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, decade_axis, linear_axis, number, span_of
 from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Reduction, Response
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Response
 from lrbc_cli.report.style import SERIES, STEPS
 
 #: Below this ordinary coherence a measured line is shaded as doubtful.

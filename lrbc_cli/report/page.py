@@ -20,7 +20,8 @@ from lrbc_cli.report.figures import certificate_chart, convergence_charts, trace
 from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
 from lrbc_cli.report.provenance import provenance
-from lrbc_cli.report.results import Campaign, JobResult, Reduction
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import Campaign, JobResult
 from lrbc_cli.report.style import css
 from lrbc_cli.report.svg import legend, svg
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult, Reduction
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult
 
 #: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}

@@ -13,7 +13,8 @@ from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.page import Content, FrfFigure, render
-from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
 
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40

@@ -14,7 +14,8 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report import page, summary_text, tables, write, write_report
 from lrbc_cli.report.html import Markup, tag
-from lrbc_cli.report.results import read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import read_job
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "col"}
 
