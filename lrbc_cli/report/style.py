@@ -57,7 +57,7 @@ _STEPS = (
 #: Steps of the two scales below.
 PROBABILITIES, COSINES = 10, 11
 # Probability of being loose: pale to dark on white, dark to bright on the dark page, so that grey tells as well.
-_LOOSE = (("#e9eef2", "#f0b65c", "#a33600"), ("#262d36", "#96641c", "#ff9b57"))
+_LOOSE = (("#e1e8ee", "#f0b65c", "#a33600"), ("#262d36", "#96641c", "#ff9b57"))
 # FDAC: the two signs differ in hue and in depth; nothing in common is the page's own colour.
 _FDAC = (("#e08a33", "#ffffff", "#0b4a86"), ("#b8660f", "#14181d", "#8fcbff"))
 
@@ -120,9 +120,11 @@ STYLES: dict[str, Style] = {
     "open-up": Style("#0a74c4", "#4fb0f0", marker="up", size=2.4),
     "open-down": Style("#0a74c4", "#4fb0f0", marker="down", size=2.4),
     "unknown": Style("#d5d9df", "#3d4550"),
+    "unknown-dot": Style("#d5d9df", "#3d4550", marker="circle", size=7.0),
     "hatch": Style("#5a626d", "#a5aeb9", width=0.9),
     "known": Style("#14181d", "#eceff3", width=1.8, marker="ring", size=9.2),
     "known-dot": Style("#14181d", "#eceff3", width=1.8, marker="ring", size=4.0),
+    "unsure-dot": Style("#5a626d", "#a5aeb9", width=1.2, marker="ring", size=4.0),
     "edge": Style("#b4bac3", "#4c545f", width=3.0),
     "unsure": Style("#5a626d", "#a5aeb9", width=1.2, dash=(2.2, 1.8), marker="ring", size=7.0),
     "diagonal": Style("#14181d", "#eceff3", width=0.9, dash=(3, 2)),
