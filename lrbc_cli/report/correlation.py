@@ -20,7 +20,7 @@ from lrbc_cli.report.svg import legend, svg
 _SIDE = 215.0
 #: Maps in the page; further ones are files.
 _MAPS = 12
-_LEVELS = ((0, "−1: opposite phase"), (COSINES // 2, "0: nothing in common"), (COSINES - 1, "1: same shape"))
+_LEVELS = ((0, "−1: opposite phase"), (2, "−0.6"), (COSINES - 3, "0.6"), (COSINES - 1, "1: same shape"))
 
 
 def fdac_chart(job: JobResult, fdac: Fdac) -> Chart:
@@ -32,6 +32,8 @@ def fdac_chart(job: JobResult, fdac: Fdac) -> Chart:
     for title, values in (("initial model", fdac.initial), ("updated model", fdac.updated)):
         items: list[Item] = [Tiles(f"fdac{step}", np.empty((0, 4)), text) for step, text in _LEVELS]
         items += _tiles(values, edges)
+        low, high = edges[[0, -1]]
+        items.append(Curve("frame", np.array([low, high, high, low, low]), np.array([low, low, high, high, low])))
         items.append(Curve("diagonal", f[[0, -1]], f[[0, -1]]))
         x = linear_axis("model [Hz]", edges[0], edges[-1], 5)
         panels.append(Panel(x, linear_axis("measured [Hz]", edges[0], edges[-1], 5), tuple(items), title=title, grid=False))

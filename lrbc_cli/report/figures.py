@@ -30,7 +30,9 @@ def changes_of(job: JobResult) -> str:
     parts = []
     if job.removed is not None:
         parts.append(f"{len(job.removed)} bolt{'' if len(job.removed) == 1 else 's'} removed")
-    if job.bolts:
+    if job.bolts and not job.explained:
+        parts.append("no verdict: the model does not explain the measurement")
+    elif job.bolts:
         parts.append(f"{len(job.names('loose'))} of {len(job.bolts)} judged loose")
     return ", ".join(parts)
 
@@ -55,10 +57,10 @@ def profile_chart(job: JobResult, scales: dict[str, tuple[float, float]]) -> Cha
     groups = [group for group in job.groups if len(group.log10)]
     if not groups:
         return None
-    panels = tuple(
-        _profile_panel(group, bolts_of(group, groups, job.bolts), scales[group.name], several=len(groups) > 1) for group in groups
-    )
-    loose = job.names("loose")
+    # Without a verdict no bolt is marked as loose.
+    bolts = job.bolts if job.explained else tuple(changed(bolt, verdict="undecided") for bolt in job.bolts)
+    panels = tuple(_profile_panel(group, bolts_of(group, groups, bolts), scales[group.name], several=len(groups) > 1) for group in groups)
+    loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
     alt = f"Identified {', '.join(group.name for group in groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
     return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))

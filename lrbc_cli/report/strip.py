@@ -13,6 +13,7 @@ from lrbc_cli.report.places import along_the_edges
 from lrbc_cli.report.reading import FloatArray
 from lrbc_cli.report.results import BoltVerdict, Campaign, JobResult
 from lrbc_cli.report.style import PROBABILITIES
+from lrbc_cli.report.tables import sentence
 
 #: Size of a cell of the strip in points; it shrinks where there are many bolts.
 _WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
@@ -29,21 +30,6 @@ def level_of(bolt: BoltVerdict) -> int | None:
     if bolt.probability_loose is not None:
         return min(int(bolt.probability_loose * PROBABILITIES), PROBABILITIES - 1)
     return {"loose": PROBABILITIES - 1, "tight": 0}.get(bolt.verdict)
-
-
-def sentence(bolt: BoltVerdict) -> str:
-    """Say everything that is known and was found about a bolt, in one line."""
-    truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
-    words = [f"{bolt.name}: {bolt.verdict}"]
-    if bolt.probability_loose is not None:
-        words.append(f"probability of being loose {fmt.probability(bolt.probability_loose)}")
-    words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
-    if bolt.change is not None:
-        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
-        limit = "" if bolt.threshold is None else f" (loose from {fmt.signed(bolt.threshold, 2)})"
-        words.append(f"change {fmt.signed(bolt.change, 2)}{spread} decades{limit}")
-    words.append(bolt.note or "")
-    return ", ".join(word for word in words if word)
 
 
 def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:

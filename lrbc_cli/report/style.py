@@ -127,7 +127,7 @@ STYLES: dict[str, Style] = {
     "unsure-dot": Style("#5a626d", "#a5aeb9", width=1.2, marker="ring", size=4.0),
     "edge": Style("#b4bac3", "#4c545f", width=3.0),
     "unsure": Style("#5a626d", "#a5aeb9", width=1.2, dash=(2.2, 1.8), marker="ring", size=7.0),
-    "diagonal": Style("#14181d", "#eceff3", width=0.9, dash=(3, 2)),
+    "diagonal": Style("#d81b60", "#ff8ab5", width=1.0, dash=(3, 2)),
     "tolerance": Style("#d55e00", "#ff8a3d", width=1.2, dash=(6, 3)),
     "taken": Style("#d55e00", "#ff8a3d", marker="up", size=3.4),
     "quiet": Style("#a3abb6", "#6c7580", width=1.0),
