@@ -152,21 +152,25 @@ def calibration_parts(calibration: Calibration, campaign: Campaign) -> list[Mark
     return parts
 
 
+def _digits(value: float | None, digits: int = 5) -> str:
+    return fmt.figures(value, digits).replace("e−0", "e−")
+
+
 def _factors(calibration: Calibration) -> Markup:
     rows: list[list[str | Cell]] = []
     for factor in calibration.factors:
         share = None if not factor.initial else 100.0 * (factor.value / factor.initial - 1.0)
-        low, high = (fmt.figures(side, 4) for side in (factor.lower, factor.upper))
+        low, high = (_digits(side) for side in (factor.lower, factor.upper))
         interval = f"{'open' if factor.lower is None else low} … {'open' if factor.upper is None else high}"
         if factor.lower is None and factor.upper is None:
             interval = "undetermined"
         rows.append(
             [
                 factor.name,
-                fmt.figures(factor.initial, 5),
-                fmt.figures(factor.value, 5),
+                _digits(factor.initial),
+                _digits(factor.value),
                 fmt.signed(share, 2),
-                fmt.small(factor.std),
+                _digits(factor.std, 2),
                 interval,
             ]
         )
@@ -190,7 +194,7 @@ def _rounds(calibration: Calibration) -> Markup | None:
             str(number),
             fmt.fixed(entry.misfit_db),
             fmt.small(entry.error),
-            *(fmt.figures(entry.factors.get(name), 5) for name in names),
+            *(_digits(entry.factors.get(name)) for name in names),
         ]
         for number, entry in enumerate(calibration.rounds, start=1)
     ]

@@ -201,7 +201,11 @@ def _verdicts(content: Content) -> _Section:
     parts.append(tables.verdict_table(content.campaign, content.jobs, anchors))
     if content.maps:
         maps = [_drawn(chart) for chart in content.maps.values()]
-        parts.append(details(f"Maps of the edge ({len(maps)})", tag("div", *maps, class_="grid pairs"), open_=len(maps) <= _PROFILES))
+        # Along a straight edge the strip tells the same.
+        wide = any(not chart.panels[0].y.ticks for chart in content.maps.values())
+        parts.append(
+            details(f"Maps of the edge ({len(maps)})", tag("div", *maps, class_="grid pairs"), open_=not wide and len(maps) <= _PROFILES)
+        )
     if grid is not None:
         bolts = [bolt for job in done for bolt in job.bolts]
         signs = ["✕ judged loose", "? undecided", "· judged tight"]

@@ -100,8 +100,10 @@ def _key(jobs: Sequence[JobResult]) -> list[Item]:
     if any(bolt.probability_loose is not None for bolt in bolts):
         words = [(0, "loose with 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
     key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
-    if any(bolt.verdict == "undecided" for bolt in bolts) or not all(job.explained for job in jobs):
-        key.append(Marks("unsure-dot", nothing, nothing, "undecided, no verdict"))
+    states = ["undecided"] if any(bolt.verdict == "undecided" for job in jobs if job.explained for bolt in job.bolts) else []
+    states += [] if all(job.explained for job in jobs) else ["no verdict"]
+    if states:
+        key.append(Marks("unsure-dot", nothing, nothing, " or ".join(states)))
     if any(bolt.removed for bolt in bolts):
         key.append(Marks("known-dot", nothing, nothing, "framed: known to be removed"))
     return key
@@ -195,7 +197,8 @@ def map_chart(job: JobResult) -> Chart | None:
             items.append(Word(on, places[index, 0], places[index, 1], "?" if job.explained else "–", 8.5, bold=True))
         else:
             items.append(Marks(f"{bolt.verdict}-{'on0' if step is None else on}", places[[index], 0], places[[index], 1]))
-    items += _names(bolts, places * scale, places, scale)
+    nodes = [(x, level(point)) for positions in lines for x, point in zip(positions[:, across], positions, strict=True)]
+    items += _names(bolts, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high))
     found = job.names("loose")
     alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
     subtitle = f"{len(found)} of {len(job.bolts)} judged loose" if job.explained else "no verdict"
@@ -203,18 +206,26 @@ def map_chart(job: JobResult) -> Chart | None:
     return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
 
 
-def _names(bolts: Sequence[BoltVerdict], points: FloatArray, places: FloatArray, scale: float) -> list[Item]:
-    """Names beside the bolts, away from their neighbours; loose ones first, others where there is room."""
+def _names(bolts: Sequence[BoltVerdict], places: FloatArray, nodes: FloatArray, scale: float, limits: tuple[float, float]) -> list[Item]:
+    """Names beside the bolts, away from neighbours and edges and inside the figure: loose ones first, others where there is room."""
+    points, (least, most) = places * scale, (limit * scale for limit in limits)
+    below, right, left, above = (0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")
     order = sorted(range(len(bolts)), key=lambda index: (bolts[index].verdict != "loose", index))
     taken: list[tuple[float, float, float, float]] = [(x - 8, x + 8, y - 8, y + 8) for x, y in points]
+    taken += [(x - 2, x + 2, y - 2, y + 2) for x, y in nodes * scale]
     words: list[Item] = []
     for index in order:
         x, y = points[index]
         width = _GLYPH * 7.0 * len(bolts[index].name)
-        for dx, dy, anchor in ((0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")):
+        apart = np.abs(points - points[index])
+        apart[index] = np.inf
+        beside = apart[int(np.argmin(apart.sum(axis=1)))]
+        # Under one another: a name stands beside its bolt, where it cannot be the next one's.
+        upright = len(points) > 1 and beside[1] > beside[0]
+        for dx, dy, anchor in (right, left, below, above) if upright else (below, above, right, left):
             low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
             box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
-            if not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in taken):
+            if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in taken):
                 taken.append(box)
                 words.append(
                     Word("text", places[index, 0] + dx / scale, places[index, 1] + dy / scale, bolts[index].name, 7.0, anchor=anchor)

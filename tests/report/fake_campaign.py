@@ -226,7 +226,7 @@ def write_fdac(file: Path, size: int = 24) -> None:
     for name, shift in (("initial", 12.0), ("updated", 0.0)):
         distance = frequency[:, None] - frequency[None, :] + shift
         cosine = np.cos(distance / 30) * np.exp(-((distance / 90) ** 2))
-        cosine[5] = np.nan
+        cosine[size // 5 + 1] = np.nan
         table[name] = cosine.ravel()
     rows = [",".join(table)] + [",".join("" if np.isnan(v) else f"{v:.6g}" for v in row) for row in zip(*table.values(), strict=True)]
     file.write_text("\n".join(rows) + "\n", encoding="utf-8")
