@@ -43,7 +43,7 @@ def fdac_chart(job: JobResult, fdac: Fdac) -> Chart:
     )
     subtitle = f"mean on the diagonal {fmt.change(means[0], means[1], 2)}"
     width, height = 2 * (50.0 + _SIDE + RIGHT), TOP + TITLE + _SIDE + BOTTOM
-    return Chart(job.job, subtitle, alt, tuple(panels), width, height, beside=True)
+    return Chart(f"FDAC · {job.job}", subtitle, alt, tuple(panels), width, height, beside=True)
 
 
 def _mean(values: FloatArray) -> float:

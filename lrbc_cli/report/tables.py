@@ -108,7 +108,7 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
 def _certainty(job: JobResult) -> Markup | None:
     """Say how probable the least probable of the loose bolts is."""
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
-    return tag("small", f" p ≥ {int(100.0 * min(known))}\u00a0%") if known else None
+    return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
 
 
 def held_out_misfit(job: JobResult) -> str:
