@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli import __version__
+from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
 from lrbc_cli.campaign.identify import Identification
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
@@ -68,11 +69,14 @@ def verdicts(inputs: Inputs, result: Identification, reference: Mapping[str, Any
 def write_result(
     output: Path, inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Write profile.csv, frf.csv and result.json of one job; returns the tree of the latter."""
+    """Write profile.csv, frf.csv, fdac.csv and result.json of one job; returns the tree of the latter."""
     folder = output / result.name
     tree = result_tree(inputs, stage, result, identity, reference)
+    correlation = correlation_of(inputs, result)
+    tree["correlation"] = correlation_tree(inputs, correlation)
     write_csv(folder / "profile.csv", *profile_rows(tree))
     write_csv(folder / "frf.csv", *frf_rows(inputs, result))
+    write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation))
     write_json(folder / "result.json", tree)
     return tree
 
@@ -362,62 +366,3 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
     }
     write_json(output / "reduction.json", tree)
     return tree
-
-
-CAMPAIGN_COLUMNS = [
-    "job",
-    "status",
-    "loose",
-    "undecided",
-    "removed",
-    "damping_exponent",
-    "damping_factor",
-    "misfit_initial_db",
-    "misfit_final_db",
-    "held_out_misfit_final_db",
-    "cost_initial",
-    "cost_final",
-    "iterations",
-    "evaluations",
-    "line_evaluations",
-    "seconds",
-    "reason",
-]
-
-
-def write_table(output: Path, jobs: Sequence[str]) -> None:
-    """Write ``campaign.csv``, one row a job that has a result."""
-    rows = []
-    for name in jobs:
-        try:
-            tree = read_json(output / name / "result.json", RESULT_FORMAT)
-        except DataError:
-            continue
-        if tree is None:
-            continue
-        if tree["status"] == "failed":
-            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 3), tree["reason"]])
-            continue
-        damped = [group for group in tree["parameters"].values() if "damping_exponent" in group]
-        misfit = tree["misfit_db"]
-        rows.append(
-            [
-                name,
-                tree["status"],
-                *(" ".join(b["name"] for b in tree["bolts"] if b["verdict"] == v) for v in ("loose", "undecided")),
-                " ".join(tree["removed"] or []),
-                " ".join(f"{g['damping_exponent']:.6g}" for g in damped),
-                " ".join(f"{g['damping_factor']:.6g}" for g in damped),
-                misfit["initial"],
-                misfit["final"],
-                misfit["held_out_final"],
-                tree["cost"]["initial"],
-                tree["cost"]["final"],
-                tree["iterations"],
-                tree["evaluations"],
-                tree["line_evaluations"],
-                tree["seconds"]["total"],
-                tree["reason"],
-            ]
-        )
-    write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)

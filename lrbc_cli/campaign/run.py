@@ -13,8 +13,9 @@ from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.results import write_campaign, write_failure, write_reduction, write_result, write_table
+from lrbc_cli.campaign.results import write_campaign, write_failure, write_reduction, write_result
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.table import write_table
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, NumericalError
 from lrbc_cli.io.atomic import file_hash
 
@@ -136,7 +137,7 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
             plans.append(JobPlan(name, True, "it failed before", own))
         elif tree.get("provenance", {}).get("identity") != own:
             plans.append(JobPlan(name, True, "its measurement, the model or the settings changed", own))
-        elif not all((output / name / file).is_file() for file in ("frf.csv", "profile.csv")):
+        elif not all((output / name / file).is_file() for file in ("frf.csv", "profile.csv", "fdac.csv")):
             plans.append(JobPlan(name, True, "a result file is missing", own))
         elif force:
             plans.append(JobPlan(name, True, "--force", own))

@@ -9,8 +9,8 @@ from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
 
-#: Files that stand beside the jobs' folders under the output folder; temporary ones begin with a dot, as no name does.
-RESERVED_JOBS = ("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "report.html")
+#: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
+RESERVED_JOBS = ("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "calibration", "verdicts.png", "report.html")
 
 
 def check_references(campaign: Campaign) -> None:

@@ -83,22 +83,50 @@ class Note:
     rotated: bool = False
 
 
-Item = Curve | Area | Span | Level | Marks | Note
+@dataclass(frozen=True)
+class Tiles:
+    """Filled rectangles, (n, 4) edges left, right, low, high; ``names`` are shown where one is pointed at."""
+
+    role: str
+    edges: FloatArray
+    label: str = ""
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Word:
+    """A text with its middle at a point."""
+
+    role: str
+    x: float
+    y: float
+    text: str
+    size: float = 8.0
+    bold: bool = False
+    anchor: str = "middle"
+
+
+Item = Curve | Area | Span | Level | Marks | Note | Tiles | Word
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; ``weight`` is its share of the height."""
+    """One pair of axes; ``weight`` is its share of the height.
+
+    ``title`` stands above panels that lie side by side; without ``grid`` the ticks have their labels only.
+    """
 
     x: Axis
     y: Axis
     items: tuple[Item, ...]
     weight: float = 1.0
+    title: str = ""
+    grid: bool = True
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure: panels from top to bottom.
+    """A figure: panels from top to bottom, or from left to right.
 
     Attributes
     ----------
@@ -108,6 +136,10 @@ class Chart:
     panels : tuple of Panel
     width, height : float
         Of the plot without title and legend, in points.
+    beside : bool
+        The panels lie side by side.
+    left : float
+        Room for the labels at the left, in points.
     """
 
     title: str
@@ -116,16 +148,18 @@ class Chart:
     panels: tuple[Panel, ...]
     width: float = 620.0
     height: float = 330.0
+    beside: bool = False
+    left: float = 50.0
 
     def legend(self) -> list[tuple[str, str, str]]:
         """Return (role, kind, label) of all labelled items, each label once; lines first, stripes last."""
         found: dict[str, tuple[str, str, str]] = {}
         for panel in self.panels:
             for item in panel.items:
-                label = "" if isinstance(item, Note) else item.label
+                label = "" if isinstance(item, Note | Word) else item.label
                 if label and label not in found:
                     found[label] = (item.role, type(item).__name__.lower(), label)
-        order = ("curve", "area", "marks", "level", "span")
+        order = ("curve", "area", "tiles", "marks", "level", "span")
         return sorted(found.values(), key=lambda entry: order.index(entry[1]))
 
 

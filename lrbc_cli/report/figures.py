@@ -8,8 +8,10 @@ from dataclasses import replace as changed
 import numpy as np
 
 from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, decade_axis, linear_axis, number, span_of
+from lrbc_cli.report.places import bolts_of
 from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Reduction, Response
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Response
 from lrbc_cli.report.style import SERIES, STEPS
 
 #: Below this ordinary coherence a measured line is shaded as doubtful.
@@ -18,6 +20,8 @@ COHERENCE = 0.8
 _BEYOND_DB = 15.0
 #: FRFs with more lines than this are thinned for drawing, about what a figure can resolve.
 _DENSE = 2400
+#: Shares of the way to the edge that the layers of an open band reach; together they fade.
+_FADES = (0.25, 0.5, 0.75, 1.0)
 _STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 
 
@@ -26,7 +30,9 @@ def changes_of(job: JobResult) -> str:
     parts = []
     if job.removed is not None:
         parts.append(f"{len(job.removed)} bolt{'' if len(job.removed) == 1 else 's'} removed")
-    if job.bolts:
+    if job.bolts and not job.explained:
+        parts.append("no verdict: the model does not explain the measurement")
+    elif job.bolts:
         parts.append(f"{len(job.names('loose'))} of {len(job.bolts)} judged loose")
     return ", ".join(parts)
 
@@ -38,6 +44,10 @@ def profile_scales(jobs: Sequence[JobResult]) -> dict[str, tuple[float, float]]:
         groups = [group for job in jobs for group in job.groups if group.name == name]
         arrays = [values for group in groups for values in (group.effective, group.initial, group.reference) if values is not None]
         low, high = span_of(arrays)
+        # A wide confidence band may widen the range by a decade, no more.
+        bands = [values for group in groups for values in (group.lower, group.upper) if values is not None]
+        lowest, highest = span_of([*bands, np.array([low, high])])
+        low, high = max(low - 1.0, lowest), min(high + 1.0, highest)
         scales[name] = (float(np.floor(low)), float(np.ceil(high))) if np.isfinite([low, high]).all() else (0.0, 1.0)
     return scales
 
@@ -47,10 +57,10 @@ def profile_chart(job: JobResult, scales: dict[str, tuple[float, float]]) -> Cha
     groups = [group for group in job.groups if len(group.log10)]
     if not groups:
         return None
-    panels = tuple(
-        _profile_panel(group, _bolts_of(group, groups, job.bolts), scales[group.name], several=len(groups) > 1) for group in groups
-    )
-    loose = job.names("loose")
+    # Without a verdict no bolt is marked as loose.
+    bolts = job.bolts if job.explained else tuple(changed(bolt, verdict="undecided") for bolt in job.bolts)
+    panels = tuple(_profile_panel(group, bolts_of(group, groups, bolts), scales[group.name], several=len(groups) > 1) for group in groups)
+    loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
     alt = f"Identified {', '.join(group.name for group in groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
     return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
@@ -70,8 +80,10 @@ def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], sca
     items += [
         Note("loose", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
     ]
+    bottom = scale[0] - 0.13 * (scale[1] - scale[0]) if bolts else scale[0]
+    top = scale[1] + 0.16 * (scale[1] - scale[0])
     if group.lower is not None and group.upper is not None:
-        items.append(Area("band", place, group.lower, group.upper, "95 % band"))
+        items += _band(place, group.effective, group.lower, group.upper, (scale[0], top))
     items.append(Curve("initial", place, group.initial, "initial"))
     if group.reference is not None:
         items.append(Curve("reference", place, group.reference, "reference job"))
@@ -80,14 +92,43 @@ def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], sca
         standing = [(bolt.name, where) for bolt, where in bolts if bolt.removed is known]
         if standing:
             items.append(Marks(role, np.array([where for _, where in standing]), None, label, 0.055, tuple(name for name, _ in standing)))
-    bottom = scale[0] - 0.13 * (scale[1] - scale[0]) if bolts else scale[0]
     x_label = "along the edge [m]" if group.arc_length is not None else "term"
     unit = f" [{group.unit}]" if group.unit else ""
     y_label = f"{group.name}{unit}" if several else f"{group.kind}{unit}"
     # Room above for the names of loose bolts.
-    y = decade_axis(y_label, bottom, scale[1] + 0.16 * (scale[1] - scale[0]))
+    y = decade_axis(y_label, bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
     return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
+
+
+def _band(place: FloatArray, value: FloatArray, lower: FloatArray, upper: FloatArray, limits: tuple[float, float]) -> list[Item]:
+    """Return the confidence band; where it is open it fades from the value to the edge of the figure, and an arrow says so."""
+    items: list[Item] = []
+    open_below, open_above = (np.asarray(~np.isfinite(side)) for side in (lower, upper))
+    # The solid part ends at the value on a side that is open.
+    items.append(Area("band", place, np.where(open_below, value, lower), np.where(open_above, value, upper), "95 % band"))
+    for role, is_open, edge in (("open-down", open_below, limits[0]), ("open-up", open_above, limits[1])):
+        where = np.flatnonzero(is_open & np.isfinite(value))
+        if not where.size:
+            continue
+        label = "open: no limit found"
+        for run in np.split(where, np.flatnonzero(np.diff(where) > 1) + 1):
+            x, start = _stretched(place, run), np.concatenate([value[run[:1]], value[run], value[run[-1:]]])
+            for share in _FADES:
+                end = start + share * (edge - start)
+                items.append(Area("open", x, np.minimum(start, end), np.maximum(start, end)))
+        # One arrow in a few nodes, so that they stay apart.
+        every = max(1, len(place) // 17)
+        arrows = where[where % every == 0] if every > 1 and (where % every == 0).any() else where
+        inside = edge + (0.02 if edge == limits[0] else -0.02) * (limits[1] - limits[0])
+        items.append(Marks(role, place[arrows], np.full(len(arrows), inside), label))
+    return items
+
+
+def _stretched(place: FloatArray, run: np.ndarray) -> FloatArray:
+    """Return the places of neighbours, half a step wider on both sides, so that one alone has a width as well."""
+    step = float(np.median(np.diff(place))) if len(place) > 1 else 0.1
+    return np.concatenate([[place[run[0]] - 0.5 * step], place[run], [place[run[-1]] + 0.5 * step]])
 
 
 def _places(group: Group) -> FloatArray:
@@ -99,48 +140,35 @@ def _half_pitch(along: FloatArray, length: float) -> float:
     return 0.42 * float(np.median(gaps)) if gaps.size else 0.02 * length
 
 
-def _bolts_of(group: Group, groups: Sequence[Group], bolts: Sequence[BoltVerdict]) -> list[tuple[BoltVerdict, float]]:
-    """Return the bolts nearest to this group, each with its arc length (beyond the ends along the last segment)."""
-    if group.positions is None or group.arc_length is None or len(group.positions) < 2:
-        return []
-    found = []
-    for bolt in bolts:
-        nearest = min(
-            (entry for entry in groups if entry.positions is not None and len(entry.positions)), key=lambda entry: _distance(entry, bolt)
-        )
-        if nearest is group and np.isfinite(bolt.position).all():
-            found.append((bolt, _arc_length(group, bolt.position)))
-    return found
-
-
-def _distance(group: Group, bolt: BoltVerdict) -> float:
-    positions = np.empty((0, 3)) if group.positions is None else group.positions
-    return float(np.linalg.norm(positions - bolt.position, axis=1).min())
-
-
-def _arc_length(group: Group, point: FloatArray) -> float:
-    if group.positions is None or group.arc_length is None:
-        raise ValueError("a group without positions has no arc length")
-    order = np.argsort(group.arc_length)
-    nodes, length = group.positions[order], group.arc_length[order]
-    step = np.diff(nodes, axis=0)
-    size = np.maximum((step**2).sum(axis=1), 1e-300)
-    share = ((point - nodes[:-1]) * step).sum(axis=1) / size
-    low, high = np.zeros(len(share)), np.ones(len(share))
-    low[0], high[-1] = -np.inf, np.inf
-    share = np.clip(share, low, high)
-    foot = nodes[:-1] + share[:, None] * step
-    best = int(np.argmin(((foot - point) ** 2).sum(axis=1)))
-    return float(length[best] + share[best] * (length[best + 1] - length[best]))
-
-
 def frf_chart(job: JobResult, response: Response, frf: Frf) -> Chart:
     """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7)."""
-    frequency, columns = _thinned(frf.frequency_hz, frf.responses[response.name])
     change = job.responses.get(response.name)
     used = response.used if change is None else change.used
     role = "used for updating" if used else "held out: not used for updating"
     misfit = "" if change is None else f" · misfit {change.initial:.1f} → {change.final:.1f} dB"
+    lines = job.lines_hz if used else np.empty(0)
+    return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines)
+
+
+def overlay_chart(
+    response: Response, frf: Frf, labels: Mapping[str, str], title: str, subtitle: str, lines_hz: FloatArray | None = None
+) -> Chart:
+    """Return measured and computed FRFs of one response, magnitude above phase.
+
+    Parameters
+    ----------
+    response
+        Which one.
+    frf
+        All of them.
+    labels
+        What stands in the legend for ``measured``, ``initial``, ``updated``.
+    title, subtitle
+        Of the chart.
+    lines_hz
+        Lines to be marked at the foot.
+    """
+    frequency, columns = _thinned(frf.frequency_hz, frf.responses[response.name])
     empty = np.full(len(frequency), np.nan)
     levels = {state: columns.get(f"{state}_db", empty) for state in _STATES}
     magnitude: list[Item] = []
@@ -148,17 +176,17 @@ def frf_chart(job: JobResult, response: Response, frf: Frf) -> Chart:
         edges = _runs(frequency, columns["coherence"] < COHERENCE)
         if len(edges):
             magnitude.append(Span("doubtful", edges, f"coherence below {COHERENCE:g}"))
-    drawn = [(state, label) for state, label in _STATES.items() if np.isfinite(levels[state]).any()]
+    drawn = [(state, label) for state, label in labels.items() if np.isfinite(levels[state]).any()]
     magnitude += [Curve(state, frequency, levels[state], label) for state, label in drawn]
-    if used and job.lines_hz.size:
-        magnitude.append(Marks("selected", job.lines_hz, None, "lines used", 0.018))
+    if lines_hz is not None and lines_hz.size:
+        magnitude.append(Marks("selected", lines_hz, None, "lines used", 0.018))
     phase = [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
     x = linear_axis("frequency [Hz]", float(frequency.min()), float(frequency.max()), 8)
     levels_axis = linear_axis(f"dB re 1 {response.unit}", *_level_range(levels), 6)
     degrees = Axis("phase [°]", -190.0, 190.0, tuple((float(k), number(k)) for k in (-180, -90, 0, 90, 180)))
-    alt = f"FRF of {response.name}, job {job.job}, {role}{misfit.replace('→', 'to')}: measured, initial and updated, magnitude and phase."
+    alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(label for _, label in drawn)}, magnitude and phase."
     panels = (Panel(x, levels_axis, tuple(magnitude), 2.3), Panel(x, degrees, tuple(phase), 1.0))
-    return Chart(f"{response.name} · {job.job}", role + misfit, alt, panels)
+    return Chart(title, subtitle, alt, panels)
 
 
 def _level_range(levels: dict[str, FloatArray]) -> tuple[float, float]:

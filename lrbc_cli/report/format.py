@@ -57,6 +57,19 @@ def seconds(value: float | None) -> str:
     return MISSING
 
 
+def percent(value: float) -> str:
+    """Write a probability in per cent without the sign; what is not certain is never written as 0 or 100."""
+    whole = round(100.0 * value)
+    if whole == 0 and value > 0.0:
+        return "<1"
+    return ">99" if whole == 100 and value < 1.0 else str(whole)
+
+
+def probability(value: float | None) -> str:
+    """Write a probability."""
+    return MISSING if value is None else f"{percent(value)}\u00a0%"
+
+
 def inverse(value: float | None) -> str:
     """Write a share below one as 1/86."""
     if value is None or not math.isfinite(value) or value <= 0:

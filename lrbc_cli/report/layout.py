@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span
+from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, Tiles, Word
 from lrbc_cli.report.reading import FloatArray
 
-LEFT, RIGHT, TOP, BOTTOM, GAP = 50.0, 10.0, 8.0, 36.0, 12.0
+RIGHT, TOP, BOTTOM, GAP, TITLE = 10.0, 8.0, 36.0, 12.0, 14.0
 SMALL, NORMAL, LARGE = 9.0, 10.0, 12.5
 _GLYPH = 0.56  # mean width of a character in units of the font size
 
@@ -54,7 +54,16 @@ class Text:
     rotated: bool = False
 
 
-Shape = Line | Fill | Symbols | Text
+@dataclass(frozen=True)
+class Mosaic:
+    """Filled rectangles, (n, 4) left, top, right, bottom."""
+
+    role: str
+    points: FloatArray
+    names: tuple[str, ...] = ()
+
+
+Shape = Line | Fill | Symbols | Text | Mosaic
 
 
 @dataclass(frozen=True)
@@ -88,37 +97,57 @@ def lay_out(chart: Chart, *, header: bool) -> Drawing:
     """
     around: list[Shape] = []
     offset = _header(chart, around) if header else 0.0
-    following = [*(panel.x for panel in chart.panels[1:]), None]
-    # Panels over the same axis share the labels of the lowest one.
-    below = [GAP if panel.x == axis else BOTTOM for panel, axis in zip(chart.panels, following, strict=True)]
-    room = chart.height - TOP - sum(below)
-    total = sum(panel.weight for panel in chart.panels)
-    top, frames = offset + TOP, []
-    for panel, gap in zip(chart.panels, below, strict=True):
-        bottom = top + room * panel.weight / total
-        box = (LEFT, top, chart.width - RIGHT, bottom)
-        around += _axes(panel, box, label_x=gap == BOTTOM)
+    frames = []
+    for panel, box, label_x in _boxes(chart, offset):
+        around += _axes(panel, box, label_x=label_x)
         shapes = tuple(shape for item in sorted(panel.items, key=_depth) for shape in _item(item, panel, box))
         frames.append(Frame(box, panel, shapes))
-        top = bottom + gap
     return Drawing(chart.width, chart.height + offset, tuple(around), tuple(frames))
 
 
+def _boxes(chart: Chart, offset: float) -> list[tuple[Panel, tuple[float, float, float, float], bool]]:
+    """Return each panel's rectangle, and whether the labels of its x axis stand below it."""
+    found = []
+    total = sum(panel.weight for panel in chart.panels)
+    top = offset + TOP
+    if chart.beside:
+        room = chart.width - sum(chart.left + RIGHT for _ in chart.panels)
+        left = 0.0
+        head = TITLE if any(panel.title for panel in chart.panels) else 0.0
+        for panel in chart.panels:
+            right = left + chart.left + room * panel.weight / total
+            found.append((panel, (left + chart.left, top + head, right, offset + chart.height - BOTTOM), True))
+            left = right + RIGHT
+        return found
+    following = [*(panel.x for panel in chart.panels[1:]), None]
+    # Panels over the same axis share the labels of the lowest one.
+    below = [
+        GAP if panel.x == axis else BOTTOM if panel.x.label else BOTTOM - 14.0 for panel, axis in zip(chart.panels, following, strict=True)
+    ]
+    room = chart.height - TOP - sum(below)
+    for panel, gap in zip(chart.panels, below, strict=True):
+        bottom = top + room * panel.weight / total
+        found.append((panel, (chart.left, top, chart.width - RIGHT, bottom), gap != GAP))
+        top = bottom + gap
+    return found
+
+
 def _depth(item: Item) -> int:
-    return (Span, Area, Level, Curve, Marks, Note).index(type(item))
+    return (Span, Tiles, Area, Level, Curve, Marks, Note, Word).index(type(item))
 
 
 def _header(chart: Chart, shapes: list[Shape]) -> float:
-    shapes.append(Text("strong", LEFT, 18.0, chart.title, size=LARGE, bold=True))
+    left = min(chart.left, 50.0)
+    shapes.append(Text("strong", left, 18.0, chart.title, size=LARGE, bold=True))
     top = 33.0
     if chart.subtitle:
-        shapes.append(Text("text", LEFT, top, chart.subtitle, size=NORMAL))
+        shapes.append(Text("text", left, top, chart.subtitle, size=NORMAL))
         top += 16.0
-    x = LEFT
+    x = left
     for role, kind, label in chart.legend():
         width = 24.0 + _GLYPH * SMALL * len(label) + 14.0
-        if x > LEFT and x + width > chart.width - RIGHT:
-            x, top = LEFT, top + 14.0
+        if x > left and x + width > chart.width - RIGHT:
+            x, top = left, top + 14.0
         shapes += swatch(role, kind, x, top - 3.0)
         shapes.append(Text("text", x + 22.0, top, label, size=SMALL))
         x += width
@@ -127,7 +156,7 @@ def _header(chart: Chart, shapes: list[Shape]) -> float:
 
 def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
     """Return what stands before a legend entry: 16 units wide, about the height ``y``."""
-    if kind in {"area", "span"}:
+    if kind in {"area", "span", "tiles"}:
         return [Fill(role, np.array([[x, y - 4], [x + 16, y - 4], [x + 16, y + 4], [x, y + 4]]))]
     if kind == "marks":
         return [Symbols(role, np.array([[x + 8, y]]))]
@@ -145,17 +174,23 @@ def _axes(panel: Panel, box: tuple[float, float, float, float], *, label_x: bool
     shapes: list[Shape] = []
     for value, text in panel.x.ticks:
         x = float(_scale(panel.x, np.array(value), left, right))
-        shapes.append(Line("grid", np.array([[x, top], [x, bottom]])))
+        if panel.grid:
+            shapes.append(Line("grid", np.array([[x, top], [x, bottom]])))
         if label_x:
             shapes.append(Text("text", x, bottom + 13.0, text, "middle", SMALL))
     for value, text in panel.y.ticks:
         y = float(_scale(panel.y, np.array(value), bottom, top))
-        shapes.append(Line("grid", np.array([[left, y], [right, y]])))
+        if panel.grid:
+            shapes.append(Line("grid", np.array([[left, y], [right, y]])))
         shapes.append(Text("text", left - 5.0, y + 3.2, text, "end", SMALL))
-    shapes.append(Line("frame", np.array([[left, top], [left, bottom], [right, bottom]])))
-    if label_x:
+    if panel.grid:
+        shapes.append(Line("frame", np.array([[left, top], [left, bottom], [right, bottom]])))
+    if panel.title:
+        shapes.append(Text("text", (left + right) / 2, top - 5.0, panel.title, "middle", NORMAL))
+    if label_x and panel.x.label:
         shapes.append(Text("text", (left + right) / 2, bottom + 28.0, panel.x.label, "middle", NORMAL))
-    shapes.append(Text("text", 12.0, (top + bottom) / 2, panel.y.label, "middle", NORMAL, rotated=True))
+    if panel.y.label:
+        shapes.append(Text("text", left - 38.0, (top + bottom) / 2, panel.y.label, "middle", NORMAL, rotated=True))
     return shapes
 
 
@@ -188,6 +223,13 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
             present = np.asarray(~np.isnan(points).any(axis=1))
             names = tuple(name for name, kept in zip(item.names, present, strict=True) if kept) if item.names else ()
             return [Symbols(item.role, points[present], names)] if present.any() else []
+        case Tiles():
+            boxes = np.column_stack([across(item.edges[:, 0]), up(item.edges[:, 3]), across(item.edges[:, 1]), up(item.edges[:, 2])])
+            boxes = np.column_stack([np.minimum(boxes[:, :2], boxes[:, 2:]), np.maximum(boxes[:, :2], boxes[:, 2:])])
+            return [Mosaic(item.role, boxes, item.names)] if len(boxes) else []
+        case Word():
+            middle = float(up(np.array(item.y))) + 0.36 * item.size
+            return [Text(item.role, float(across(np.array(item.x))), middle, item.text, item.anchor, item.size, bold=item.bold)]
         case Note():
             place, level = float(across(np.array(item.x))), bottom - item.at * (bottom - top)
             return [

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.resources import files
 from urllib.parse import quote
@@ -15,12 +16,17 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report import tables
+from lrbc_cli.report.calibration import Calibration, calibration_parts
+from lrbc_cli.report.certificate import certificate_parts
 from lrbc_cli.report.chart import Chart
-from lrbc_cli.report.figures import certificate_chart, convergence_charts, trace_chart
+from lrbc_cli.report.correlation import correlation_parts
+from lrbc_cli.report.figures import convergence_charts
 from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
 from lrbc_cli.report.provenance import provenance
-from lrbc_cli.report.results import Campaign, JobResult, Reduction
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.remarks import UNEXPLAINED, remarks_parts
+from lrbc_cli.report.results import STATUSES, Campaign, JobResult
 from lrbc_cli.report.style import css
 from lrbc_cli.report.svg import legend, svg
 
@@ -49,6 +55,10 @@ class Content:
     reduction: Reduction | None
     profiles: Mapping[str, Chart]
     frfs: Sequence[FrfFigure]
+    strip: Chart | None = None
+    maps: Mapping[str, Chart] = field(default_factory=dict)
+    fdac: Mapping[str, Chart] = field(default_factory=dict)
+    calibration: Calibration | None = None
 
 
 def render(content: Content, written: datetime | None = None) -> str:
@@ -67,7 +77,7 @@ def render(content: Content, written: datetime | None = None) -> str:
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
     sections = [part for part in _sections(content) if part is not None]
-    links = [tag("li", tag("a", title, href=f"#{anchor}")) for anchor, title, _ in sections]
+    links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
     name = content.campaign.name
     head = tag(
         "head",
@@ -97,13 +107,22 @@ _Section = tuple[str, str, list[Markup | None]]
 def _sections(content: Content) -> Iterable[_Section | None]:
     done = [job for job in content.jobs if job.complete]
     yield _verdicts(content)
+    yield _part("remarks", "Confidence and notes", remarks_parts(done))
     yield _profiles(content)
     yield _frfs(content)
+    yield _part("correlation", "Correlation", correlation_parts(content.campaign, done, content.fdac))
+    if content.calibration is not None:
+        yield _part("calibration", "Calibration of the reference model", calibration_parts(content.calibration, content.campaign))
     yield _damping(done)
     yield _cost(content)
     yield _convergence(done)
-    yield _certificate(content)
+    if content.reduction is not None:
+        yield _part("certificate", "Certificate of the reduced model", certificate_parts(content.reduction))
     yield "provenance", "Provenance", provenance(content.campaign, content.jobs, content.reduction)
+
+
+def _part(anchor: str, title: str, parts: list[Markup | None] | None) -> _Section | None:
+    return None if parts is None else (anchor, title, parts)
 
 
 def _drawn(chart: Chart, **attributes: str | bool | None) -> Markup:
@@ -136,9 +155,9 @@ def _date(text: str) -> str:
 def _tiles(content: Content) -> Iterable[Markup]:
     jobs, reduction = content.jobs, content.reduction
     done = [job for job in jobs if job.complete]
-    states = [f"{count} {state}" for state in ("converged", "stopped", "failed") if (count := sum(job.status == state for job in jobs))]
+    states = [f"{count} {state}" for state in STATUSES if (count := sum(job.status == state for job in jobs))]
     yield _tile("Jobs", str(len(jobs)), ", ".join(states))
-    judged = [job for job in done if job.bolts]
+    judged = [job for job in done if job.bolts and job.explained]
     if judged:
         loose = [job for job in judged if job.names("loose")]
         removed = [bolt for job in judged for bolt in job.bolts if bolt.removed]
@@ -167,32 +186,34 @@ def _verdicts(content: Content) -> _Section:
     done = [job for job in content.jobs if job.complete]
     anchors = {job: f"profile-{index}" for index, job in enumerate(content.profiles)}
     grid = tables.bolt_grid(content.campaign, done)
-    parts: list[Markup | None] = [tables.verdict_table(content.campaign, content.jobs, anchors)]
-    if grid is not None:
+    parts: list[Markup | None] = []
+    unexplained = [job.job for job in done if not job.explained]
+    if unexplained:
+        parts.append(tag("p", f"{tables.names_of(unexplained)}: {UNEXPLAINED}.", class_="warning"))
+    if content.strip is not None:
         hits = tables.hits(done)
+        # The picture keeps the size of its letters: it is as wide as its bolts need.
+        drawn = tag("div", svg(content.strip), class_="plot strip", style=f"max-width:{1.35 * content.strip.width:.0f}px")
+        likely = any(bolt.probability_loose is not None for job in done for bolt in job.bolts)
+        text = "Each row is a job, each cell a bolt: ✕ judged loose, ? undecided, a dot judged tight"
+        text += "; below, the probability of being loose in per cent." if likely else "."
+        parts += [tag("p", text), legend(content.strip), drawn, tag("p", hits) if hits else None]
+    parts.append(tables.verdict_table(content.campaign, content.jobs, anchors))
+    if content.maps:
+        maps = [_drawn(chart) for chart in content.maps.values()]
+        # Along a straight edge the strip tells the same.
+        wide = any(not chart.panels[0].y.ticks for chart in content.maps.values())
+        parts.append(
+            details(f"Maps of the edge ({len(maps)})", tag("div", *maps, class_="grid pairs"), open_=not wide and len(maps) <= _PROFILES)
+        )
+    if grid is not None:
         bolts = [bolt for job in done for bolt in job.bolts]
         signs = ["✕ judged loose", "? undecided", "· judged tight"]
         signs += ["framed: known to be removed"] if any(bolt.removed for bolt in bolts) else []
         signs += ["† see its note"] if any(bolt.note for bolt in bolts) else []
         key = [tag("li", text) for text in signs]
-        parts += [tag("h3", "Bolts"), tag("p", hits) if hits else None, tag("ul", *key, class_="key"), grid]
-        parts.append(_notes(done))
+        parts.append(details("The figures of each bolt", tag("ul", *key, class_="key"), grid))
     return "verdicts", "Verdicts", parts
-
-
-def _notes(jobs: Sequence[JobResult]) -> Markup | None:
-    where: dict[tuple[str, str], list[str]] = {}
-    for job in jobs:
-        for bolt in job.bolts:
-            if bolt.note:
-                where.setdefault((bolt.name, bolt.note), []).append(job.job)
-    if not where:
-        return None
-    every = sum(bool(job.bolts) for job in jobs)
-    rows: list[list[str | Cell]] = [
-        [name, note, "all" if len(found) == every else tables.names_of(found)] for (name, note), found in where.items()
-    ]
-    return details(f"Notes on bolts ({len(rows)})", table("Notes on bolts", ["Bolt", "Note", "Jobs"], rows, text_columns=3))
 
 
 def _profiles(content: Content) -> _Section | None:
@@ -322,38 +343,3 @@ def _cost(content: Content) -> _Section | None:
         else tag("p", "reduction.json is missing: `lrbc reduce` writes the reduced model's times and certificate.")
     )
     return "cost", "Cost", [tag("p", text), missing, costs]
-
-
-def _certificate(content: Content) -> _Section | None:
-    reduction = content.reduction
-    if reduction is None:
-        return None
-    low, high = (float(edge) for edge in reduction.band_hz)
-    text = (
-        f"{fmt.count(reduction.full_size)} → {fmt.count(reduction.size)} DOFs, {fmt.figures(low)} to {fmt.figures(high)} Hz, "
-        f"{len(reduction.points)} expansion points. "
-    )
-    if reduction.held_out:
-        vectors = "" if reduction.vectors is None else f" and {fmt.count(reduction.vectors)} parameter vectors"
-        text += (
-            f"Against full solves at {len(reduction.held_out)} lines outside the basis{vectors} the worst measured error is "
-            f"{fmt.small(reduction.worst)} of the line's norm. "
-        )
-    text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
-    parts: list[Markup | None] = [tag("p", text)]
-    charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
-    drawn = [tag("div", _drawn(chart), legend(chart)) for chart in charts]
-    parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
-    if reduction.held_out:
-        kinds = list(dict.fromkeys(kind for line in reduction.held_out for kind in line.errors))
-        rows: list[list[str | Cell]] = [
-            [f"{fmt.fixed(line.frequency_hz, 1)} Hz", *(fmt.small(line.errors.get(kind)) for kind in kinds)] for line in reduction.held_out
-        ]
-        made = table("Measured relative error at held-out lines, by kind of parameter vector", ["Line", *kinds], rows)
-        parts.append(details("The figures as a table", made))
-    if reduction.points:
-        points: list[list[str | Cell]] = [
-            [f"{fmt.fixed(where, 1)} Hz", fmt.count(order), fmt.count(added)] for where, order, added in reduction.points
-        ]
-        parts.append(details("Expansion points", table("Expansion points", ["Point", "Order", "DOFs added"], points)))
-    return "certificate", "Certificate of the reduced model", parts

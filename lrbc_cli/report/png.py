@@ -14,13 +14,14 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
+from matplotlib.patches import PathPatch, Polygon
+from matplotlib.path import Path as Outline
 from matplotlib.text import Text as TextArtist
 from matplotlib.transforms import Affine2D, Transform
 
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.files import replace
-from lrbc_cli.report.layout import Drawing, Fill, Line, Shape, Symbols, Text, lay_out
+from lrbc_cli.report.layout import Drawing, Fill, Line, Mosaic, Shape, Symbols, Text, lay_out
 from lrbc_cli.report.style import STYLES
 
 DPI = 120
@@ -118,6 +119,11 @@ def _artist(shape: Shape, transform: Transform) -> Artist:
             )
         case Fill():
             return Polygon(shape.points, closed=True, facecolor=style.light, edgecolor="none", alpha=style.opacity, transform=transform)
+        case Mosaic():
+            corners = shape.points[:, [[0, 1], [2, 1], [2, 3], [0, 3], [0, 1]]].reshape(-1, 2)
+            codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(shape.points))
+            # Neighbours share edges: without smoothing no line shows between them.
+            return PathPatch(Outline(corners, codes), facecolor=style.light, edgecolor="none", antialiased=False, transform=transform)
         case Symbols():
             x, y = shape.points.T
             fill = "none" if style.marker == "ring" else style.light

@@ -8,7 +8,8 @@ from typing import Any
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.results import Campaign, JobResult, Reduction
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import Campaign, JobResult
 from lrbc_cli.report.tables import names_of
 
 

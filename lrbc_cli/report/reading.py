@@ -52,10 +52,11 @@ class Node:
         self.file = file
         self.path = path
         if not isinstance(value, dict):
-            raise self._wrong("", "an object", value)
+            raise self.wrong("", "an object", value)
         self._value: dict[str, Any] = value
 
-    def _wrong(self, key: str, expected: object, found: object) -> DataError:
+    def wrong(self, key: str, expected: object, found: object) -> DataError:
+        """Return the error that says what stands under a key in place of what was expected."""
         place = ".".join(part for part in (self.path, key) if part) or "document"
         text = repr(found)
         return DataError(
@@ -69,7 +70,7 @@ class Node:
 
     def _get(self, key: str, expected: str) -> Any:
         if key not in self._value:
-            raise self._wrong(key, expected, "no such key")
+            raise self.wrong(key, expected, "no such key")
         return self._value[key]
 
     def has(self, key: str) -> bool:
@@ -84,21 +85,21 @@ class Node:
         """Return a string."""
         value = self._get(key, "text")
         if not isinstance(value, str):
-            raise self._wrong(key, "text", value)
+            raise self.wrong(key, "text", value)
         return value
 
     def choice(self, key: str, allowed: tuple[str, ...]) -> str:
         """Return one of the allowed strings."""
         value = self.text(key)
         if value not in allowed:
-            raise self._wrong(key, " | ".join(allowed), value)
+            raise self.wrong(key, " | ".join(allowed), value)
         return value
 
     def flag(self, key: str) -> bool:
         """Return a boolean."""
         value = self._get(key, "true or false")
         if not isinstance(value, bool):
-            raise self._wrong(key, "true or false", value)
+            raise self.wrong(key, "true or false", value)
         return value
 
     def number(self, key: str) -> float:
@@ -107,7 +108,7 @@ class Node:
         if value is None:
             return float("nan")
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._wrong(key, "a number", value)
+            raise self.wrong(key, "a number", value)
         return float(value)
 
     def maybe_text(self, key: str) -> str | None:
@@ -139,13 +140,13 @@ class Node:
         try:
             array = np.array(value, dtype=float)
         except (TypeError, ValueError):
-            raise self._wrong(key, expected, value) from None
+            raise self.wrong(key, expected, value) from None
         if width is not None and array.size == 0:
             array = array.reshape(0, width)
         if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
-            raise self._wrong(key, expected, value)
+            raise self.wrong(key, expected, value)
         if size is not None and len(array) != size:
-            raise self._wrong(key, expected, f"{len(array)} entries")
+            raise self.wrong(key, expected, f"{len(array)} entries")
         return array
 
     def maybe_array(self, key: str, *, size: int | None = None, width: int | None = None) -> FloatArray | None:
@@ -156,7 +157,7 @@ class Node:
         """Return a list of strings."""
         value = self._get(key, "a list of names")
         if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
-            raise self._wrong(key, "a list of names", value)
+            raise self.wrong(key, "a list of names", value)
         return tuple(value)
 
     def node(self, key: str) -> Node:
@@ -173,7 +174,7 @@ class Node:
             return
         value = self._value[key]
         if not isinstance(value, list):
-            raise self._wrong(key, "a list of objects", value)
+            raise self.wrong(key, "a list of objects", value)
         for index, entry in enumerate(value):
             yield Node(entry, self.file, f"{self._below(key)}[{index}]")
 
@@ -184,6 +185,16 @@ class Node:
 
     def _below(self, key: str) -> str:
         return f"{self.path}.{key}" if self.path else key
+
+
+def mapping_of(value: Any) -> dict[str, Any]:
+    """Return an object that is only shown; an empty one for anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def numbers_of(value: Any) -> dict[str, float]:
+    """Return the members of an object that are numbers."""
+    return {key: float(entry) for key, entry in mapping_of(value).items() if isinstance(entry, int | float)}
 
 
 def read_document(file: Path, form: str, version: int = 1) -> Node:

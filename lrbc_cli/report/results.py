@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report.reading import HINT, FloatArray, Node, read_document, read_table
+from lrbc_cli.report.evidence import Correlation, Noise, Nuisance, Validity, read_correlation, read_noise, read_nuisances, read_validity
+from lrbc_cli.report.reading import HINT, FloatArray, Node, mapping_of, numbers_of, read_document, read_table
 
-STATUSES = ("converged", "stopped", "failed")
+STATUSES = ("converged", "stopped", "unexplained", "failed")
 VERDICTS = ("tight", "loose", "undecided")
 
 
@@ -51,7 +52,7 @@ class Group:
     log10, effective, initial : (n,) float arrays
         Decadic logarithms of the parameters, of the smoothed terms, and of the start values.
     reference, lower, upper : (n,) float array or None
-        The tight state; the confidence band of ``effective``.
+        The tight state; the confidence band of ``effective``, NaN where it is open to that side.
     positions : (n, 3) float array or None
         In metres.
     arc_length : (n,) float array or None
@@ -75,7 +76,10 @@ class Group:
 
 @dataclass(frozen=True)
 class BoltVerdict:
-    """What was found at one bolt; ``removed`` is what is known about it, None where nothing is."""
+    """What was found at one bolt; ``removed`` is what is known about it, None where nothing is.
+
+    ``change`` and its ``change_std`` are in decades, and so is the ``threshold`` at which a bolt counts as loose.
+    """
 
     name: str
     position: FloatArray
@@ -85,6 +89,8 @@ class BoltVerdict:
     removed: bool | None
     note: str | None
     probability_loose: float | None
+    change_std: float | None = None
+    threshold: float | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +133,16 @@ class JobResult:
     optimiser: str
     seconds: Mapping[str, float]
     provenance: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+    validity: Validity | None = None
+    nuisances: tuple[Nuisance, ...] = ()
+    noise: Noise | None = None
+    correlation: Correlation | None = None
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains the measurement, so that there are verdicts."""
+        return self.complete and self.status != "unexplained"
 
     @property
     def complete(self) -> bool:
@@ -140,49 +156,6 @@ class JobResult:
     def damping(self) -> list[Group]:
         """Return the groups with an identified damping exponent."""
         return [group for group in self.groups if group.damping_exponent is not None]
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Measured error of the reduced model at one line outside its basis, per kind of parameter vector."""
-
-    frequency_hz: float
-    errors: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of the adaptive reduction: the estimated error over the band, and what was then measured."""
-
-    number: int
-    size: float
-    factorised_hz: float | None
-    measured_error: float | None
-    frequency_hz: FloatArray
-    estimate: FloatArray
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """The reduced model: sizes, certificate, costs, machine."""
-
-    size: float
-    full_size: float
-    terms: float | None
-    band_hz: FloatArray
-    tolerance: float
-    reached: bool
-    backend: str
-    points: tuple[tuple[float, float | None, float | None], ...]
-    held_out: tuple[HeldOut, ...]
-    worst: float | None
-    vectors: float | None
-    steps: tuple[Step, ...]
-    seconds: Mapping[str, float]
-    machine: Mapping[str, Any]
-    date: str
-    cache: Mapping[str, Any]
-    versions: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -275,8 +248,13 @@ def read_job(output: Path, job: str) -> JobResult:
         ),
         lines_hz=np.empty(0) if lines is None else lines,
         optimiser=node.maybe_node("optimiser").maybe_text("method") or "",
-        seconds=_numbers(node.raw("seconds")),
-        provenance=_mapping(node.raw("provenance")),
+        seconds=numbers_of(node.raw("seconds")),
+        provenance=mapping_of(node.raw("provenance")),
+        notes=node.texts("notes") if node.has("notes") else (),
+        validity=read_validity(node),
+        nuisances=read_nuisances(node),
+        noise=read_noise(node),
+        correlation=read_correlation(node),
     )
 
 
@@ -310,8 +288,17 @@ def _bolt(node: Node) -> BoltVerdict:
         verdict=node.choice("verdict", VERDICTS),
         removed=node.maybe_flag("removed"),
         note=node.maybe_text("note"),
-        probability_loose=node.maybe_number("probability_loose"),
+        probability_loose=_share(node, "probability_loose"),
+        change_std=node.maybe_number("change_std"),
+        threshold=node.maybe_number("threshold"),
     )
+
+
+def _share(node: Node, key: str) -> float | None:
+    value = node.maybe_number(key)
+    if value is not None and not 0.0 <= value <= 1.0:
+        raise node.wrong(key, "a number from 0 to 1", value)
+    return value
 
 
 def _change(node: Node) -> Change:
@@ -323,64 +310,6 @@ def _or_nan(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def _mapping(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _numbers(value: Any) -> dict[str, float]:
-    return {key: float(entry) for key, entry in _mapping(value).items() if isinstance(entry, int | float)}
-
-
-def read_reduction(output: Path) -> Reduction | None:
-    """Read ``reduction.json``; None where there is none (the report then does without).
-
-    Raises
-    ------
-    DataError
-        Where it is damaged.
-    """
-    file = output / "reduction.json"
-    if not file.exists():
-        return None
-    node = read_document(file, "lrbc-reduction")
-    certificate = node.maybe_node("certificate")
-    return Reduction(
-        size=node.number("size"),
-        full_size=node.number("full_size"),
-        terms=node.maybe_number("terms"),
-        band_hz=node.array("band_hz", size=2),
-        tolerance=node.number("tolerance"),
-        reached=node.flag("reached"),
-        backend=node.maybe_text("backend") or "",
-        points=tuple(
-            (point.number("frequency_hz"), point.maybe_number("order"), point.maybe_number("added"))
-            for point in node.nodes("expansion_points")
-        ),
-        held_out=tuple(HeldOut(line.number("frequency_hz"), _numbers(line.raw("errors"))) for line in certificate.nodes("held_out")),
-        worst=certificate.maybe_number("worst"),
-        vectors=certificate.maybe_number("vectors"),
-        steps=tuple(_step(count, step) for count, step in enumerate(node.nodes("trace"), start=1)),
-        seconds=_numbers(node.raw("seconds")),
-        machine=_mapping(node.raw("machine")),
-        date=node.maybe_text("date") or "",
-        cache=_mapping(node.raw("cache")),
-        versions=_mapping(node.raw("versions")),
-    )
-
-
-def _step(count: int, node: Node) -> Step:
-    frequency = node.array("frequency_hz")
-    number = node.maybe_number("step")
-    return Step(
-        number=count if number is None else int(number),
-        size=node.number("size"),
-        factorised_hz=node.maybe_number("factorised_hz"),
-        measured_error=node.maybe_number("measured_error"),
-        frequency_hz=frequency,
-        estimate=node.array("estimate", size=len(frequency)),
-    )
-
-
 def read_frf(output: Path, job: str) -> Frf:
     """Read ``NAME/frf.csv``.
 
@@ -389,7 +318,17 @@ def read_frf(output: Path, job: str) -> Frf:
     DataError
         Where it is missing or damaged.
     """
-    file = output / job / "frf.csv"
+    return read_frf_table(output / job / "frf.csv")
+
+
+def read_frf_table(file: Path) -> Frf:
+    """Read a table of measured, initial and updated FRFs.
+
+    Raises
+    ------
+    DataError
+        Where it is missing or damaged.
+    """
     table = read_table(file)
     frequency = table.pop("frequency_hz", None)
     if frequency is None or not len(frequency):

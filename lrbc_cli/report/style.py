@@ -54,6 +54,50 @@ _STEPS = (
     ("#083a6b", "#cfe8fb"),
 )
 
+#: Steps of the two scales below.
+PROBABILITIES, COSINES = 10, 11
+# Probability of being loose: pale to dark on white, dark to bright on the dark page, so that grey tells as well.
+_LOOSE = (("#e1e8ee", "#f0b65c", "#a33600"), ("#262d36", "#96641c", "#ff9b57"))
+# FDAC: the two signs differ in hue and in depth; nothing in common is the page's own colour.
+_FDAC = (("#e08a33", "#ffffff", "#0b4a86"), ("#b8660f", "#14181d", "#8fcbff"))
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5))
+
+
+def _blend(stops: tuple[str, str, str], at: float) -> str:
+    low, high = (stops[0], stops[1]) if at < 0.5 else (stops[1], stops[2])
+    share = 2.0 * at - (at >= 0.5)
+    return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(_rgb(low), _rgb(high), strict=True))
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (part / 255 for part in _rgb(colour))]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def _ink(colour: str) -> str:
+    """Return the ink, dark or light, that stands out more on a colour."""
+    return "#14181d" if luminance(colour) > 0.19 else "#ffffff"
+
+
+def _scales() -> dict[str, Style]:
+    roles: dict[str, Style] = {}
+    for step in range(PROBABILITIES):
+        light, dark = (_blend(stops, step / (PROBABILITIES - 1)) for stops in _LOOSE)
+        ink, dark_ink = _ink(light), _ink(dark)
+        roles[f"p{step}"] = Style(light, dark, marker="circle", size=7.0)
+        roles[f"on{step}"] = Style(ink, dark_ink)
+        roles[f"loose-on{step}"] = Style(ink, dark_ink, width=1.5, marker="cross", size=2.7)
+        roles[f"tight-on{step}"] = Style(ink, dark_ink, marker="circle", size=1.3)
+    for step in range(COSINES):
+        light, dark = (_blend(stops, step / (COSINES - 1)) for stops in _FDAC)
+        roles[f"fdac{step}"] = Style(light, dark)
+    return roles
+
+
 STYLES: dict[str, Style] = {
     "text": Style("#3b434d", "#b7bfca"),
     "strong": Style("#14181d", "#eceff3"),
@@ -72,10 +116,23 @@ STYLES: dict[str, Style] = {
     "bolt": Style("#5a626d", "#a5aeb9", width=1.0, marker="ring", size=2.6),
     "loose": Style("#d55e00", "#ff8a3d", opacity=0.17),
     "undecided": Style("#c98a00", "#f0b840", opacity=0.13),
+    "open": Style("#0a74c4", "#4fb0f0", opacity=0.06),
+    "open-up": Style("#0a74c4", "#4fb0f0", marker="up", size=2.4),
+    "open-down": Style("#0a74c4", "#4fb0f0", marker="down", size=2.4),
+    "unknown": Style("#d5d9df", "#3d4550"),
+    "unknown-dot": Style("#d5d9df", "#3d4550", marker="circle", size=7.0),
+    "hatch": Style("#5a626d", "#a5aeb9", width=0.9),
+    "known": Style("#14181d", "#eceff3", width=1.8, marker="ring", size=9.2),
+    "known-dot": Style("#14181d", "#eceff3", width=1.8, marker="ring", size=4.0),
+    "unsure-dot": Style("#5a626d", "#a5aeb9", width=1.2, marker="ring", size=4.0),
+    "edge": Style("#b4bac3", "#4c545f", width=3.0),
+    "unsure": Style("#5a626d", "#a5aeb9", width=1.2, dash=(2.2, 1.8), marker="ring", size=7.0),
+    "diagonal": Style("#d81b60", "#ff8ab5", width=1.0, dash=(3, 2)),
     "tolerance": Style("#d55e00", "#ff8a3d", width=1.2, dash=(6, 3)),
     "taken": Style("#d55e00", "#ff8a3d", marker="up", size=3.4),
     "quiet": Style("#a3abb6", "#6c7580", width=1.0),
     **{f"series{index}": Style(light, dark, 1.5, dash, marker, 3.2) for index, (light, dark, marker, dash) in enumerate(_SERIES)},
+    **_scales(),
     **{f"step{index}": Style(light, dark, 1.3) for index, (light, dark) in enumerate(_STEPS)},
 }
 SERIES = len(_SERIES)

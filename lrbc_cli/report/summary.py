@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -46,12 +47,11 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bo
 def _row(job: JobResult) -> list[str]:
     if not job.complete:
         return [job.job, job.status, "", "", "", "", ""]
-    loose = job.names("loose")
     total = job.seconds.get("total")
     return [
         job.job,
         job.status,
-        _bolts(loose, job.names("undecided")) if job.bolts else "",
+        _verdicts(job),
         ", ".join(f"{group.damping_exponent:.2f}" for group in job.damping()),
         "" if job.misfit is None else f"{job.misfit.initial:.2f} -> {job.misfit.final:.2f}",
         "" if job.evaluations is None else f"{job.evaluations:.0f}",
@@ -59,8 +59,17 @@ def _row(job: JobResult) -> list[str]:
     ]
 
 
-def _bolts(loose: Sequence[str], undecided: Sequence[str]) -> str:
-    return (_short(loose) or "none") + (f" ({len(undecided)} undecided)" if undecided else "")
+def _verdicts(job: JobResult) -> str:
+    if not job.bolts:
+        return ""
+    if not job.explained:
+        return "no verdict: not explained by the model"
+    known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
+    undecided = job.names("undecided")
+    # The least certain of them: the others are at least as probable.
+    notes = [f"p >= {math.floor(1000 * min(known)) / 1000:.3g}"] if known else []
+    notes += [f"{len(undecided)} undecided"] if undecided else []
+    return (_short(job.names("loose")) or "none") + (f" ({', '.join(notes)})" if notes else "")
 
 
 def _short(names: Sequence[str], limit: int = 6) -> str:

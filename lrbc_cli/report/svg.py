@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.html import Markup, tag
-from lrbc_cli.report.layout import Drawing, Fill, Frame, Line, Shape, Symbols, Text, lay_out, swatch
+from lrbc_cli.report.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
 from lrbc_cli.report.reading import FloatArray
 from lrbc_cli.report.style import STYLES
 
@@ -44,8 +44,9 @@ def _frame(frame: Frame) -> str:
     hit = Markup(f'<rect class="hit" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>')
     return tag(
         "g",
-        shapes,
+        # Below the shapes, so that their titles show where they are pointed at.
         hit,
+        shapes,
         class_="panel",
         data_x=f"{x.low:.9g} {x.high:.9g}",
         data_y=f"{y.low:.9g} {y.high:.9g}",
@@ -66,6 +67,8 @@ def _shape(shape: Shape) -> str:
             return f'<path class="f r-{shape.role}" opacity="{style.opacity:g}" d="{path(shape.points)}Z"/>'
         case Symbols():
             return _symbols(shape)
+        case Mosaic():
+            return _mosaic(shape)
         case Text():
             x, y = round(shape.x * _SCALE), round(shape.y * _SCALE)
             turn = f' transform="rotate(-90 {x} {y})"' if shape.rotated else ""
@@ -86,6 +89,16 @@ def path(points: FloatArray) -> str:
         steps = np.diff(piece, axis=0).tolist()
         parts.append(f"M{piece[0, 0]} {piece[0, 1]}" + ("l" + " ".join(f"{dx} {dy}" for dx, dy in steps) if steps else "h0"))
     return "".join(parts).replace(" -", "-")
+
+
+def _mosaic(shape: Mosaic) -> str:
+    corners = np.rint(shape.points * _SCALE).astype(int)
+    pieces = [f"M{left} {top}h{right - left}v{bottom - top}h{left - right}z" for left, top, right, bottom in corners.tolist()]
+    if not shape.names:
+        return f'<path class="f m r-{shape.role}" d="{"".join(pieces)}"/>'
+    return "".join(
+        f'<path class="f m r-{shape.role}" d="{piece}">{tag("title", name)}</path>' for piece, name in zip(pieces, shape.names, strict=True)
+    )
 
 
 def _symbols(shape: Symbols) -> str:

@@ -10,7 +10,8 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult, Reduction
+from lrbc_cli.report.reduction import Reduction
+from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult
 
 #: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
@@ -72,10 +73,14 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
         if not job.complete:
             rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
             continue
-        if bolts:
+        if bolts and not job.explained:
+            row += [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
+        elif bolts:
             loose, undecided = job.names("loose"), job.names("undecided")
             row.append(
-                Cell(names_of(loose, campaign.bolts), class_="names loose" if loose else "names none") if job.bolts else Cell(fmt.MISSING)
+                Cell(names_of(loose, campaign.bolts), _certainty(job), class_="names loose" if loose else "names none")
+                if job.bolts
+                else Cell(fmt.MISSING)
             )
             row.append(
                 Cell(names_of(undecided, campaign.bolts), class_="names" if undecided else "names none") if job.bolts else Cell(fmt.MISSING)
@@ -100,6 +105,12 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
     return table("What was found, job by job; misfits before → after", head, rows, class_="verdicts", text_columns=words)
 
 
+def _certainty(job: JobResult) -> Markup | None:
+    """Say how probable the least probable of the loose bolts is."""
+    known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
+    return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
+
+
 def held_out_misfit(job: JobResult) -> str:
     """Return the mean misfit over responses that the updating did not see, before → after."""
     unseen = [entry for entry in job.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
@@ -115,7 +126,7 @@ def fold(made: Markup, title: str, rows: int) -> Markup:
 
 def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
     """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
-    shown = [job for job in jobs if job.bolts]
+    shown = [job for job in jobs if job.bolts and job.explained]
     names = list(dict.fromkeys([*campaign.bolts, *(bolt.name for job in shown for bolt in job.bolts)]))
     if not shown or not names:
         return None
@@ -133,24 +144,35 @@ def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
         return Cell(fmt.MISSING)
     value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
     truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
-    words = [f"{bolt.name}: {bolt.verdict}", truth and f"known to be {truth}", f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
-    if bolt.probability_loose is not None:
-        words.append(f"probability of being loose {fmt.fixed(bolt.probability_loose)}")
-    if bolt.note:
-        words.append(bolt.note)
     content = [
         tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
         value,
+        None if bolt.change is None or bolt.change_std is None else tag("small", tag("br"), f"± {fmt.fixed(bolt.change_std, 1)}"),
         tag("sup", "†") if bolt.note else None,
         tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
     ]
     classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
-    return Cell(*content, class_=classes, title=", ".join(filter(None, words)))
+    return Cell(*content, class_=classes, title=sentence(bolt))
+
+
+def sentence(bolt: BoltVerdict) -> str:
+    """Say everything that is known and was found about a bolt, in one line."""
+    truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
+    words = [f"{bolt.name}: {bolt.verdict}"]
+    if bolt.probability_loose is not None:
+        words.append(f"probability of being loose {fmt.probability(bolt.probability_loose)}")
+    words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
+    if bolt.change is not None:
+        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
+        limit = "" if bolt.threshold is None else f" (loose from {fmt.signed(bolt.threshold, 2)})"
+        words.append(f"change {fmt.signed(bolt.change, 2)}{spread} decades{limit}")
+    words.append(bolt.note or "")
+    return ", ".join(word for word in words if word)
 
 
 def hits(jobs: Iterable[JobResult]) -> str | None:
     """Say how the verdicts compare with what is known; None where nothing is known."""
-    bolts = [bolt for job in jobs for bolt in job.bolts if bolt.removed is not None]
+    bolts = [bolt for job in jobs if job.explained for bolt in job.bolts if bolt.removed is not None]
     removed = [bolt.verdict for bolt in bolts if bolt.removed]
     tight = [bolt.verdict for bolt in bolts if not bolt.removed]
     if not bolts:

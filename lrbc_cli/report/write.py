@@ -9,11 +9,16 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.report.calibration import read_calibration
 from lrbc_cli.report.chart import Chart
+from lrbc_cli.report.correlation import fdac_chart
+from lrbc_cli.report.evidence import read_fdac
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.page import Content, FrfFigure, render
-from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
+from lrbc_cli.report.strip import map_chart, strip_chart
 
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40
@@ -56,14 +61,26 @@ def write_report(
     reduction = read_reduction(output)
     done = [job for job in results if job.complete]
     scales = profile_scales(done)
+    calibration = read_calibration(output)
+    strip = strip_chart(campaign, done)
     profiles: dict[str, Chart] = {}
+    maps: dict[str, Chart] = {}
+    fdac: dict[str, Chart] = {}
     frfs: list[FrfFigure] = []
-    tasks: list[_Task] = []
+    tasks: list[_Task] = [] if strip is None else [(strip, output / "verdicts.png")]
     for job in done:
         profile = profile_chart(job, scales)
         if profile is not None:
             profiles[job.job] = profile
             tasks.append((profile, output / job.job / "profile.png"))
+        chart = map_chart(job)
+        if chart is not None:
+            maps[job.job] = chart
+            tasks.append((chart, output / job.job / "map.png"))
+        found = read_fdac(output, job.job)
+        if found is not None:
+            fdac[job.job] = fdac_chart(job, found)
+            tasks.append((fdac[job.job], output / job.job / "fdac.png"))
         frf = read_frf(output, job.job)
         for name in frf.responses:
             response = campaign.response(name)
@@ -74,7 +91,7 @@ def write_report(
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(Content(campaign, results, reduction, profiles, frfs))
+    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration))
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")

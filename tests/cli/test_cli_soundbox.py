@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from campaigns import ROOT, command, environment
 
-from lrbc_cli.campaign.results import CAMPAIGN_COLUMNS
+from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
 
 pytestmark = pytest.mark.slow
 
@@ -67,12 +67,13 @@ def test_all_jobs_are_done(run: Run) -> None:
 
 def test_every_file_is_there(run: Run) -> None:
     figures = {f"frf-{mic}.png" for mic in MICS}
+    files = {"result.json", "profile.csv", "profile.png", "frf.csv", "fdac.csv", "fdac.png", "map.png"}
     for job in REMOVED:
-        assert {p.name for p in (run.out / job).iterdir()} == {"result.json", "profile.csv", "profile.png", "frf.csv"} | figures
+        assert {p.name for p in (run.out / job).iterdir()} == files | figures
         for png in (run.out / job).glob("*.png"):
             assert png.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     names = {p.name for p in run.out.iterdir() if p.is_file()}
-    assert names == {"campaign.csv", "campaign.json", "reduction.json", "report.html"}
+    assert names == {"campaign.csv", "campaign.json", "reduction.json", "report.html", "verdicts.png"}
 
 
 @pytest.mark.parametrize("job", REMOVED)

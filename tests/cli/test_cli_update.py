@@ -17,7 +17,7 @@ import pytest
 from campaigns import BOX_TRUTH, Folder, frame, lrbc
 from campaigns import box as make_box
 
-from lrbc_cli.campaign.results import CAMPAIGN_COLUMNS
+from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
 from lrbc_cli.io.frf import read_frf
 
 
@@ -71,7 +71,7 @@ def finite(value: Any) -> bool:
 @pytest.mark.parametrize("job", ["tight", "loose-2", "loose-all"])
 def test_every_result_file_is_there(frame_once: Folder, job: str) -> None:
     folder = frame_once.out / job
-    assert sorted(p.name for p in folder.iterdir()) == ["frf.csv", "profile.csv", "result.json"]
+    assert sorted(p.name for p in folder.iterdir()) == ["fdac.csv", "frf.csv", "profile.csv", "result.json"]
     tree = frame_once.result(job)
     assert tree["job"] == job
     assert tree["status"] == "converged"
@@ -313,6 +313,7 @@ def test_damaged_and_missing_results_are_made_anew(box: Folder) -> None:
         (path.unlink, "no result yet"),
         ((box.out / "loose" / "profile.csv").unlink, "a result file is missing"),
         ((box.out / "loose" / "frf.csv").unlink, "a result file is missing"),
+        ((box.out / "loose" / "fdac.csv").unlink, "a result file is missing"),
     ]:
         damage()
         found = plans(box)

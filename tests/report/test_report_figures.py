@@ -11,7 +11,8 @@ from lrbc_cli.report import figures
 from lrbc_cli.report.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
 from lrbc_cli.report.layout import lay_out
 from lrbc_cli.report.png import draw, is_current
-from lrbc_cli.report.results import read_campaign, read_frf, read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import read_campaign, read_frf, read_job
 from lrbc_cli.report.style import STYLES, css
 from lrbc_cli.report.svg import path, svg
 

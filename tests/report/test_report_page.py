@@ -14,7 +14,8 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report import page, summary_text, tables, write, write_report
 from lrbc_cli.report.html import Markup, tag
-from lrbc_cli.report.results import read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import read_job
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "col"}
 
@@ -55,7 +56,7 @@ def parsed(output: Path) -> Page:
 
 def test_all_files_are_there(finished):
     for job in ("bolts-00", "bolts-04", "bolts-15"):
-        for name in ("profile.png", "frf-mic01.png", "frf-mic02.png"):
+        for name in ("profile.png", "map.png", "frf-mic01.png", "frf-mic02.png"):
             assert (finished / job / name).read_bytes().startswith(b"\x89PNG")
     assert {entry.name for entry in (finished / "bolts-20").iterdir()} == {"result.json"}
     assert not [entry for entry in finished.rglob("*") if entry.name.startswith(".")]
@@ -79,7 +80,7 @@ def test_page_needs_nothing_from_outside(finished):
 def test_page_is_accessible(finished):
     found = parsed(finished)
     pictures = [entry for entry in found.all("svg") if entry.get("aria-hidden") != "true"]
-    assert len(pictures) == 3 + 3 * 2 + 2 + 2
+    assert len(pictures) == 1 + 3 + 3 + 3 * 2 + 2 + 2
     assert all(entry["role"] == "img" and len(entry["aria-label"]) > 20 for entry in pictures)
     assert all(entry.get("scope") in {"col", "row"} for entry in found.all("th"))
     assert len(found.all("caption")) == len(found.all("table"))
@@ -118,7 +119,7 @@ def test_unchanged_figures_are_left_alone(output):
     lines = []
     write_report(output, workers=1, progress=lines.append)
     assert {file: file.stat().st_mtime_ns for file in output.rglob("*.png")} == before
-    assert "0 figures drawn, 6 unchanged" in lines
+    assert "0 figures drawn, 9 unchanged" in lines
     write_frf(output / "bolts-04" / "frf.csv", 6, ("mic01", "mic02"), 60, False)
     write_report(output, workers=1)
     changed = {file.relative_to(output).as_posix() for file in before if file.stat().st_mtime_ns != before[file]}

@@ -6,7 +6,8 @@ import pytest
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.report import write_report
-from lrbc_cli.report.results import read_campaign, read_frf, read_job, read_reduction
+from lrbc_cli.report.reduction import read_reduction
+from lrbc_cli.report.results import read_campaign, read_frf, read_job
 
 
 def spoil(file: Path, *keys: str | int, value: object) -> None:
@@ -54,7 +55,7 @@ def test_missing_reduction_is_no_error(output):
 @pytest.mark.parametrize(
     ("keys", "value", "expected"),
     [
-        (("status",), "finished", "converged | stopped | failed"),
+        (("status",), "finished", "converged | stopped | unexplained | failed"),
         (("status",), KeyError, "text"),
         (("format",), "other", "lrbc-result"),
         (("job",), "../bolts-00", "bolts-04"),

@@ -1,0 +1,58 @@
+"""Where bolts stand: along which edge, at which arc length, in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lrbc_cli.report.reading import FloatArray
+from lrbc_cli.report.results import BoltVerdict, Group, JobResult
+
+
+def bolts_of(group: Group, groups: Sequence[Group], bolts: Sequence[BoltVerdict]) -> list[tuple[BoltVerdict, float]]:
+    """Return the bolts nearest to this group, each with its arc length (beyond the ends along the last segment)."""
+    if group.positions is None or group.arc_length is None or len(group.positions) < 2:
+        return []
+    found = []
+    for bolt in bolts:
+        nearest = min(
+            (entry for entry in groups if entry.positions is not None and len(entry.positions)), key=lambda entry: _distance(entry, bolt)
+        )
+        if nearest is group and np.isfinite(bolt.position).all():
+            found.append((bolt, _arc_length(group, bolt.position)))
+    return found
+
+
+def along_the_edges(names: Sequence[str], jobs: Sequence[JobResult]) -> list[list[str]]:
+    """Return the names of the bolts edge by edge, in order along each; those of no edge come last, in their own order."""
+    left = list(names)
+    rows: list[list[str]] = []
+    for job in jobs:
+        for group in job.groups:
+            found = [(where, bolt.name) for bolt, where in bolts_of(group, job.groups, job.bolts) if bolt.name in left]
+            if found:
+                rows.append([name for _, name in sorted(found, key=lambda pair: pair[0])])
+                left = [name for name in left if name not in rows[-1]]
+    return [*rows, left] if left else rows
+
+
+def _distance(group: Group, bolt: BoltVerdict) -> float:
+    positions = np.empty((0, 3)) if group.positions is None else group.positions
+    return float(np.linalg.norm(positions - bolt.position, axis=1).min())
+
+
+def _arc_length(group: Group, point: FloatArray) -> float:
+    if group.positions is None or group.arc_length is None:
+        raise ValueError("a group without positions has no arc length")
+    order = np.argsort(group.arc_length)
+    nodes, length = group.positions[order], group.arc_length[order]
+    step = np.diff(nodes, axis=0)
+    size = np.maximum((step**2).sum(axis=1), 1e-300)
+    share = ((point - nodes[:-1]) * step).sum(axis=1) / size
+    low, high = np.zeros(len(share)), np.ones(len(share))
+    low[0], high[-1] = -np.inf, np.inf
+    share = np.clip(share, low, high)
+    foot = nodes[:-1] + share[:, None] * step
+    best = int(np.argmin(((foot - point) ** 2).sum(axis=1)))
+    return float(length[best] + share[best] * (length[best + 1] - length[best]))

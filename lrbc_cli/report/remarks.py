@@ -1,0 +1,112 @@
+"""What a reader has to know beside the verdicts: validity, nuisances, noise, notes on jobs and bolts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lrbc_cli.report import format as fmt
+from lrbc_cli.report.evidence import Nuisance
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
+from lrbc_cli.report.results import JobResult
+from lrbc_cli.report.tables import names_of
+
+UNEXPLAINED = "the model does not explain the measurement: no verdict"
+#: Units by the ending of a nuisance's name.
+_UNITS = {"percent": "%", "kelvin": "K", "db": "dB", "mm": "mm", "hz": "Hz"}
+#: A table of notes with more rows is folded away.
+_MANY = 12
+
+
+def remarks_parts(jobs: Sequence[JobResult]) -> list[Markup | None] | None:
+    """Return the parts of the section; None where there is nothing to say."""
+    parts = [_validity(jobs), _nuisances(jobs), _job_notes(jobs), _bolt_notes(jobs)]
+    return parts if any(part is not None for part in parts) else None
+
+
+def _validity(jobs: Sequence[JobResult]) -> Markup | None:
+    shown = [job for job in jobs if job.validity is not None or job.noise is not None]
+    if not shown:
+        return None
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        check, noise = job.validity, job.noise
+        outcome: str | Cell = fmt.MISSING
+        if check is not None:
+            words, look = ("passed", "converged") if check.passed else ("NOT passed", "failed")
+            outcome = Cell(tag("span", words, class_=f"badge {look}"))
+        rows.append(
+            [
+                job.job,
+                outcome,
+                fmt.MISSING if check is None else check.reason or fmt.MISSING,
+                fmt.fixed(None if check is None else check.held_out_db),
+                fmt.fixed(None if check is None else check.limit_db),
+                fmt.fixed(None if noise is None else noise.sigma_db),
+                fmt.figures(None if noise is None else noise.correlation_factor),
+            ]
+        )
+    head: list[str | Cell] = [
+        "Job",
+        "Model explains it",
+        "Why",
+        "Held out [dB]",
+        "Limit [dB]",
+        Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
+        Cell("Lines worth one", title="residuals of neighbouring lines are alike; so many count as one independent value"),
+    ]
+    return table("Does the model explain the measurement, and what the confidence rests on", head, rows, text_columns=3)
+
+
+def _nuisances(jobs: Sequence[JobResult]) -> Markup | None:
+    shown = [job for job in jobs if job.nuisances]
+    if not shown:
+        return None
+    keys = list(dict.fromkeys((entry.name, entry.of) for job in shown for entry in job.nuisances))
+    head: list[str | Cell] = ["Job", *(Cell(_title(name), tag("br"), tag("small", of or "\u00a0")) for name, of in keys)]
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        found = {(entry.name, entry.of): entry for entry in job.nuisances}
+        rows.append([job.job, *(_nuisance(found.get(key)) for key in keys)])
+    caption = "Estimated beside the parameters, ± standard deviation"
+    return table(caption, head, rows, class_="misfits")
+
+
+def _title(name: str) -> str:
+    words, _, unit = name.rpartition("_")
+    return f"{(words or name).replace('_', ' ')} [{_UNITS[unit]}]" if unit in _UNITS and words else name.replace("_", " ")
+
+
+def _nuisance(entry: Nuisance | None) -> str:
+    if entry is None:
+        return fmt.MISSING
+    return fmt.fixed(entry.value) + ("" if entry.std is None else f" ± {fmt.fixed(entry.std)}")
+
+
+def _job_notes(jobs: Sequence[JobResult]) -> Markup | None:
+    where: dict[str, list[str]] = {}
+    for job in jobs:
+        for note in job.notes:
+            where.setdefault(note, []).append(job.job)
+    return _folded("Notes on jobs", ["Jobs", "Note"], [[_jobs(found, len(jobs)), note] for note, found in where.items()], 2)
+
+
+def _bolt_notes(jobs: Sequence[JobResult]) -> Markup | None:
+    judged = [job for job in jobs if job.bolts]
+    where: dict[tuple[str, str], list[str]] = {}
+    for job in judged:
+        for bolt in job.bolts:
+            if bolt.note:
+                where.setdefault((bolt.name, bolt.note), []).append(job.job)
+    rows: list[list[str | Cell]] = [[name, note, _jobs(found, len(judged))] for (name, note), found in where.items()]
+    return _folded("Notes on bolts", ["Bolt", "Note", "Jobs"], rows, 3)
+
+
+def _jobs(found: Sequence[str], every: int) -> str:
+    return "all" if len(found) == every and every > 1 else names_of(found)
+
+
+def _folded(title: str, head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], columns: int) -> Markup | None:
+    if not rows:
+        return None
+    made = table(title, head, rows, text_columns=columns, class_="notes")
+    return made if len(rows) <= _MANY else details(f"{title} ({len(rows)})", made)

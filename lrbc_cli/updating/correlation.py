@@ -1,0 +1,313 @@
+"""How well two sets of FRFs agree, in the figures of experimental modal analysis: FRAC, FDAC and shifts of matched peaks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.signal import find_peaks
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: A peak stands out of its spectrum by at least this [dB]; less is noise as often as a resonance.
+PROMINENCE_DB = 3.0
+
+#: Two peaks may be one resonance when their frequencies differ by no more than this fraction.
+TOLERANCE = 0.05
+
+#: ... and, where several responses tell, when the vectors of their values at the two peaks agree at least so much (|FDAC|).
+SIMILARITY = 0.5
+
+
+def measured_values(H: Complexes) -> NDArray[np.bool_]:
+    """Where a value was measured: finite and not zero."""
+    return np.isfinite(H) & (np.abs(H) > 0)
+
+
+def frac(measured: Complexes, model: Complexes) -> Floats:
+    """(R,) frequency response assurance criterion of each response.
+
+    ``|sum conj(Hm) Ha|² / (sum |Hm|² sum |Ha|²)`` over the lines where both have values (Heylen and Lammens, *FRAC: a consistent way of
+    comparing frequency response functions*, Swansea, 1996): 1 where the two differ by a complex factor only, else less. It weighs lines
+    by their magnitude, so that it speaks of the highest peaks; a shift by a line width is enough to make it small.
+
+    Parameters
+    ----------
+    measured, model : (F, R) complex arrays
+        NaN where there is no value.
+
+    Returns
+    -------
+    (R,) float array
+        In [0, 1]; NaN where no line is left.
+    """
+    both = measured_values(measured) & np.isfinite(model)
+    a, b = _normalised(np.where(both, measured, 0.0), 0), _normalised(np.where(both, model, 0.0), 0)
+    product = np.abs(np.sum(a.conj() * b, axis=0)) ** 2
+    known = np.asarray(np.any(a != 0.0, axis=0) & np.any(b != 0.0, axis=0))
+    return np.where(known, np.minimum(product, 1.0), np.nan)
+
+
+def _normalised(H: Complexes, axis: int) -> Complexes:
+    """Columns or rows of norm 1; zeros stay, and so do values whose squares would leave the range of numbers."""
+    largest = np.max(np.abs(H), axis=axis, keepdims=True)
+    scaled = H / np.where(largest > 0.0, largest, 1.0)
+    norm = np.linalg.norm(scaled, axis=axis, keepdims=True)
+    return np.asarray(scaled / np.where(norm > 0.0, norm, 1.0))
+
+
+def fdac(measured: Complexes, model: Complexes, weights: Floats | None = None) -> Floats:
+    """(F, G) frequency domain assurance criterion: every measured line against every line of the model.
+
+    ``Re(Hm(f)ᴴ Ha(g)) / (|Hm(f)| |Ha(g)|)`` with the vectors of all responses: the cosine between two operating shapes, as the modal
+    assurance criterion has it for mode shapes (Pascual, Golinval and Razeto, *A frequency domain correlation technique for model
+    correlation and updating*, IMAC XV, 1997). The real part keeps the sign, so that a shape in opposite phase gives -1, which the square
+    would hide. Where model and measurement agree, the diagonal is 1; a ridge beside the diagonal is a shift in frequency.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        NaN where a response was not measured.
+    model : (G, R) complex array
+    weights : (R,) float array or None
+        Factors that bring responses of different quantities to one scale.
+
+    Returns
+    -------
+    (F, G) float array
+        In [-1, 1]; NaN at lines with fewer than two responses, where there is no shape to compare.
+    """
+    valid = measured_values(measured)
+    scale = np.ones(measured.shape[1]) if weights is None else weights
+    whole = np.asarray(np.isfinite(model).all(axis=1))
+    a = _normalised(np.where(valid, measured * scale, 0.0), 1)
+    b = _normalised(np.where(whole[:, None], model * scale, 0.0), 1)
+    # Responses that a line lacks leave the model's vector too.
+    size = np.sqrt(valid.astype(float) @ (np.abs(b) ** 2).T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cosine = (a.conj() @ b.T).real / size
+    cosine[(valid.sum(axis=1) < 2)[:, None] | (size <= 1e-12) | ~whole[None, :]] = np.nan
+    return np.asarray(np.clip(cosine, -1.0, 1.0))
+
+
+def quantity_weights(measured: Complexes, quantities: tuple[str, ...]) -> Floats:
+    """(R,) one factor a quantity, so that pressures and accelerations count alike: 1 over its RMS; all 1 where there is one quantity."""
+    weights = np.ones(len(quantities))
+    if len(set(quantities)) > 1:
+        size = np.abs(np.where(measured_values(measured), measured, np.nan))
+        for quantity in set(quantities):
+            chosen = np.array([entry == quantity for entry in quantities])
+            known = size[:, chosen][np.isfinite(size[:, chosen])]
+            weights[chosen] = 1.0 / float(np.sqrt(np.mean(known**2))) if known.size else 1.0
+    return weights
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Peaks of a spectrum.
+
+    Attributes
+    ----------
+    frequency_hz : (k,) float array
+        Between the lines, from a parabola through the three highest values.
+    line : (k,) int array
+        The highest line of each.
+    """
+
+    frequency_hz: Floats
+    line: NDArray[np.int64]
+
+
+def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float = PROMINENCE_DB) -> Peaks:
+    """Peaks of one spectrum in dB; lines without a value are left out, so a peak at the edge of a gap is none.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    level_db : (F,) float array
+        NaN where there is no value.
+    prominence_db : float
+
+    Returns
+    -------
+    Peaks
+    """
+    known = np.flatnonzero(np.isfinite(level_db))
+    level, f = level_db[known], frequency_hz[known]
+    at, _ = find_peaks(level, prominence=prominence_db)
+    # The neighbours on both sides must be neighbours in the measurement as well.
+    at = at[(known[at + 1] - known[at - 1]) == 2]
+    refined = np.array([_vertex(f[i - 1 : i + 2], level[i - 1 : i + 2]) for i in at])
+    return Peaks(refined.reshape(-1), known[at].astype(np.int64))
+
+
+def _vertex(x: Floats, y: Floats) -> float:
+    """Place of the maximum of the parabola through three points, the middle one the highest."""
+    left, right = x[0] - x[1], x[2] - x[1]
+    below, above = (y[0] - y[1]) / left, (y[2] - y[1]) / right
+    curvature = (above - below) / (right - left)
+    if curvature >= 0.0:
+        return float(x[1])
+    slope = above - curvature * right
+    return float(x[1] + np.clip(-slope / (2.0 * curvature), left, right))
+
+
+def mean_spectrum(H: Complexes, valid: NDArray[np.bool_]) -> Floats:
+    """(F,) level of the mean power over the responses, each scaled to the same power [dB]; NaN at lines where one of them is missing.
+
+    A response without any value takes no part.
+    """
+    some = valid.any(axis=0)
+    if not some.any():
+        return np.full(H.shape[0], np.nan)
+    power = np.where(valid[:, some], np.abs(H[:, some]) ** 2, np.nan)
+    power = power / np.nanmean(power, axis=0)
+    with np.errstate(divide="ignore"):
+        level = 10.0 * np.log10(power.mean(axis=1))
+    return np.where(np.isfinite(level), level, np.nan)
+
+
+def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None, tolerance: float = TOLERANCE) -> NDArray[np.int64]:
+    """For each measured peak the peak of the model that is the same resonance.
+
+    One to one; as many pairs as the limits allow, and among these the ones with the smallest sum of relative distance over tolerance and
+    1 - similarity.
+
+    Parameters
+    ----------
+    measured_hz : (k,) float array
+    model_hz : (m,) float array
+    similarity : (k, m) float array or None
+        In [0, 1], of the shapes at the peaks; pairs below ``SIMILARITY`` are refused, NaN counts as equal.
+    tolerance : float
+        Largest distance, as a fraction of the measured frequency.
+
+    Returns
+    -------
+    (k,) int array
+        Index into ``model_hz``; -1 where there is none.
+    """
+    found = np.full(measured_hz.size, -1, dtype=np.int64)
+    if not measured_hz.size or not model_hz.size:
+        return found
+    distance = np.abs(model_hz[None, :] - measured_hz[:, None]) / (tolerance * measured_hz[:, None])
+    alike = np.ones_like(distance) if similarity is None else np.where(np.isnan(similarity), 1.0, similarity)
+    allowed = (distance <= 1.0) & (alike >= SIMILARITY)
+    # An allowed pair costs at most 1.5; a refused one more than all allowed pairs together.
+    cost = np.where(allowed, distance + 1.0 - alike, 2.0 * (min(distance.shape) + 1))
+    rows, columns = linear_sum_assignment(cost)
+    kept = allowed[rows, columns]
+    found[rows[kept]] = columns[kept]
+    return found
+
+
+@dataclass(frozen=True)
+class PeakTable:
+    """Measured peaks and the same resonances of the model before and after.
+
+    Attributes
+    ----------
+    measured_hz, initial_hz, final_hz : (k,) float arrays
+        NaN where the model has no such peak.
+    """
+
+    measured_hz: Floats
+    initial_hz: Floats
+    final_hz: Floats
+
+    def shifts_percent(self) -> tuple[float, float]:
+        """Mean absolute shift of the peaks that are matched both before and after [%]; NaN where there is none."""
+        both = np.isfinite(self.initial_hz) & np.isfinite(self.final_hz)
+        if not both.any():
+            return float("nan"), float("nan")
+        reference = self.measured_hz[both]
+        before, after = (np.abs(model[both] / reference - 1.0) for model in (self.initial_hz, self.final_hz))
+        return 100.0 * float(before.mean()), 100.0 * float(after.mean())
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Agreement of measured with initial and updated FRFs.
+
+    Attributes
+    ----------
+    frac_initial, frac_final : (R,) float arrays
+    peaks : tuple of R PeakTable
+        Of each response.
+    mean_peaks : PeakTable
+        Of the mean spectrum.
+    lines : (g,) int array
+        Lines of the FDAC maps.
+    fdac_initial, fdac_final : (g, g) float arrays
+        Rows are measured lines, columns lines of the model.
+    """
+
+    frac_initial: Floats
+    frac_final: Floats
+    peaks: tuple[PeakTable, ...]
+    mean_peaks: PeakTable
+    lines: NDArray[np.int64]
+    fdac_initial: Floats
+    fdac_final: Floats
+
+
+def correlate(
+    frequency_hz: Floats,
+    measured: Complexes,
+    initial: Complexes,
+    updated: Complexes,
+    quantities: tuple[str, ...] | None = None,
+    grid: int = 64,
+) -> Correlation:
+    """Compare measured with initial and updated FRFs.
+
+    Peaks are matched by frequency and, where a line has two responses or more, by the shape there.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured, initial, updated : (F, R) complex arrays
+        The measured ones are NaN where there is no value.
+    quantities : tuple of R str or None
+        What each response is; one quantity where None.
+    grid : int
+        Lines of the FDAC maps, at the most, evenly among all lines.
+
+    Returns
+    -------
+    Correlation
+    """
+    valid = measured_values(measured)
+    weights = quantity_weights(measured, quantities or ("",) * measured.shape[1])
+
+    def table(level: list[Floats]) -> PeakTable:
+        own = spectrum_peaks(frequency_hz, level[0])
+        columns = []
+        for model, values in ((initial, level[1]), (updated, level[2])):
+            other = spectrum_peaks(frequency_hz, values)
+            alike = np.abs(fdac(measured[own.line], model[other.line], weights))
+            which = match_peaks(own.frequency_hz, other.frequency_hz, alike)
+            padded = np.append(other.frequency_hz, np.nan)
+            columns.append(padded[which])
+        return PeakTable(own.frequency_hz, columns[0], columns[1])
+
+    def decibels(H: Complexes, r: int) -> Floats:
+        # The model counts on the lines that were measured, so that both have the same peaks to show.
+        with np.errstate(divide="ignore"):
+            level = 20.0 * np.log10(np.abs(np.where(valid[:, r], H[:, r], 1.0)))
+        return np.where(valid[:, r] & np.isfinite(level), level, np.nan)
+
+    lines = np.unique(np.linspace(0, frequency_hz.size - 1, min(grid, frequency_hz.size)).round().astype(np.int64))
+    return Correlation(
+        frac(measured, initial),
+        frac(measured, updated),
+        tuple(table([decibels(H, r) for H in (measured, initial, updated)]) for r in range(measured.shape[1])),
+        table([mean_spectrum(H, valid) for H in (measured, initial, updated)]),
+        lines,
+        fdac(measured[lines], initial[lines], weights),
+        fdac(measured[lines], updated[lines], weights),
+    )

@@ -1,0 +1,356 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_campaign import write_campaign, write_fdac
+from test_report_page import parsed
+from test_report_reading import spoil
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.report import figures, strip, style, summary_text, write_report
+from lrbc_cli.report import format as fmt
+from lrbc_cli.report.calibration import calibration_charts, read_calibration
+from lrbc_cli.report.chart import Area, Curve, Marks, Span, Tiles, Word
+from lrbc_cli.report.correlation import fdac_chart
+from lrbc_cli.report.evidence import Nuisance, read_fdac
+from lrbc_cli.report.layout import lay_out
+from lrbc_cli.report.places import along_the_edges
+from lrbc_cli.report.results import read_campaign, read_job
+from lrbc_cli.report.strip import level_of, map_chart, strip_chart
+
+
+@pytest.fixture(scope="session")
+def rich(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with all that a result may tell, and its report; read only."""
+    folder = tmp_path_factory.mktemp("rich")
+    write_campaign(
+        folder, (0, 4, 12), responses=("mic01", "mic02"), used=("mic01",), lines=60, evidence=True, unexplained=(12,), calibration=True
+    )
+    write_report(folder, workers=1)
+    return folder
+
+
+def jobs_of(folder: Path):
+    campaign = read_campaign(folder)
+    return campaign, [read_job(folder, name) for name in campaign.jobs]
+
+
+# -- reading ------------------------------------------------------------------------------------------------------------
+
+
+def test_everything_that_a_result_may_tell_is_read(rich):
+    job = read_job(rich, "bolts-04")
+    assert job.explained
+    assert len(job.notes) == 2
+    assert job.validity.passed
+    assert (job.validity.held_out_db, job.validity.limit_db) == (1.6, 3.0)
+    assert job.noise.correlation_factor == 5.5
+    assert job.nuisances[0] == Nuisance("sound_speed_percent", "", -0.21, 0.03)
+    assert job.nuisances[1] == Nuisance("temperature_kelvin", "", 291.9, None)
+    assert Nuisance("gain_db", "mic02", 0.1, 0.05) in job.nuisances
+    assert Nuisance("hammer_offset_mm", "x", 1.2, None) in job.nuisances
+    loose = next(bolt for bolt in job.bolts if bolt.name == "B09")
+    assert loose.probability_loose > 0.99
+    assert (loose.change_std, loose.threshold) == (0.15, -0.75)
+    assert job.correlation.frac_final == 0.83
+    assert np.isnan(job.correlation.responses["mic02"].frac_final)
+    assert np.isnan(job.correlation.peaks[-1].initial)
+    assert np.isnan(job.groups[0].upper).any()
+    other = read_job(rich, "bolts-12")
+    assert other.complete
+    assert not other.explained
+
+
+def test_older_results_lack_all_of_it(output):
+    job = read_job(output, "bolts-04")
+    assert (job.validity, job.noise, job.correlation, job.nuisances, job.notes) == (None, None, None, (), ())
+    assert read_fdac(output, "bolts-04") is None
+    assert read_calibration(output) is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "place"),
+    [
+        (("bolts", 3, "probability_loose"), 1.5, "bolts[3].probability_loose"),
+        (("bolts", 3, "change_std"), "wide", "bolts[3].change_std"),
+        (("validity", "passed"), "yes", "validity.passed"),
+        (("nuisances", "sound_speed_percent"), "fast", "nuisances.sound_speed_percent"),
+        (("nuisances", "gain_db", "mic01"), {"of": 3}, "nuisances.gain_db.mic01"),
+        (("noise", "sigma_db"), [], "noise.sigma_db"),
+        (("correlation", "responses", "mic01"), 3, "correlation.responses.mic01"),
+        (("correlation", "mean_spectrum", "peaks", 0), {}, "correlation.mean_spectrum.peaks[0].measured_hz"),
+        (("notes",), "one", "notes"),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path, keys, value, place):
+    write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, evidence=True)
+    spoil(tmp_path / "bolts-04" / "result.json", *keys, value=value)
+    with pytest.raises(DataError) as caught:
+        read_job(tmp_path, "bolts-04")
+    assert caught.value.place == place
+
+
+@pytest.mark.parametrize("damage", ["rows", "column", "order"])
+def test_a_damaged_fdac_is_named(tmp_path, damage):
+    file = tmp_path / "job" / "fdac.csv"
+    file.parent.mkdir()
+    write_fdac(file, 5)
+    lines = file.read_text().splitlines()
+    lines = {"rows": lines[:-1], "column": ["x" + lines[0], *lines[1:]], "order": [lines[0], *lines[:0:-1]]}[damage]
+    file.write_text("\n".join(lines))
+    with pytest.raises(DataError, match="damaged"):
+        read_fdac(tmp_path, "job")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "words"),
+    [
+        (("frf",), "../secret.csv", "inside the output folder"),
+        (("frf",), "/etc/passwd", "inside the output folder"),
+        (("used",), None, "true or false"),
+        (("factors",), KeyError, "an object"),
+        (("factors", "mass.acoustic", "value"), "1", "a number"),
+        (("version",), 2, "1 to 1"),
+    ],
+)
+def test_a_damaged_calibration_is_named(tmp_path, keys, value, words):
+    write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, calibration=True)
+    spoil(tmp_path / "calibration.json", *keys, value=value)
+    with pytest.raises(DataError) as caught:
+        read_calibration(tmp_path)
+    assert words in str(caught.value.expected)
+    assert caught.value.file.endswith("calibration.json")
+
+
+# -- strip and maps -----------------------------------------------------------------------------------------------------
+
+
+def test_the_strip_shows_probability_verdict_and_truth(rich):
+    campaign, jobs = jobs_of(rich)
+    chart = strip_chart(campaign, jobs)
+    panel = chart.panels[0]
+    # Each bolt of each job has one cell, in its own colour.
+    cells = {name: item.role for item in panel.items if isinstance(item, Tiles) for name in item.names}
+    assert len(cells) == 3 * 17
+    colour = {name.split(":")[0]: role for name, role in cells.items()}
+    assert colour["bolts-04, B09"] == f"p{style.PROBABILITIES - 1}"
+    assert colour["bolts-00, B09"] == "p0"
+    assert colour["bolts-04, B01"] == "unknown"
+    # Where the model explains nothing, no cell says anything.
+    assert {role for name, role in colour.items() if name.startswith("bolts-12")} == {"unknown"}
+    marks = {item.role: item for item in panel.items if isinstance(item, Marks) and item.x.size}
+    assert sorted(marks[f"loose-on{style.PROBABILITIES - 1}"].x) == [7.5, 8.5, 9.5, 10.5]
+    frames = next(item for item in panel.items if isinstance(item, Curve) and item.role == "known")
+    assert np.isnan(frames.x).sum() == 4 + 12
+    words = [item.text for item in panel.items if isinstance(item, Word)]
+    assert words.count("?") == 2 * 2
+    assert words.count("–") == 17
+    assert ">99" in words
+    assert "bolts-12: no verdict" in chart.alt
+
+
+def test_verdicts_serve_where_there_is_no_probability(finished):
+    campaign, jobs = jobs_of(finished)
+    chart = strip_chart(campaign, [job for job in jobs if job.complete])
+    assert [text for _, kind, text in chart.legend() if kind == "tiles"] == ["tight", "loose"]
+    assert not any(isinstance(item, Word) and item.text != "?" for item in chart.panels[0].items)
+    bolt = jobs[0].bolts[0]
+    assert level_of(replace(bolt, verdict="loose")) == style.PROBABILITIES - 1
+    assert level_of(replace(bolt, verdict="tight")) == 0
+    assert level_of(replace(bolt, verdict="undecided")) is None
+    assert level_of(replace(bolt, verdict="undecided", probability_loose=1.0)) == style.PROBABILITIES - 1
+    assert strip_chart(campaign, [replace(jobs[0], bolts=())]) is None
+
+
+def test_bolts_stand_edge_by_edge_in_order(finished):
+    job = read_job(finished, "bolts-04")
+    names = [bolt.name for bolt in job.bolts]
+    shuffled = replace(job, bolts=tuple(job.bolts[k] for k in np.random.default_rng(1).permutation(17)))
+    assert along_the_edges([bolt.name for bolt in shuffled.bolts], [shuffled]) == [names]
+    bare = replace(job, groups=(replace(job.groups[0], positions=None),))
+    assert along_the_edges(names, [bare]) == [names]
+    step = np.array([0.8, 0.0, 0.0])
+    aside = replace(job.groups[0], name="other", positions=job.groups[0].positions + step)
+    far = tuple(replace(bolt, position=bolt.position + step) if k < 5 else bolt for k, bolt in enumerate(job.bolts))
+    assert along_the_edges(names, [replace(job, groups=(job.groups[0], aside), bolts=far)]) == [names[5:], names[:5]]
+
+
+def test_grey_tells_the_probability_too():
+    for colours in ([style.STYLES[f"p{k}"].light for k in range(style.PROBABILITIES)],):
+        assert np.all(np.diff([style.luminance(colour) for colour in colours]) < -0.01)
+    assert np.all(np.diff([style.luminance(style.STYLES[f"p{k}"].dark) for k in range(style.PROBABILITIES)]) > 0.005)
+    for k in range(style.PROBABILITIES):
+        for theme in ("light", "dark"):
+            back, ink = (style.luminance(getattr(style.STYLES[role], theme)) for role in (f"p{k}", f"on{k}"))
+            assert (max(back, ink) + 0.05) / (min(back, ink) + 0.05) > 4.0
+
+
+def plate(job, sides: int):
+    """The job's bolts around a plate, and its edges."""
+    t = np.linspace(0, 1, 6)[:-1]
+    zero, one = np.zeros_like(t), np.ones_like(t)
+    ring = np.concatenate([np.column_stack(side) for side in [(t, zero), (one, t), (1 - t, one), (zero, 1 - t)][:sides]])
+    places = np.column_stack([ring * [1.0, 0.7], np.full(len(ring), 0.1)])
+    bolts = tuple(replace(job.bolts[k % 17], name=f"N{k:02d}", position=place) for k, place in enumerate(places))
+    return replace(job, bolts=bolts, groups=())
+
+
+@pytest.mark.parametrize("sides", [1, 2, 4])
+def test_the_map_keeps_all_names_inside_and_apart(rich, sides):
+    chart = map_chart(plate(read_job(rich, "bolts-04"), sides))
+    drawing = lay_out(chart, header=False)
+    words = [shape for shape in drawing.frames[0].shapes if getattr(shape, "text", "").startswith("N")]
+    assert len(words) == 5 * sides
+    boxes = []
+    for word in words:
+        width = 0.6 * word.size * len(word.text)
+        left = word.x - {"middle": 0.5, "start": 0.0, "end": 1.0}[word.anchor] * width
+        assert left >= 0
+        assert left + width <= drawing.width
+        boxes.append((left, left + width, word.y - 7, word.y))
+    for k, a in enumerate(boxes):
+        assert not any(a[0] < b[1] and b[0] < a[1] and a[2] < b[3] and b[2] < a[3] for b in boxes[:k])
+    if sides == 4:
+        # Lengths are true in both directions.
+        x, y = chart.panels[0].x, chart.panels[0].y
+        left, top, right, bottom = drawing.frames[0].box
+        assert (right - left) / (x.high - x.low) == pytest.approx((bottom - top) / (y.high - y.low), rel=0.02)
+
+
+def test_the_map_marks_what_is_known_and_what_is_open(rich):
+    job = read_job(rich, "bolts-04")
+    items = [item for item in map_chart(job).panels[0].items if isinstance(item, Marks) and item.x.size]
+    assert sum(len(item.x) for item in items if item.role == "known") == 4
+    assert sum(len(item.x) for item in items if item.role == "unsure") == 2
+    said = " ".join(name for item in items for name in item.names)
+    assert "no term near" in said
+    assert "decades (loose from −0.75)" in said
+    silent = map_chart(read_job(rich, "bolts-12"))
+    assert not any(item.role.startswith("p") for item in silent.panels[0].items if isinstance(item, Marks) and item.x.size)
+    assert map_chart(replace(job, bolts=())) is None
+
+
+# -- profile ------------------------------------------------------------------------------------------------------------
+
+
+def test_open_intervals_reach_the_edge_with_an_arrow(rich):
+    job = read_job(rich, "bolts-04")
+    group = job.groups[0]
+    chart = figures.profile_chart(job, figures.profile_scales([job]))
+    panel = chart.panels[0]
+    arrows = {item.role: item for item in panel.items if isinstance(item, Marks) and item.role.startswith("open")}
+    assert set(np.round(arrows["open-up"].x, 9)) <= set(np.round(group.arc_length[np.isnan(group.upper)], 9))
+    np.testing.assert_allclose(arrows["open-down"].x, group.arc_length[[15]])
+    assert arrows["open-up"].y.min() > panel.y.high - 0.1
+    layers = [item for item in panel.items if isinstance(item, Area) and item.role == "open"]
+    assert max(item.high.max() for item in layers) == pytest.approx(panel.y.high)
+    band = next(item for item in panel.items if isinstance(item, Area) and item.role == "band")
+    assert np.isfinite(band.low).all()
+    closed = ~np.isnan(group.upper)
+    np.testing.assert_array_equal(band.high[closed], group.upper[closed])
+    np.testing.assert_array_equal(band.high[~closed], group.effective[~closed])
+
+
+def test_without_a_verdict_no_bolt_is_marked_loose(rich):
+    job = read_job(rich, "bolts-12")
+    chart = figures.profile_chart(job, figures.profile_scales([job]))
+    assert {item.role for item in chart.panels[0].items if isinstance(item, Span)} == {"undecided"}
+    assert "no verdict" in chart.subtitle
+
+
+# -- correlation and calibration ----------------------------------------------------------------------------------------
+
+
+def test_the_maps_of_fdac_hold_every_value_once(rich):
+    job, fdac = read_job(rich, "bolts-04"), read_fdac(rich, "bolts-04")
+    chart = fdac_chart(job, fdac)
+    drawing = lay_out(chart, header=False)
+    for panel, frame, values in zip(chart.panels, drawing.frames, (fdac.initial, fdac.updated), strict=True):
+        left, top, right, bottom = frame.box
+        assert right - left == pytest.approx(bottom - top, abs=0.5)
+        tiles = [item for item in panel.items if isinstance(item, Tiles) and len(item.edges)]
+        area = sum(np.sum((e[:, 1] - e[:, 0]) * (e[:, 3] - e[:, 2])) for e in (item.edges for item in tiles))
+        assert area == pytest.approx((panel.x.high - panel.x.low) * (panel.y.high - panel.y.low))
+        for row, column in ((3, 3), (3, 8), (5, 2), (23, 20)):
+            x, y = fdac.frequency_hz[column], fdac.frequency_hz[row]
+            inside = [item.role for item in tiles for e in item.edges if e[0] < x < e[1] and e[2] < y < e[3]]
+            value = values[row, column]
+            expected = "unknown" if np.isnan(value) else f"fdac{round((value + 1) / 2 * (style.COSINES - 1))}"
+            assert inside == [expected]
+
+
+def test_calibration_is_read_and_drawn(rich):
+    campaign = read_campaign(rich)
+    calibration = read_calibration(rich)
+    assert calibration.factors[3].lower is None
+    assert calibration.misfits["responses held out"] == (3.02, 1.11)
+    assert [chart.subtitle for chart in calibration_charts(calibration, campaign)] == ["used", "held out"]
+    assert calibration_charts(replace(calibration, frf=None), campaign) == []
+
+
+def test_the_page_shows_it_all(rich):
+    page = parsed(rich)
+    text = " ".join(page.texts)
+    for words in (
+        "bolts-12: the model does not explain the measurement: no verdict", "1 unexplained", "NOT passed", "sound speed [%]",
+        "−0.21 ± 0.03", "gain [dB]", "mic02: values on 300 of 381 lines only", "0.42 → 0.83", "13 → 15 of 15", "FDAC, initial and updated",
+        "stiffness.structure", "1.0105 … 1.0137", "open … 6.7e−6", "undetermined", "3.31", "key 5e1b70aa", "The jobs rest on it",
+        "p\u00a0≥\u00a099\u00a0%", "after calibration", "Peaks of the mean spectrum",
+    ):  # fmt: skip
+        assert words in text, words
+    # The strip comes before every table.
+    order = [name for name, entry in page.elements if name in {"table", "svg"} and entry.get("aria-hidden") != "true"]
+    assert order[0] == "svg"
+    assert not {"nan", "None", "inf"} & set(text.split())
+    names = {file.name for file in (rich / "bolts-04").iterdir()}
+    assert {"fdac.png", "map.png", "profile.png"} <= names
+    assert (rich / "verdicts.png").exists()
+
+
+def test_a_calibration_that_is_not_used_says_so(tmp_path):
+    write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, calibration=True)
+    spoil(tmp_path / "calibration.json", "used", value=False)
+    spoil(tmp_path / "calibration.json", "frf", value=None)
+    write_report(tmp_path, workers=1)
+    assert "NOT used by the jobs" in " ".join(parsed(tmp_path).texts)
+
+
+def test_the_summary_names_the_least_probability(rich):
+    lines = summary_text(rich).splitlines()
+    assert "(p >= 0.99" in lines[2]
+    assert "no verdict: not explained by the model" in lines[3]
+    assert summary_text(rich).isascii()
+
+
+def test_names_in_new_places_cannot_become_markup(tmp_path):
+    write_campaign(tmp_path, (4,), responses=("mic01",), used=("mic01",), lines=40, evidence=True, calibration=True)
+    evil = "<img src=x>"
+    file = tmp_path / "bolts-04" / "result.json"
+    spoil(file, "notes", value=[evil])
+    spoil(file, "nuisances", value={evil: {"value": 1.0}})
+    spoil(file, "bolts", 4, "note", value=evil)
+    spoil(file, "bolts", 4, "name", value=evil)
+    document = json.loads((tmp_path / "calibration.json").read_text())
+    document["factors"][evil] = {"value": 1.0}
+    (tmp_path / "calibration.json").write_text(json.dumps(document))
+    write_report(tmp_path, workers=1)
+    assert not parsed(tmp_path).all("img")
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.0, "0"), (0.002, "<1"), (0.5, "50"), (0.994, "99"), (0.9999, ">99"), (1.0, "100")])
+def test_only_certainty_is_written_as_certain(value, text):
+    assert fmt.percent(value) == text
+
+
+def test_many_bolts_and_jobs_stay_legible(finished):
+    campaign, jobs = jobs_of(finished)
+    job = next(job for job in jobs if job.complete)
+    bolts = tuple(replace(job.bolts[k % 17], name=f"bolt-{k:03d}", position=np.array([0.1, 0.01 * k, 0.0])) for k in range(90))
+    chart = strip_chart(replace(campaign, bolts=()), [replace(job, job=f"{'long ' * 20}{k}", bolts=bolts) for k in range(40)])
+    cell = (chart.width - chart.left) / 90
+    ticks = [where for where, _ in chart.panels[0].x.ticks]
+    assert np.min(np.diff(ticks)) * cell > 0.55 * 9.0 * len("bolt-000")
+    assert chart.left < 220
+    assert strip._shortened("x" * 50).endswith("…")
