@@ -120,8 +120,8 @@ class UpdateConfig(Strict):
     )
     regularisation: Regularisation = Field(
         default=DEFAULT_REGULARISATION,
-        description="Weight eta of the penalty on the log10 parameters, eq. (29), in dB² per decade²; l-curve: chosen for each job at the "
-        "corner of its L-curve.",
+        description="Weight eta of the penalty on the log10 parameters, eq. (29): a number, at least 0, in dB² per decade²; or l-curve: "
+        "chosen for each job at the corner of its L-curve.",
     )
     prior: Literal["initial", "reference"] = Field(
         default="initial",
