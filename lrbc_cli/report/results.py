@@ -107,6 +107,17 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
+class LCurve:
+    """Sums of squares of data and departures for each weight tried; ``corner`` holds both at the corner, None where there is none."""
+
+    eta: FloatArray
+    data: FloatArray
+    penalty: FloatArray
+    corner: tuple[float, float] | None
+    chosen: float
+
+
+@dataclass(frozen=True)
 class JobResult:
     """One job: its outcome, or the reason why there is none (``complete`` tells)."""
 
@@ -127,6 +138,7 @@ class JobResult:
     optimiser: str
     seconds: Mapping[str, float]
     provenance: Mapping[str, Any]
+    l_curve: LCurve | None = None
 
     @property
     def complete(self) -> bool:
@@ -277,7 +289,15 @@ def read_job(output: Path, job: str) -> JobResult:
         optimiser=node.maybe_node("optimiser").maybe_text("method") or "",
         seconds=_numbers(node.raw("seconds")),
         provenance=_mapping(node.raw("provenance")),
+        l_curve=_l_curve(node.node("l_curve")) if node.has("l_curve") else None,
     )
+
+
+def _l_curve(node: Node) -> LCurve:
+    eta = node.array("eta")
+    at = node.node("at") if node.has("at") else None
+    corner = None if at is None else (at.number("data"), at.number("penalty"))
+    return LCurve(eta, node.array("data", size=len(eta)), node.array("penalty", size=len(eta)), corner, node.number("chosen"))
 
 
 def _group(name: str, node: Node) -> Group:

@@ -12,6 +12,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
+from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job, read_reduction
 
@@ -58,12 +59,17 @@ def write_report(
     scales = profile_scales(done)
     profiles: dict[str, Chart] = {}
     frfs: list[FrfFigure] = []
+    l_curves: list[Chart] = []
     tasks: list[_Task] = []
     for job in done:
         profile = profile_chart(job, scales)
         if profile is not None:
             profiles[job.job] = profile
             tasks.append((profile, output / job.job / "profile.png"))
+        curve = l_curve_chart(job)
+        if curve is not None:
+            l_curves.append(curve)
+            tasks.append((curve, output / job.job / "l-curve.png"))
         frf = read_frf(output, job.job)
         for name in frf.responses:
             response = campaign.response(name)
@@ -74,7 +80,7 @@ def write_report(
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(Content(campaign, results, reduction, profiles, frfs))
+    text = render(Content(campaign, results, reduction, profiles, frfs, l_curves))
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")

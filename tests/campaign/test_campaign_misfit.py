@@ -182,3 +182,14 @@ def test_starts_are_listed(frame: Folder) -> None:
     assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
     assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
     assert any(start["description"].startswith("uniform log10 left_edge ") for start in starts)
+
+
+def test_the_report_draws_the_l_curves(frame: Folder) -> None:
+    override = ("--override", "update.regularisation=l-curve")
+    assert frame.run("update", *override).code == 0
+    assert frame.run("report", *override).code == 0
+    page = (frame.out / "report.html").read_text(encoding="utf-8")
+    assert "Choice of the weight" in page
+    assert page.count("L-curve of job") == 3
+    for job in ("tight", "loose-2", "loose-all"):
+        assert (frame.out / job / "l-curve.png").read_bytes().startswith(b"\x89PNG")
