@@ -44,7 +44,11 @@ def _axis(label: str, low: float, high: float) -> Axis:
     if not np.isfinite([low, high]).all() or high - low > 2.0:
         return decade_axis(label, low, high)
     values = [digit * 10.0**k for k in range(int(np.floor(low)), int(np.ceil(high)) + 1) for digit in (1, 1.5, 2, 3, 5, 7)]
-    ticks = tuple((float(np.log10(value)), f"{value:,.0f}".replace(",", "\u202f") if value >= 10 else number(value, 2)) for value in values if low <= np.log10(value) <= high)
+    ticks = tuple(
+        (float(np.log10(value)), f"{value:,.0f}".replace(",", "\u202f") if value >= 10 else number(value, 2))
+        for value in values
+        if low <= np.log10(value) <= high
+    )
     return Axis(label, low, high, _spread(ticks, (high - low) / 9.0), powers=True)
 
 
