@@ -1,11 +1,12 @@
 """Optimisers side by side on the same evaluations: what they need, and where they end.
 
-    python tests/benchmarks/optimisers.py [--config FILE]... [--job NAME]... [--cache FOLDER] [--markdown FILE] [--json FILE]
+    python tests/benchmarks/optimisers.py [--config FILE]... [--job NAME]... [--cache FOLDER] [--override KEY.PATH=VALUE]...
+        [--rows optimiser|start|job] [--markdown FILE] [--json FILE]
 
 For every job of the campaigns (both samples where none is given) and every start: Gauss-Newton by levels (the default; it brings its own
 starts, so it is run once a job), plain Gauss-Newton, the BFGS of the paper with its stop rule, and L-BFGS-B and trust-region reflective
-least squares of SciPy with their default stop rules. An evaluation is cost and derivatives together. Prints one row a job and
-optimiser, over all starts.
+least squares of SciPy with their default stop rules. An evaluation is cost and derivatives together. Prints one row a sample and
+optimiser, over all jobs and starts.
 """
 
 from __future__ import annotations
@@ -175,18 +176,18 @@ def runs_of(sample: str, job: str, misfit: Misfit, initial: Floats, bounds: Floa
             yield Run(sample, job, name, label, cost.evaluations, seconds, end.cost, end.misfit_db)
 
 
-def table(runs: list[Run], by_start: bool) -> str:
-    """Markdown: one row a sample, optimiser and start (or job), medians over the others."""
+def table(runs: list[Run], rows_of: str) -> str:
+    """Markdown: one row a sample and optimiser, and a start or a job where wanted; medians over the others."""
     lowest: dict[tuple[str, str], float] = {}
     for run in runs:
         key = (run.sample, run.job)
         lowest[key] = min(lowest.get(key, np.inf), run.cost)
-    heads = ["sample", "optimiser", "start" if by_start else "job"]
+    heads = ["sample", "optimiser"] + ([] if rows_of == "optimiser" else [rows_of])
     heads += ["runs", "evaluations", "ms", "cost above the lowest, median", "largest", "misfit [dB]", "in the lowest basin"]
     lines = ["| " + " | ".join(heads) + " |", "|" + " --- |" * len(heads)]
-    rows: dict[tuple[str, str, str], list[Run]] = {}
+    rows: dict[tuple[str, ...], list[Run]] = {}
     for run in runs:
-        rows.setdefault((run.sample, run.optimiser, run.start if by_start else run.job), []).append(run)
+        rows.setdefault(tuple(getattr(run, head) for head in heads[: 2 if rows_of == "optimiser" else 3]), []).append(run)
     for key, members in rows.items():
         above = np.array([run.cost - lowest[run.sample, run.job] for run in members])
         cells = [
@@ -210,7 +211,7 @@ def main() -> None:
     parser.add_argument("--job", action="append", default=[], help="default: all")
     parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
     parser.add_argument("--cache", type=Path, help="keep the reduced models here; default: built anew")
-    parser.add_argument("--by-job", action="store_true", help="one row a job instead of one a start")
+    parser.add_argument("--rows", choices=("optimiser", "start", "job"), default="optimiser", help="what a row of the table stands for")
     parser.add_argument("--markdown", type=Path, metavar="FILE")
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments: Any = parser.parse_args()
@@ -223,7 +224,7 @@ def main() -> None:
             for job in inputs.campaign.jobs:
                 if not arguments.job or job in arguments.job:
                     runs += runs_of(config.stem, job, *misfit_of(inputs, source, job))
-    text = table(runs, not arguments.by_job)
+    text = table(runs, arguments.rows)
     print(text)
     if arguments.markdown:
         arguments.markdown.write_text(text + "\n", encoding="utf-8", newline="\n")
