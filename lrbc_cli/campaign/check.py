@@ -180,7 +180,8 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
-        lines.append(f"{name}: {measurement.notes[0]}, {selected.size} selected, {records} of {len(inputs.responses)} responses matched")
+        chosen = f"{selected.size} selected" + (" and the model's resonances" if inputs.campaign.update.lines == "resonances-both" else "")
+        lines.append(f"{name}: {measurement.notes[0]}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
         lines += [f"  {note}" for note in (*_packed(measurement.notes[1:]), *(measurement.records if detailed else ()))]
     try:

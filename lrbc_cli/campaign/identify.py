@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.stage import FrfSource
-from lrbc_cli.config.settings import EveryLine, ListedLines
+from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.config.settings import DEFAULT_REGULARISATION, EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.updating.lcurve import LCurve, l_curve
 from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
@@ -48,9 +50,15 @@ class Identification:
         FRFs of the model on all measured lines.
     misfit_initial, misfit_final : (R,) float arrays
         Mean absolute dB difference over all lines of the band.
+    notes : tuple of str
+        On weights and on the choice of the regularisation.
     cost_initial : float
     line_evaluations : int
     seconds : dict
+    regularisation : float
+        The weight eta that was used.
+    l_curve : LCurve or None
+        From which it was chosen.
     """
 
     name: str
@@ -63,9 +71,12 @@ class Identification:
     updated: Complexes = field(repr=False)
     misfit_initial: Floats = field(repr=False)
     misfit_final: Floats = field(repr=False)
+    notes: tuple[str, ...] = ()
     cost_initial: float = 0.0
     line_evaluations: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
+    regularisation: float = 0.0
+    l_curve: LCurve | None = None
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
@@ -152,8 +163,8 @@ def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -
     return theta
 
 
-def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
-    """Indices of the lines that enter the cost.
+def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Callable[[], Complexes] | None = None) -> NDArray[np.int64]:
+    """Indices of the lines that enter the cost; for ``resonances-both`` the model gives its (F, U) FRFs at the prior.
 
     Raises
     ------
@@ -182,7 +193,18 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray
         return np.unique(nearest)
     if lines == "all":
         return np.arange(frequency.size)
-    return resonance_lines(frequency, measurement.values[:, inputs.used])
+    both = model() if lines == "resonances-both" and model is not None else None
+    return resonance_lines(frequency, measurement.values[:, inputs.used], both)
+
+
+def curve_notes(curve: LCurve) -> tuple[str, ...]:
+    """A warning where an L-curve has no corner."""
+    if curve.corner is not None:
+        return ()
+    return (
+        f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade²; "
+        f"regularisation {curve.chosen:g}, the default, was used: choose one by hand, for all jobs",
+    )
 
 
 def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None = None) -> Identification:
@@ -214,11 +236,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         log.warning("job %s: %s", name, warning)
     read = time.perf_counter()
     s = 2j * np.pi * measurement.frequency_hz
-    selected = select_lines(inputs, measurement, name)
     parameters, limits = parameterise(inputs, source, s)
-    model = source.model(s, parameters, selected, inputs.used)
-    ports = time.perf_counter()
-    measured = measurement.values[np.ix_(selected, inputs.used)]
     theta0 = parameters.initial
     prior = None
     if settings.prior == "reference" and settings.reference != name:
@@ -231,14 +249,33 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
                 expected=f"a result of job {settings.reference} for the same parameter groups",
                 hint=f"see why {settings.reference} failed, or set update.prior: initial",
             )
-    weights = settings.penalty
-    penalty = penalty_rows(parameters, weights.value, weights.slope, weights.curvature)
-    misfit = Misfit(model, measured, theta0 if prior is None else prior, settings.regularisation, penalty)
+    if prior is None:
+        prior = theta0
+    selected = select_lines(inputs, measurement, name, lambda: source.model(s, parameters, responses=inputs.used).frf(prior))
+    model = source.model(s, parameters, selected, inputs.used)
+    ports = time.perf_counter()
+    measured = measurement.values[np.ix_(selected, inputs.used)]
+    about = settings.penalty
+    penalty = penalty_rows(parameters, about.value, about.slope, about.curvature)
+    weights, notes = line_weights(inputs, measurement, inputs.campaign.jobs[name], selected)
+    eta = 0.0 if settings.regularisation == "l-curve" else settings.regularisation
+    misfit = Misfit(model, measured, prior, eta, penalty, residual_options(settings), weights)
+    curve, further = None, {}
+    if settings.regularisation == "l-curve":
+        curve = l_curve(misfit, theta0, parameters.bounds, DEFAULT_REGULARISATION)
+        misfit = misfit.with_eta(curve.chosen)
+        further = {"end of the L-curve": curve.nearest}
+        notes = (*notes, *curve_notes(curve))
     if settings.method == "bfgs":
         solution = bfgs(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
     else:
         solution = gauss_newton_by_levels(
-            misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-4, max_iterations=settings.max_iterations
+            misfit,
+            theta0,
+            parameters.bounds,
+            tolerance=settings.tolerance or 1e-4,
+            max_iterations=settings.max_iterations,
+            further=further,
         )
     if solution.status == "failed":
         raise NumericalError(f"job {name}: {solution.reason}")
@@ -256,7 +293,10 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         updated,
         mean_misfit(initial, measurement.values),
         mean_misfit(updated, measurement.values),
+        notes,
         solution.history[0].cost,
-        solution.evaluations * misfit.lines,
+        (solution.evaluations + (curve.evaluations if curve else 0)) * misfit.lines,
         {"read": read - start, "port": ports - read, "optimise": optimised - ports, "total": time.perf_counter() - start},
+        misfit.eta,
+        curve,
     )

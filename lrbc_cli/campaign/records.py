@@ -15,6 +15,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.updating.residuals import DB
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -38,6 +39,11 @@ class Measurement:
     records : tuple of str
         Which record each response is, where it has one.
     hashes : dict
+    sigma_db : (F, R) float array or None
+        Standard deviation of the magnitude of ``values`` from repeated measurements [dB], NaN where there is one value only; None
+        without repeats.
+    files : int
+        Measurements of which ``values`` is the mean.
     """
 
     frequency_hz: Floats = field(repr=False)
@@ -47,6 +53,8 @@ class Measurement:
     warnings: tuple[str, ...]
     records: tuple[str, ...]
     hashes: dict[str, str]
+    sigma_db: Floats | None = field(default=None, repr=False)
+    files: int = 1
 
 
 def _describe(record: FrfRecord) -> str:
@@ -123,13 +131,63 @@ def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet
 
 
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    """Read a job's FRFs and arrange them by response on the lines inside the band.
+    """Read a job's FRFs, the mean of its repeats, and arrange them by response on the lines inside the band.
 
     Raises
     ------
     DataError
-        Where the file is unusable, a response that enters the cost has no record, or no line lies in the band.
+        Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
     """
+    first = _read(inputs, job, name)
+    if not job.repeats:
+        return first
+    # A coherence in a file of its own belongs to the first measurement.
+    further = [_read(inputs, job.model_copy(update={"frf": file, "coherence": None}), name) for file in job.repeats]
+    for file, other in zip(job.repeats, further, strict=True):
+        if other.frequency_hz.shape != first.frequency_hz.shape or not np.allclose(other.frequency_hz, first.frequency_hz, rtol=1e-5):
+            raise DataError(
+                "a repeat on other lines than its measurement",
+                file=file,
+                place=f"job {name}",
+                expected=f"the lines of {job.frf.name}: " + _lines_text(first.frequency_hz),
+                found=_lines_text(other.frequency_hz),
+                hint="repeats are measured with the same settings; else make them jobs of their own",
+            )
+    return _mean_of([first, *further])
+
+
+def _lines_text(axis: Floats) -> str:
+    return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz"
+
+
+def _mean_of(parts: list[Measurement]) -> Measurement:
+    """Mean of repeated measurements of one state, and the standard deviation of its magnitude."""
+    values = np.stack([part.values for part in parts])
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    mean = np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan + 0j)
+    square = np.where(known, np.abs(np.where(known, values, 0.0) - mean) ** 2, 0.0).sum(axis=0)
+    # Half of a complex deviation lies along the mean.
+    variance = square / (2.0 * np.maximum(count - 1, 1) * np.maximum(count, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigma = np.where(count > 1, DB * np.sqrt(variance) / np.abs(mean), np.nan)
+    coherence = np.stack([part.coherence for part in parts])
+    told = np.isfinite(coherence)
+    mean_coherence = np.where(told.any(axis=0), np.where(told, coherence, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1), np.nan)
+    return Measurement(
+        parts[0].frequency_hz,
+        mean,
+        mean_coherence,
+        (*parts[0].notes, f"mean of {len(parts)} measurements"),
+        tuple(dict.fromkeys(warning for part in parts for warning in part.warnings)),
+        parts[0].records,
+        {path: digest for part in parts for path, digest in part.hashes.items()},
+        sigma,
+        len(parts),
+    )
+
+
+def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     campaign = inputs.campaign
     layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
     frf = read_frf(job.frf, layout)

@@ -17,6 +17,8 @@ from lrbc_cli.campaign.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
+from lrbc_cli.updating.lcurve import LCurve
+from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.misfit import decibel
 from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
@@ -177,12 +179,28 @@ def result_tree(
         "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
         "optimiser": {
             "method": campaign.update.method,
-            "regularisation": campaign.update.regularisation,
-            "regularisation_per_residual": campaign.update.regularisation / max(int(result.selected.size) * used.size, 1),
+            "regularisation": result.regularisation,
+            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * used.size, 1),
+            "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
         },
+        "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
-        "notes": [*result.measurement.warnings, *remarks(result)],
+        "notes": [*result.measurement.warnings, *result.notes, *remarks(result)],
         "provenance": provenance,
+    }
+
+
+def curve_tree(curve: LCurve) -> dict[str, Any]:
+    """L-curve as in ``result.json``; ``at`` is its corner between the weights tried."""
+    corner = curve.corner
+    return {
+        "eta": curve.eta,
+        "data": curve.data,
+        "penalty": curve.penalty,
+        "corner": None if corner is None else corner.index,
+        "at": None if corner is None else {"data": corner.data, "penalty": corner.penalty},
+        "chosen": curve.chosen,
+        "evaluations": curve.evaluations,
     }
 
 
@@ -205,6 +223,13 @@ def remarks(result: Identification) -> list[str]:
             found.append(
                 f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
             )
+    tie = near_tie(result.parameters, result.solution.starts)
+    if tie is not None:
+        best, second, apart = tie
+        found.append(
+            f"near tie: the ends from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
+            f"and by {apart:.2f} decades (rms) in what they identify"
+        )
     return found
 
 

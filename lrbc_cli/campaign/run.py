@@ -91,7 +91,7 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
             return None
 
     settings = {key: value for key, value in resolved["update"].items() if key != "reference"}
-    about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence")}
+    about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats")}
     records = {key: value.get("record") for key, value in resolved["responses"].items()}
     names = [[r.name, r.quantity] for r in inputs.responses]
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
@@ -112,6 +112,7 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         bolts,
         contents(job.frf),
         contents(job.coherence),
+        [contents(file) for file in job.repeats],
         campaign.update.reference == name,
     )[:32]
 

@@ -73,6 +73,15 @@ def _check_names(campaign: Campaign) -> None:
         for section, names in (("records", config.records), ("scale", config.scale)):
             for name in names:
                 _known(campaign, name, campaign.responses, "response", "jobs", job, section, name)
+        if update.weights == "scatter" and not config.repeats:
+            raise campaign.error(
+                "weights from scatter need repeated measurements",
+                "jobs",
+                job,
+                expected="repeats: [file, ...]",
+                found="one file",
+                hint="add further measurements of this state, or write update.weights: coherence or none",
+            )
 
 
 def _check_excitations(campaign: Campaign) -> None:

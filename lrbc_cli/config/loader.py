@@ -60,16 +60,6 @@ def _build(document: Document) -> Campaign:
 def _refuse_later_features(document: Document) -> None:
     if document.root.child("calibration") is not None:
         raise document.error("this version has no calibration yet", "calibration", hint="remove the block 'calibration'")
-    node, depth = document.node(("update", "regularisation"))
-    if depth == 2 and node.value == "l-curve":
-        raise document.error(
-            "this version cannot choose the weight by an L-curve yet",
-            "update",
-            "regularisation",
-            expected="a number, at least 0",
-            found="the text 'l-curve'",
-            hint="write for instance 0.04",
-        )
 
 
 def _override(document: Document, text: str) -> Node:

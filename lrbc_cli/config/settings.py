@@ -58,7 +58,7 @@ def _lines_form(value: object) -> str:
 
 
 Lines = Annotated[
-    Annotated[Literal["resonances", "all"], Tag("form:word")]
+    Annotated[Literal["resonances", "resonances-both", "all"], Tag("form:word")]
     | Annotated[EveryLine, Tag("form:every")]
     | Annotated[ListedLines, Tag("form:list")],
     Discriminator(_lines_form),
@@ -73,6 +73,20 @@ class PenaltyConfig(Strict):
     curvature: float = Field(default=0.0, ge=0, description="Second differences of the departures along the edge.")
 
 
+#: Weight of the penalty where none is given: the paper's.
+DEFAULT_REGULARISATION = 0.04
+
+
+def _regularisation_form(value: object) -> str:
+    return "form:word" if value == "l-curve" else "form:number"
+
+
+Regularisation = Annotated[
+    Annotated[float, Field(ge=0), Tag("form:number")] | Annotated[Literal["l-curve"], Tag("form:word")],
+    Discriminator(_regularisation_form),
+]
+
+
 class UpdateConfig(Strict):
     """The identification: what is compared, at which lines, and how the optimum is sought."""
 
@@ -80,9 +94,34 @@ class UpdateConfig(Strict):
     responses: Annotated[tuple[Name, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None, description="Names of the responses to fit; absent: all. The others are reported only."
     )
-    lines: Lines = Field(default="resonances", description="Lines to fit: resonances, all, {every: n} or {list: [Hz, ...]}.")
-    regularisation: float = Field(
-        default=0.04, ge=0, description="Weight eta of the penalty on the log10 parameters, eq. (29), in dB² per decade²."
+    lines: Lines = Field(
+        default="resonances",
+        description="Lines to fit: resonances (of the measurement), resonances-both (and of the model at its prior), all, {every: n} or "
+        "{list: [Hz, ...]}.",
+    )
+    residual: Literal["db", "log-complex", "complex"] = Field(
+        default="db",
+        description="What is squared: db, the difference of the magnitudes in dB, as in the paper; log-complex, that and the difference of "
+        "the phases (8.69 dB a radian); complex, the difference of the FRFs over each response's rms.",
+    )
+    loss: Literal["squares", "soft"] = Field(
+        default="squares", description="squares, or soft: differences well above `loss_scale` count by their size only (pseudo-Huber)."
+    )
+    loss_scale: Positive = Field(default=3.0, description="Where the soft loss bends, in dB.")
+    floor: Positive | None = Field(
+        default=None,
+        description="dB below a response's largest selected line under which differences fade, so that antiresonances do not dominate; "
+        "absent: none. Not with residual: complex.",
+    )
+    weights: Literal["none", "coherence", "scatter"] = Field(
+        default="none",
+        description="Weights of the lines 1/sqrt(1 + (sigma/1 dB)²): none, sigma from the coherence and the jobs' `averages`, or from the "
+        "scatter of the jobs' `repeats`.",
+    )
+    regularisation: Regularisation = Field(
+        default=DEFAULT_REGULARISATION,
+        description="Weight eta of the penalty on the log10 parameters, eq. (29): a number, at least 0, in dB² per decade²; or l-curve: "
+        "chosen for each job at the corner of its L-curve.",
     )
     prior: Literal["initial", "reference"] = Field(
         default="initial",
@@ -109,6 +148,22 @@ class UpdateConfig(Strict):
     loose_change: float = Field(
         default=-1.0, lt=0, description="Change of log10 stiffness at a bolt against the reference job at which it is judged loose."
     )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> UpdateConfig:
+        if self.floor is not None and self.residual == "complex":
+            raise problem(
+                "a floor for complex differences",
+                "floor",
+                expected="residual: db or log-complex",
+                found="residual: complex",
+                hint="remove it: complex differences do not grow in antiresonances",
+            )
+        if self.regularisation == "l-curve" and not max(self.penalty.value, self.penalty.slope, self.penalty.curvature) > 0:
+            raise problem(
+                "an L-curve without a penalty", "penalty", expected="a weight above 0", hint="or write a number under regularisation"
+            )
+        return self
 
 
 SEPARATORS = {"tab": "\t", "blank": " "}
@@ -181,6 +236,27 @@ class JobConfig(Strict):
     coherence: FilePath | None = Field(
         default=None, description="File with the coherence of these FRFs; absent: from the FRF file, if it has it."
     )
+
+    averages: int = Field(
+        default=5, ge=1, description="Averages behind each measured FRF (hammer blows, blocks), for weights: coherence; of one file."
+    )
+    repeats: Annotated[tuple[FilePath, ...], AfterValidator(check_unique)] = Field(
+        default=(),
+        description="Further files with measurements of the same state on the same lines; FRFs are averaged, their scatter serves "
+        "weights: scatter.",
+    )
+
+    @model_validator(mode="after")
+    def _other_files(self) -> JobConfig:
+        if self.frf in self.repeats:
+            raise problem(
+                "the measurement itself as its own repeat",
+                "repeats",
+                self.repeats.index(self.frf),
+                expected="further files",
+                hint="remove it: repeats are added to frf",
+            )
+        return self
 
     @model_validator(mode="after")
     def _nonzero(self) -> JobConfig:

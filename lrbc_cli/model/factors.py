@@ -134,8 +134,9 @@ def make_recipe(
     """Say how K, C and M depend on the factors.
 
     ``stiffness.FIELD`` scales the stiffness of a field, ``mass.FIELD`` its mass; with proportional damping
-    ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise the damping
-    matrix of a field has the factor ``damping.FIELD``. The coupling blocks stay. A further group is contained in the operators once.
+    ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise
+    the damping matrix of a field has the factor ``damping.FIELD``. The coupling blocks
+    stay. A further group is contained in the operators once.
 
     Parameters
     ----------

@@ -59,6 +59,7 @@ class Content:
     maps: Mapping[str, Chart] = field(default_factory=dict)
     fdac: Mapping[str, Chart] = field(default_factory=dict)
     calibration: Calibration | None = None
+    l_curves: Sequence[Chart] = ()
 
 
 def render(content: Content, written: datetime | None = None) -> str:
@@ -118,6 +119,7 @@ def _sections(content: Content) -> Iterable[_Section | None]:
     yield _convergence(done)
     if content.reduction is not None:
         yield _part("certificate", "Certificate of the reduced model", certificate_parts(content.reduction))
+    yield _l_curves(content)
     yield "provenance", "Provenance", provenance(content.campaign, content.jobs, content.reduction)
 
 
@@ -326,6 +328,21 @@ def _convergence(jobs: Sequence[JobResult]) -> _Section | None:
         "a jump is the second start."
     )
     return "convergence", "Convergence", [tag("p", text), legend(charts[0]), tag("div", *drawn, class_="grid pairs")]
+
+
+def _l_curves(content: Content) -> _Section | None:
+    if not content.l_curves:
+        return None
+    drawn = [_drawn(chart) for chart in content.l_curves]
+    text = (
+        "Each point is the solution for one weight η of the penalty: the sum of squares of the data to the right, that of the penalised "
+        "departures upwards. Beyond the corner a smaller weight lets the parameters run and fits little better, a larger one costs fit. "
+        "A curve without such a corner chooses nothing, and the default weight was used."
+    )
+    richest = max(content.l_curves, key=lambda chart: len(chart.legend()))
+    first, rest = drawn[:_PROFILES], drawn[_PROFILES:]
+    more = details(f"{len(rest)} further L-curves", tag("div", *rest, class_="grid profiles")) if rest else None
+    return "l-curves", "Choice of the weight", [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
 
 
 def _cost(content: Content) -> _Section | None:

@@ -113,6 +113,17 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
+class LCurve:
+    """Sums of squares of data and departures for each weight tried; ``corner`` holds both at the corner, None where there is none."""
+
+    eta: FloatArray
+    data: FloatArray
+    penalty: FloatArray
+    corner: tuple[float, float] | None
+    chosen: float
+
+
+@dataclass(frozen=True)
 class JobResult:
     """One job: its outcome, or the reason why there is none (``complete`` tells)."""
 
@@ -138,6 +149,7 @@ class JobResult:
     nuisances: tuple[Nuisance, ...] = ()
     noise: Noise | None = None
     correlation: Correlation | None = None
+    l_curve: LCurve | None = None
 
     @property
     def explained(self) -> bool:
@@ -255,7 +267,15 @@ def read_job(output: Path, job: str) -> JobResult:
         nuisances=read_nuisances(node),
         noise=read_noise(node),
         correlation=read_correlation(node),
+        l_curve=_l_curve(node.node("l_curve")) if node.has("l_curve") else None,
     )
+
+
+def _l_curve(node: Node) -> LCurve:
+    eta = node.array("eta")
+    at = node.node("at") if node.has("at") else None
+    corner = None if at is None else (at.number("data"), at.number("penalty"))
+    return LCurve(eta, node.array("data", size=len(eta)), node.array("penalty", size=len(eta)), corner, node.number("chosen"))
 
 
 def _group(name: str, node: Node) -> Group:

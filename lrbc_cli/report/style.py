@@ -130,6 +130,7 @@ STYLES: dict[str, Style] = {
     "diagonal": Style("#d81b60", "#ff8ab5", width=1.0, dash=(3, 2)),
     "tolerance": Style("#d55e00", "#ff8a3d", width=1.2, dash=(6, 3)),
     "taken": Style("#d55e00", "#ff8a3d", marker="up", size=3.4),
+    "corner": Style("#d55e00", "#ff8a3d", width=1.6, marker="ring", size=6.0),
     "quiet": Style("#a3abb6", "#6c7580", width=1.0),
     **{f"series{index}": Style(light, dark, 1.5, dash, marker, 3.2) for index, (light, dark, marker, dash) in enumerate(_SERIES)},
     **_scales(),

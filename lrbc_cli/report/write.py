@@ -15,6 +15,7 @@ from lrbc_cli.report.correlation import fdac_chart
 from lrbc_cli.report.evidence import read_fdac
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
+from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
 from lrbc_cli.report.reduction import read_reduction
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
@@ -68,6 +69,7 @@ def write_report(
     fdac: dict[str, Chart] = {}
     frfs: list[FrfFigure] = []
     tasks: list[_Task] = [] if strip is None else [(strip, output / "verdicts.png")]
+    l_curves: list[Chart] = []
     for job in done:
         profile = profile_chart(job, scales)
         if profile is not None:
@@ -81,6 +83,10 @@ def write_report(
         if found is not None:
             fdac[job.job] = fdac_chart(job, found)
             tasks.append((fdac[job.job], output / job.job / "fdac.png"))
+        curve = l_curve_chart(job)
+        if curve is not None:
+            l_curves.append(curve)
+            tasks.append((curve, output / job.job / "l-curve.png"))
         frf = read_frf(output, job.job)
         for name in frf.responses:
             response = campaign.response(name)
@@ -91,7 +97,7 @@ def write_report(
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration))
+    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration, l_curves))
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")

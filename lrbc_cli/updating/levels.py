@@ -6,7 +6,7 @@ moved yet, and the optimiser stays in that basin. A coarse profile moves the pea
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit import Evaluation, Misfit
-from lrbc_cli.updating.optimise import HistoryEntry, Solution, gauss_newton
+from lrbc_cli.updating.optimise import HistoryEntry, Solution, Start, gauss_newton
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +102,13 @@ def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats
 
 
 def gauss_newton_by_levels(
-    misfit: Misfit, start: Floats, bounds: Floats, *, tolerance: float = 1e-4, max_iterations: int = 100
+    misfit: Misfit,
+    start: Floats,
+    bounds: Floats,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 100,
+    further: Mapping[str, Floats] | None = None,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -114,11 +120,13 @@ def gauss_newton_by_levels(
     bounds : (size, 2) float array
     tolerance, max_iterations
         Of the last level, see ``gauss_newton``.
+    further : mapping of str to (size,) float array
+        Described profiles from which the last level is tried too.
 
     Returns
     -------
     Solution
-        With the evaluations of all levels in its history.
+        With the evaluations of all levels in its history, and where each start led to.
     """
     parameters = misfit.model.parameters
     history: list[HistoryEntry] = []
@@ -135,7 +143,14 @@ def gauss_newton_by_levels(
         note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
         totals.append(value.total if np.isfinite(value.total) else np.inf)
     iterations = 0
-    best: Solution | None = None
+    ends: list[tuple[str, Solution]] = []
+
+    def finish(description: str, theta: Floats) -> int:
+        last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
+        note(last.history)
+        ends.append((description, last))
+        return last.iterations
+
     for at in basins(totals):
         theta = trials[at]
         for knots in KNOTS:
@@ -149,13 +164,44 @@ def gauss_newton_by_levels(
             note(coarse.history)
             iterations += coarse.iterations
             theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
-        last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
-        note(last.history)
-        iterations += last.iterations
-        if best is None or last.evaluation.total < best.evaluation.total:
-            best = last
-    assert best is not None  # there is always one start
-    return replace(best, iterations=iterations, evaluations=len(history), history=tuple(history))
+        iterations += finish(_describe(parameters, trials[at], at), theta)
+    for description, theta in (further or {}).items():
+        iterations += finish(description, theta)
+    # The first of equals, also where a cost is not finite.
+    kept = 0
+    for i, (_, end) in enumerate(ends):
+        if end.evaluation.total < ends[kept][1].evaluation.total:
+            kept = i
+    starts = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
+    return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=starts)
+
+
+def _describe(parameters: Parameterisation, theta: Floats, trial: int) -> str:
+    if trial == 0:
+        return "start values of the campaign"
+    stiff = [group.kind == "stiffness" for group in parameters.groups]
+    moved = [
+        f"{group.name} {theta[values][0]:.3g}"
+        for group, (values, _), own in zip(parameters.groups, parameters.slices, stiff, strict=True)
+        if own or not any(stiff)
+    ]
+    return "uniform log10 " + ", ".join(moved)
+
+
+#: Ends this near in cost (log10) are as good as each other, and this far apart (rms, decades of stiffness) tell something else.
+TIE, APART = 0.05, 0.25
+
+
+def near_tie(parameters: Parameterisation, starts: Sequence[Start]) -> tuple[Start, Start, float] | None:
+    """The two best ends where they are as good as each other and clearly different; and how different, in decades.
+
+    The difference is the rms over the terms of log10(W 10^p): what the smoothing hides does not count.
+    """
+    if len(starts) < 2:
+        return None
+    best, second = sorted(starts, key=lambda start: start.total)[:2]
+    apart = float(np.sqrt(np.mean((np.log10(parameters.scales(best.theta)) - np.log10(parameters.scales(second.theta))) ** 2)))
+    return (best, second, apart) if second.cost - best.cost <= TIE and apart >= APART else None
 
 
 def basins(totals: Sequence[float]) -> list[int]:

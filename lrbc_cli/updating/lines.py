@@ -22,22 +22,34 @@ DEPTH_DB = 15.0
 HALF_WIDTH = 0.06
 
 
-def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.int64]:
-    """Indices of the lines around the resonances of the measured FRFs.
+def resonance_lines(
+    frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]], model: NDArray[np.complexfloating[Any, Any]] | None = None
+) -> NDArray[np.int64]:
+    """Indices of the lines around the resonances of the measured FRFs, and of the model's where they are given.
 
     Parameters
     ----------
     frequency_hz : (F,) float array
     measured : (F, R) complex array
         NaN where a response was not measured.
+    model : (F, R) complex array or None
 
     Returns
     -------
     (m,) int array
         Sorted; all lines where no resonance stands out.
     """
-    valid = np.isfinite(measured) & (np.abs(measured) > 0)
-    level = np.where(valid, decibel(np.where(valid, measured, 1.0)), np.nan)
+    keep = around_resonances(frequency_hz, measured)
+    if model is not None:
+        keep = keep | around_resonances(frequency_hz, model)
+    chosen = np.flatnonzero(keep)
+    return chosen if chosen.size else np.arange(frequency_hz.size)
+
+
+def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.bool_]:
+    """(F,) whether a line belongs to a resonance of these (F, R) FRFs."""
+    valid = np.isfinite(H) & (np.abs(H) > 0)
+    level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
     keep: NDArray[np.bool_] = np.zeros(frequency_hz.size, dtype=bool)
     # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each. A mean of
     # decibels also takes in some lines between antiresonances; with the mean power instead, fewer rigs were identified well.
@@ -61,5 +73,4 @@ def resonance_lines(frequency_hz: Floats, measured: NDArray[np.complexfloating[A
                         break
                     keep[at] = True
                     at += direction
-    chosen = np.flatnonzero(keep)
-    return chosen if chosen.size else np.arange(frequency_hz.size)
+    return keep

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: d(20 log10 x)/d ln x.
-DB = 20.0 / float(np.log(10.0))
-
-
-def decibel(H: Complexes | Floats) -> Floats:
-    """20 log10 |H|, eqs. (30), (31)."""
-    return np.asarray(20.0 * np.log10(np.abs(H)))
 
 
 @dataclass(frozen=True)
@@ -50,27 +43,31 @@ class FrfModel:
         """(F, R) FRFs."""
         return self.values(self.parameters.dynamic(theta, self.s))
 
-    def sensitivities(self, theta: Floats) -> tuple[Complexes, Floats]:
-        """FRFs and the derivative of their dB values to theta.
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """FRFs and the derivative of their dB values to theta; with the phase, of ``20/ln10 ln(H)``.
 
         ``d|H|dB/dtheta = 20/ln10 Re(conj(H) dH/dtheta)/|H|²`` with the chain rule through ``D_j = c_j(s) kappa_j``, eqs. (35), (36), (A.4).
 
         Returns
         -------
         y : (F, R) complex array
-        J : (F, R, size) float array
-            dB per decade.
+        J : (F, R, size) float array, complex with the phase
+            dB per decade; imaginary part: 8.69 dB per radian.
         """
         P = self.parameters
         y, dy = self.linearised(P.dynamic(theta, self.s))
         # Re(conj(H) dH)/|H|² = Re(dH/H)
         relative = dy * (DB / y)[:, :, None]
         c = P.spectra(theta, self.s)
-        by_term = np.einsum("frt,ft->frt", relative, c).real
-        J = by_term @ P.scale_jacobian(theta)
+        by_term = np.einsum("frt,ft->frt", relative, c)
+        chain = P.scale_jacobian(theta)
+        J = by_term.real @ chain
+        if phase:
+            J = J + 1j * (by_term.imag @ chain)
         kappa = P.scales(theta)
         for at, terms, slope in P.damping_spectra(theta, self.s):
-            J[:, :, at] = ((relative[:, :, terms] @ kappa[terms]) * slope[:, None]).real
+            column = (relative[:, :, terms] @ kappa[terms]) * slope[:, None]
+            J[:, :, at] = column if phase else column.real
         return y, J
 
 
@@ -102,9 +99,9 @@ class Evaluation:
     data : float
         Part of the FRFs.
     misfit_db : float
-        Mean absolute difference over the selected lines and responses.
+        Mean absolute difference in dB over the selected lines and responses, whatever the residual, its loss and its weights.
     residual : (m,) float array
-        Data residuals in dB, then weighted deviations from the prior.
+        Data residuals, then weighted deviations from the prior.
     jacobian : (m, size) float array
     """
 
@@ -162,22 +159,44 @@ class Misfit:
     penalty : (m, size) float array or None
         Rows that are applied to ``p - p_init`` before squaring, see ``penalty_rows``; the departures themselves where None, as in (29).
 
+    options : ResidualOptions or None
+        How data residuals are formed; as in (29) where None.
+    weights : (F, R) float array or None
+        Factors on the data residuals.
+
     Raises
     ------
     DataError
         Where nothing is left to compare.
     """
 
-    def __init__(self, model: FrfModel, measured: Complexes, prior: Floats, eta: float, penalty: Floats | None = None) -> None:
+    def __init__(
+        self,
+        model: FrfModel,
+        measured: Complexes,
+        prior: Floats,
+        eta: float,
+        penalty: Floats | None = None,
+        options: ResidualOptions | None = None,
+        weights: Floats | None = None,
+    ) -> None:
         self.model = model
-        self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
-        if not self.valid.any():
-            raise DataError("no measured value is left to compare with", expected="finite, non-zero FRFs on the selected lines")
-        self.target = np.where(self.valid, decibel(np.where(self.valid, measured, 1.0)), 0.0)
-        self.prior = prior
+        self._data = DataResidual(measured, options, weights)
+        self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
-        self.penalty = np.sqrt(eta) * rows[np.any(rows != 0.0, axis=1)]
+        self.rows = rows[np.any(rows != 0.0, axis=1)]
+        self.penalty = np.sqrt(eta) * self.rows
         self.evaluations = 0
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(F, R) lines that count."""
+        return self._data.valid
+
+    @property
+    def target(self) -> Floats:
+        """(F, R) measurement in dB, zero where it does not count."""
+        return self._data.target
 
     @property
     def lines(self) -> int:
@@ -186,14 +205,25 @@ class Misfit:
 
     def __call__(self, theta: Floats) -> Evaluation:
         """Evaluate cost, residual and Jacobian in a single pass."""
-        y, J = self.model.sensitivities(theta)
+        y, J = self.model.sensitivities(theta, self._data.phase)
         self.evaluations += 1
-        difference = (decibel(y) - self.target)[self.valid]
-        residual = np.concatenate([difference, self.penalty @ (theta - self.prior)])
-        jacobian = np.vstack([J[self.valid], self.penalty])
-        data = float(difference @ difference)
+        own, rows, difference = self._data(y, J)
+        residual = np.concatenate([own, self.penalty @ (theta - self.prior)])
+        jacobian = np.vstack([rows, self.penalty])
+        data = float(own @ own)
         total = max(float(residual @ residual), np.finfo(float).tiny)
         return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
+
+    def departures(self, theta: Floats) -> float:
+        """Sum of squares of the penalty before it is weighted by eta [decade²]."""
+        rows = self.rows @ (theta - self.prior)
+        return float(rows @ rows)
+
+    def with_eta(self, eta: float) -> Misfit:
+        """The same cost with another weight of the penalty, and its own count of evaluations."""
+        other = copy(self)
+        other.eta, other.penalty, other.evaluations = eta, np.sqrt(eta) * self.rows, 0
+        return other
 
 
 def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
@@ -202,3 +232,6 @@ def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
     difference = np.abs(decibel(y) - decibel(np.where(valid, measured, 1.0)))
     count = valid.sum(axis=0)
     return np.where(count > 0, np.where(valid, difference, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+__all__ = ["DB", "Evaluation", "FrfModel", "Misfit", "decibel", "mean_misfit", "penalty_rows", "port_model", "reduced_model"]

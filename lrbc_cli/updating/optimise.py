@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg as la
@@ -26,6 +26,28 @@ class HistoryEntry:
 
 
 @dataclass(frozen=True)
+class Start:
+    """One of several starts, and where it led to.
+
+    Attributes
+    ----------
+    description : str
+    cost, total : float
+        At the end, as in ``Evaluation``.
+    kept : bool
+        Whether this end is the solution.
+    theta : (size,) float array
+        The end.
+    """
+
+    description: str
+    cost: float
+    total: float
+    kept: bool
+    theta: Floats = field(repr=False)
+
+
+@dataclass(frozen=True)
 class Solution:
     """Where an optimiser stopped, and why; returned always.
 
@@ -39,6 +61,8 @@ class Solution:
     reason : str
     iterations, evaluations : int
     history : tuple of HistoryEntry
+    starts : tuple of Start
+        Where there were several.
     """
 
     theta: Floats
@@ -48,6 +72,7 @@ class Solution:
     iterations: int
     evaluations: int
     history: tuple[HistoryEntry, ...]
+    starts: tuple[Start, ...] = ()
 
 
 class _Recorder:

@@ -187,7 +187,9 @@ def misfit_of(inputs: Inputs, stage: ReductionStage, job: str, *, every_line: bo
     lines = np.arange(s.size) if every_line else select_lines(inputs, measurement, job)
     model = source.model(s, parameters, lines, inputs.used)
     measured = measurement.values[np.ix_(lines, inputs.used)]
-    return Misfit(model, measured, parameters.initial, inputs.campaign.update.regularisation), parameters.initial
+    eta = inputs.campaign.update.regularisation
+    assert eta != "l-curve"
+    return Misfit(model, measured, parameters.initial, eta), parameters.initial
 
 
 def lines_of_the_reduced_model(inputs: Inputs, stage: ReductionStage, job: str, line: float, repeats: int) -> list[Figure]:

@@ -105,7 +105,8 @@ def test_sample_campaigns_validate(validator: jsonschema.Draft202012Validator, p
         ("band: [20.0, 400], ", ""),
         ("campaign: box\n", ""),
         ("bolts: bolts.csv", "calibration: {}"),
-        ("regularisation: 0.04", "regularisation: l-curve"),
+        ("regularisation: 0.04", "regularisation: lcurve"),
+        ("regularisation: 0.04", "floor: 0.0"),
     ],
 )
 def test_what_the_loader_refuses_does_not_validate(validator: jsonschema.Draft202012Validator, fails, old: str, new: str) -> None:  # type: ignore[no-untyped-def]

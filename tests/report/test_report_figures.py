@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from lrbc_cli.report import figures
 from lrbc_cli.report.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
 from lrbc_cli.report.layout import lay_out
+from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.png import draw, is_current
 from lrbc_cli.report.reduction import read_reduction
-from lrbc_cli.report.results import read_campaign, read_frf, read_job
+from lrbc_cli.report.results import LCurve, read_campaign, read_frf, read_job
 from lrbc_cli.report.style import STYLES, css
 from lrbc_cli.report.svg import path, svg
 
@@ -202,3 +203,32 @@ def test_every_role_has_its_colour_in_the_style_sheet():
     for role in STYLES:
         assert sheet.count(f"--{role}:") == 2
         assert f".r-{role}{{" in sheet
+
+
+class TestLCurve:
+    ETA = np.logspace(-2.0, 4.0, 9)
+
+    def job(self, finished, corner, data=None, penalty=None):
+        data = 10.0 ** np.array([3.0, 3.0, 3.01, 3.02, 3.1, 3.6, 3.9, 4.2, 4.5]) if data is None else data
+        penalty = 10.0 ** np.array([3.0, 2.5, 2.0, 1.5, 1.1, 1.0, 0.9, 0.2, -1.0]) if penalty is None else penalty
+        return replace(read_job(finished, "bolts-04"), l_curve=LCurve(self.ETA, data, penalty, corner, 12.5))
+
+    def test_the_corner_is_marked(self, finished, tmp_path):
+        chart = l_curve_chart(self.job(finished, (1250.0, 12.0)))
+        (corner,) = [item for item in chart.panels[0].items if isinstance(item, Marks) and item.role == "corner"]
+        np.testing.assert_allclose([corner.x[0], corner.y[0]], np.log10([1250.0, 12.0]))
+        assert "corner at η = 12.5" in chart.subtitle
+        ElementTree.fromstring(svg(chart))
+        assert draw(chart, tmp_path / "l-curve.png")
+
+    def test_without_a_corner_it_says_so(self, finished):
+        chart = l_curve_chart(self.job(finished, None))
+        assert chart.subtitle == "no corner: η = 12.5 was used"
+        assert not [item for item in chart.panels[0].items if isinstance(item, Marks) and item.role == "corner"]
+
+    @pytest.mark.parametrize("values", [np.zeros(9), np.ones(9), 10.0 ** np.linspace(3.0, 3.01, 9)])
+    def test_odd_values_stand(self, finished, values):
+        ElementTree.fromstring(svg(l_curve_chart(self.job(finished, None, values, values))))
+
+    def test_no_curve(self, finished):
+        assert l_curve_chart(read_job(finished, "bolts-04")) is None

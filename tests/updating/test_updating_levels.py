@@ -11,9 +11,9 @@ from scipy.optimize import least_squares
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Level, basins, gauss_newton_by_levels, hats, level_matrix, uniform_values
+from lrbc_cli.updating.levels import Level, basins, gauss_newton_by_levels, hats, level_matrix, near_tie, uniform_values
 from lrbc_cli.updating.misfit import Misfit, port_model
-from lrbc_cli.updating.optimise import bfgs, gauss_newton
+from lrbc_cli.updating.optimise import Start, bfgs, gauss_newton
 
 
 def problem(*, eta=1e-3, at=(4, 5, 6), noise_db=0.0, **more):
@@ -207,3 +207,38 @@ class TestBasins:
     def test_values_without_a_cost_are_passed_over(self):
         assert basins([3.0, np.inf, np.inf, 2.0, np.inf]) == [3, 0]
         assert basins([3.0, np.inf, np.inf]) == [0]
+
+
+class TestStarts:
+    def test_where_each_led_to(self):
+        misfit, parameters, truth = problem()
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, further={"the truth": truth})
+        assert [start.description for start in solution.starts][-1] == "the truth"
+        assert len(solution.starts) == 3
+        (kept,) = [start for start in solution.starts if start.kept]
+        assert kept.total == solution.evaluation.total == min(start.total for start in solution.starts)
+        np.testing.assert_array_equal(kept.theta, solution.theta)
+        assert solution.evaluations == misfit.evaluations == len(solution.history)
+
+    def test_near_tie(self):
+        _, parameters, truth = problem()
+        other = truth.copy()
+        other[:PADS] += np.where(np.arange(PADS) % 4 < 2, 0.5, -0.5)
+
+        def start(cost, theta, kept=False):
+            return Start("there", cost, 10.0**cost, kept, theta)
+
+        best, second, apart = near_tie(parameters, (start(2.04, other), start(2.0, truth, True), start(2.5, truth)))
+        assert (best.cost, second.cost) == (2.0, 2.04)
+        assert apart > 0.25
+        assert near_tie(parameters, (start(2.06, other), start(2.0, truth, True))) is None
+        assert near_tie(parameters, (start(2.0, truth + 0.01), start(2.0, truth, True))) is None
+        assert near_tie(parameters, (start(2.0, truth, True),)) is None
+        assert near_tie(parameters, ()) is None
+
+    def test_the_damping_exponent_makes_no_tie(self):
+        """Where nothing is loose the FRFs do not depend on it."""
+        _, parameters, truth = problem()
+        other = truth.copy()
+        other[PADS] += 2.0
+        assert near_tie(parameters, (Start("a", 2.0, 100.0, True, truth), Start("b", 2.0, 100.0, False, other))) is None

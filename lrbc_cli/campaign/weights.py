@@ -1,0 +1,59 @@
+"""Weights of the lines of one job: from coherence, or from the scatter of repeated measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.records import Measurement
+from lrbc_cli.config.settings import JobConfig, UpdateConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.updating.residuals import ResidualOptions, coherence_sigma, noise_weights
+
+Floats = NDArray[np.float64]
+
+
+def residual_options(update: UpdateConfig) -> ResidualOptions:
+    """What the settings say about residuals."""
+    return ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor)
+
+
+def line_weights(
+    inputs: Inputs, measurement: Measurement, job: JobConfig, selected: NDArray[np.int64]
+) -> tuple[Floats | None, tuple[str, ...]]:
+    """Weights of the selected lines of the responses used.
+
+    Returns
+    -------
+    (m, U) float array or None
+        None for ``weights: none``.
+    tuple of str
+        Which lines keep the weight 1 because nothing is known of their noise.
+
+    Raises
+    ------
+    DataError
+        For ``weights: scatter`` without repeated measurements.
+    """
+    kind = inputs.campaign.update.weights
+    if kind == "none":
+        return None, ()
+    if kind == "coherence":
+        sigma = coherence_sigma(measurement.coherence, job.averages * measurement.files)
+    elif measurement.sigma_db is None:
+        raise DataError("weights from scatter need repeated measurements", file=job.frf, expected="jobs.NAME.repeats")
+    else:
+        sigma = measurement.sigma_db
+    chosen = sigma[np.ix_(selected, inputs.used)]
+    valid = np.isfinite(measurement.values[np.ix_(selected, inputs.used)])
+    unknown = [(inputs.responses[i].name, int(n)) for i, n in zip(inputs.used, (np.isnan(chosen) & valid).sum(axis=0), strict=True) if n]
+    notes: tuple[str, ...] = ()
+    if unknown:
+        what = "coherence" if kind == "coherence" else "second measurement"
+        named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
+        notes = (f"weights: no {what}, hence the weight 1, for {named}",)
+    return noise_weights(chosen), notes
+
+
+__all__ = ["line_weights", "residual_options"]

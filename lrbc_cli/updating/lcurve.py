@@ -1,0 +1,180 @@
+"""Choice of the weight of the penalty at the corner of the L-curve (Hansen, *SIAM Review* 34 (1992) 561; the paper found its own so)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import find_peaks
+
+from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.optimise import Solution, gauss_newton
+
+Floats = NDArray[np.float64]
+
+#: Weights tried, over the natural one of ``natural_weight``.
+RELATIVE = np.logspace(-3.0, 3.0, 9)
+
+#: Iterations at each weight, from the solution of the one before, and their stop rule.
+ITERATIONS, TOLERANCE = 8, 1e-3
+
+#: Least curvature of a corner [1/decade]: that of a circle of a radius of a decade, which is no corner any more.
+SHARPNESS = 1.0
+
+#: Bends shorter than this are smoothed away [decades along the curve]; points of the curve between two weights.
+WIDTH, BETWEEN = 0.2, 60
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Where an L-curve bends: the weight, the sums of squares there, and the index of the nearest weight tried."""
+
+    index: int
+    eta: float
+    data: float
+    penalty: float
+
+
+@dataclass(frozen=True)
+class LCurve:
+    """What the weights cost.
+
+    Attributes
+    ----------
+    eta : (n,) float array
+        Ascending.
+    data : (n,) float array
+        Sum of squares of the data residuals.
+    penalty : (n,) float array
+        Sum of squares of the penalised departures, not weighted by eta.
+    corner : Corner or None
+        None where there is none.
+    chosen : float
+        The weight at the corner, or the fallback.
+    evaluations : int
+    theta : (n, size) float array
+        Where the optimiser stood.
+    """
+
+    eta: Floats
+    data: Floats
+    penalty: Floats
+    corner: Corner | None
+    chosen: float
+    evaluations: int
+    theta: Floats = field(repr=False)
+
+    @property
+    def nearest(self) -> Floats:
+        """(size,) where the optimiser stood at the weight nearest to the chosen one."""
+        return np.asarray(self.theta[int(np.abs(np.log10(self.eta) - np.log10(max(self.chosen, np.finfo(float).tiny))).argmin())])
+
+
+def natural_weight(misfit: Misfit, theta: Floats) -> float:
+    """Weight at which a departure of one decade of every parameter costs as much as a difference of 1 dB in every residual.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    theta : (size,) float array
+        Anywhere; only sizes are counted.
+    """
+    rows = misfit.rows
+    residuals = misfit(theta).residual.size - rows.shape[0]
+    return float(residuals / np.sum(rows**2))
+
+
+def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float) -> LCurve:
+    """Try weights from the largest to the smallest and back, each from the solution of the one before, and look for the corner.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Its own weight does not matter; its penalty must have rows.
+    start : (size,) float array
+    bounds : (size, 2) float array
+    fallback : float
+        Weight where the curve has no corner.
+
+    Returns
+    -------
+    LCurve
+    """
+    etas = natural_weight(misfit, start) * RELATIVE
+    found: dict[int, Solution] = {}
+    evaluations = 1
+    # Downwards as a strong penalty lets go, a valley can be missed that opens later; back upwards it is kept as long as it is one.
+    for order in (range(etas.size - 1, -1, -1), range(1, etas.size)):
+        theta = start if not found else found[0].theta
+        for i in order:
+            solution = gauss_newton(misfit.with_eta(float(etas[i])), theta, bounds, tolerance=TOLERANCE, max_iterations=ITERATIONS)
+            evaluations += solution.evaluations
+            if i not in found or solution.evaluation.total < found[i].evaluation.total:
+                found[i] = solution
+            theta = found[i].theta
+    data = np.array([found[i].evaluation.data for i in range(etas.size)])
+    penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
+    corner = find_corner(etas, data, penalty)
+    chosen = fallback if corner is None else corner.eta
+    return LCurve(etas, data, penalty, corner, chosen, evaluations, np.array([found[i].theta for i in range(etas.size)]))
+
+
+def curvature(eta: Floats, data: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+    """Curvature along the L-curve; positive at a corner.
+
+    The curve goes through the points without overshoot (monotone cubics of log10 data and log10 penalty over log10 eta) and is then
+    smoothed over ``WIDTH``: at its steep ends many weights lie in one place, and the curvature of an unsmoothed curve is that of the
+    optimiser's stop rule.
+
+    Parameters
+    ----------
+    eta, data, penalty : (n,) float arrays
+        Positive, eta ascending.
+
+    Returns
+    -------
+    points : (k, 3) float array
+        log10 of weight, data and penalty, evenly along the curve.
+    kappa : (k,) float array
+        [1/decade].
+    """
+    t = np.linspace(np.log10(eta[0]), np.log10(eta[-1]), BETWEEN * (eta.size - 1) + 1)
+    x, y = (PchipInterpolator(np.log10(eta), np.log10(values))(t) for values in (data, penalty))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    if not along[-1] > 0.0:
+        return np.column_stack([t, x, y]), np.zeros_like(t)
+    # Where the curve stands still no place along it belongs to a weight of its own.
+    moving = np.concatenate([[True], np.diff(along) > 1e-12 * along[-1]])
+    s = np.linspace(0.0, along[-1], max(int(40 * along[-1] / WIDTH), 8))
+    step = s[1]
+    x, y, t = (np.interp(s, along[moving], values[moving]) for values in (x, y, t))
+    dx, dy = (gaussian_filter1d(np.gradient(values, step), WIDTH / step, mode="nearest") for values in (x, y))
+    turn = np.unwrap(np.arctan2(dy, dx))
+    return np.column_stack([t, x, y]), np.asarray(np.gradient(turn, step))
+
+
+def find_corner(eta: Floats, data: Floats, penalty: Floats) -> Corner | None:
+    """Where the curvature is largest, between the ends, and at least ``SHARPNESS``.
+
+    Parameters
+    ----------
+    eta, data, penalty : (n,) float arrays
+
+    Returns
+    -------
+    Corner or None
+        None where the curve has none.
+    """
+    if not (np.all(data > 0) and np.all(penalty > 0)):
+        return None
+    points, kappa = curvature(eta, data, penalty)
+    peaks, _ = find_peaks(kappa, height=SHARPNESS)
+    t = np.log10(eta)
+    inner = [peak for peak in peaks if t[1] <= points[peak, 0] <= t[-2]]
+    if not inner:
+        return None
+    at = points[max(inner, key=lambda peak: kappa[peak])]
+    return Corner(int(np.abs(t - at[0]).argmin()), *(float(10.0**value) for value in at))

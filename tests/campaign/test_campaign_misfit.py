@@ -1,0 +1,195 @@
+"""The choices of the misfit through a whole campaign: weights, repeats, lines, the L-curve, several starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import Folder
+from test_campaign_identify import identify, measure, values
+
+from lrbc_cli.campaign.identify import select_lines
+from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.weights import line_weights
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.updating.residuals import coherence_sigma, noise_weights
+
+
+def repeated(folder: Folder, count: int, error: float, *, lines: slice = slice(None)) -> list[str]:
+    """Files with further measurements of the loose state, each with its own noise."""
+    rng = np.random.default_rng(3)
+    names = []
+    for k in range(count):
+        records = []
+        for record in read_frf(folder.data / "loose.uff").records:
+            noise = error * np.abs(record.values) * (rng.normal(size=(2, record.values.size)).T @ [1.0, 1j])
+            records.append(replace(record, values=(record.values + noise)[lines], frequency_hz=record.frequency_hz[lines], coherence=None))
+        names.append(f"again-{k}.uff")
+        write_frf(folder.data / names[-1], FrfSet(names[-1], tuple(records)))
+    return names
+
+
+def with_repeats(folder: Folder, names: list[str]) -> None:
+    tree = folder.tree()
+    before = tree["jobs"]["loose"]["frf"]
+    tree["jobs"]["loose"]["repeats"] = [before.replace("loose.uff", name) for name in names]
+    folder.write(tree)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("update.residual=log-complex",),
+        ("update.residual=log-complex", "update.loss=soft", "update.loss_scale=1.0", "update.floor=30.0"),
+        ("update.loss=soft",),
+        ("update.floor=40.0",),
+        ("update.lines=resonances-both",),
+        ("update.residual=complex", "parameters.springs.initial=4.4"),
+    ],
+    ids=" ".join,
+)
+def test_every_misfit_finds_the_truth(box: Folder, overrides: tuple[str, ...]) -> None:
+    truth = np.array([4.35, 4.4, 4.3, 4.4, 4.45, 4.38])
+    measure(box, 10.0**truth)
+    tree = identify(box, *overrides, "update.regularisation=0.0", "update.reference=")
+    np.testing.assert_allclose(values(tree), truth, atol=1e-3)
+    assert tree["misfit_db"]["final"] < 1e-3
+
+
+def test_the_mean_of_repeats(box: Folder) -> None:
+    with_repeats(box, repeated(box, 3, 0.05))
+    inputs = box.inputs()
+    found = read_measurement(inputs, inputs.campaign.jobs["loose"], "loose")
+    each = [read_frf(box.data / name).records for name in ("loose.uff", "again-0.uff", "again-1.uff", "again-2.uff")]
+    stack = np.stack([np.stack([record.values for record in records], axis=1) for records in each])
+    np.testing.assert_allclose(found.values, stack.mean(axis=0), rtol=1e-10)
+    assert found.files == 4
+    assert found.notes[-1] == "mean of 4 measurements"
+    assert len(found.hashes) == 4
+    # Three of four carry noise of 5 % in each part: the mean has sqrt(3)/4 of it, and the estimate is right on average.
+    assert found.sigma_db is not None
+    rms = float(np.sqrt(np.mean(found.sigma_db**2)))
+    assert rms == pytest.approx(8.686 * 0.05 * np.sqrt(3.0) / 4.0, rel=0.1)
+
+
+def test_the_scatter_of_repeats_is_a_weight(box: Folder) -> None:
+    with_repeats(box, repeated(box, 2, 0.3))
+    overrides = ("update.weights=scatter", "jobs.tight.repeats=[again-0.uff]")
+    inputs = box.inputs(*overrides)
+    job = inputs.campaign.jobs["loose"]
+    measurement = read_measurement(inputs, job, "loose")
+    selected = select_lines(inputs, measurement, "loose")
+    weights, notes = line_weights(inputs, measurement, job, selected)
+    assert notes == ()
+    assert weights is not None
+    assert measurement.sigma_db is not None
+    np.testing.assert_allclose(weights, noise_weights(measurement.sigma_db[np.ix_(selected, inputs.used)]))
+    assert weights.min() < 0.5 < weights.max() < 1.0
+    alone = inputs.campaign.jobs["loose"].model_copy(update={"repeats": ()})
+    with pytest.raises(DataError, match="need repeated measurements"):
+        line_weights(inputs, read_measurement(inputs, alone, "loose"), alone, selected)
+
+
+def test_repeats_change_the_result(box: Folder) -> None:
+    before = values(identify(box))
+    with_repeats(box, repeated(box, 1, 0.02))
+    after = values(identify(box))
+    assert 0 < np.abs(after - before).max() < 0.3
+    # Another content under the same name is another measurement.
+    records = read_frf(box.data / "loose.uff").records
+    write_frf(box.data / "again-0.uff", FrfSet("again", records))
+    np.testing.assert_allclose(values(identify(box)), before, atol=1e-6)
+
+
+def test_repeats_on_other_lines(box: Folder) -> None:
+    with_repeats(box, repeated(box, 1, 0.02, lines=slice(0, 150)))
+    result = box.run("update", "--job", "loose")
+    assert result.code == 5
+    for part in ("again-0.uff", "other lines", "191 lines from 20 to 400 Hz", "150 lines"):
+        assert part in result.stderr
+
+
+def test_coherence_is_a_weight(box: Folder) -> None:
+    records = list(read_frf(box.data / "loose.uff").records)
+    g2 = np.linspace(0.2, 1.0, records[0].frequency_hz.size)
+    write_frf(box.data / "loose.uff", FrfSet("loose", (*(replace(r, coherence=g2) for r in records[:-1]), records[-1])))
+    inputs = box.inputs("update.weights=coherence", "jobs.loose.averages=3")
+    job = inputs.campaign.jobs["loose"]
+    measurement = read_measurement(inputs, job, "loose")
+    selected = select_lines(inputs, measurement, "loose")
+    weights, notes = line_weights(inputs, measurement, job, selected)
+    assert weights is not None
+    np.testing.assert_allclose(weights[:, 0], noise_weights(coherence_sigma(g2[selected], 3)), rtol=1e-6)
+    np.testing.assert_array_equal(weights[:, -1], 1.0)
+    (note,) = notes
+    assert f"no coherence, hence the weight 1, for {inputs.responses[inputs.used[-1]].name} ({selected.size} lines)" in note
+    tree = identify(box, "update.weights=coherence", "jobs.loose.averages=3")
+    assert note in tree["notes"]
+    # Ten times the averages: another weight, hence another cost for the same start.
+    other = identify(box, "update.weights=coherence", "jobs.loose.averages=30")
+    assert other["cost"]["initial"] > tree["cost"]["initial"]
+    assert other["misfit_db"]["initial"] == tree["misfit_db"]["initial"]
+
+
+def test_resonances_of_the_model_too(frame: Folder) -> None:
+    own = identify(frame, job="loose-all")["lines"]["frequency_hz"]
+    both = identify(frame, "update.lines=resonances-both", job="loose-all")["lines"]["frequency_hz"]
+    assert set(own) < set(both)
+    # The clamped start has its resonances elsewhere.
+    listing = frame.run("check", "--override", "update.lines=resonances-both").stdout
+    assert f"{len(own)} selected and the model's resonances" in listing
+
+
+def test_l_curve(frame: Folder) -> None:
+    outcome = frame.run("update", "--json", "--override", "update.regularisation=l-curve")
+    assert outcome.code == 0, outcome.stderr
+    results = outcome.json["results"]
+    for tree in results.values():
+        curve = tree["l_curve"]
+        assert len(curve["eta"]) == len(curve["data"]) == len(curve["penalty"]) == 9
+        assert tree["optimiser"]["regularisation"] == curve["chosen"]
+        assert tree["line_evaluations"] == (tree["evaluations"] + curve["evaluations"]) * tree["lines"]["count"]
+    for job in ("loose-2", "loose-all"):
+        curve = results[job]["l_curve"]
+        assert curve["eta"][0] < curve["chosen"] < curve["eta"][-1]
+        assert abs(np.log10(curve["chosen"] / curve["eta"][curve["corner"]])) <= 0.375 + 1e-9
+        assert curve["data"][0] <= curve["at"]["data"] <= curve["data"][-1]
+        assert not [note for note in results[job]["notes"] if "L-curve" in note]
+    loose = {b["name"] for b in results["loose-2"]["bolts"] if b["verdict"] == "loose"}
+    assert loose == {"B3", "B4"}
+    # Nothing is loose in this state: the start explains most of it, and no weight stands out.
+    tight = results["tight"]
+    assert tight["l_curve"]["corner"] is tight["l_curve"]["at"] is None
+    assert tight["l_curve"]["chosen"] == tight["optimiser"]["regularisation"] == 0.04
+    assert any("no corner" in note and "0.04" in note for note in tight["notes"])
+
+
+def test_l_curve_with_bfgs(frame: Folder) -> None:
+    tree = identify(frame, "update.regularisation=l-curve", "update.method=bfgs", job="loose-2")
+    assert tree["optimiser"]["regularisation"] == tree["l_curve"]["chosen"]
+    assert tree["optimiser"]["starts"] == []
+
+
+def test_starts_are_listed(frame: Folder) -> None:
+    tree = identify(frame, job="loose-2")
+    starts = tree["optimiser"]["starts"]
+    assert len(starts) == 2
+    assert tree["l_curve"] is None
+    (kept,) = [start for start in starts if start["kept"]]
+    assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
+    assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
+    assert any(start["description"].startswith("uniform log10 left_edge ") for start in starts)
+
+
+def test_the_report_draws_the_l_curves(frame: Folder) -> None:
+    override = ("--override", "update.regularisation=l-curve")
+    assert frame.run("update", *override).code == 0
+    assert frame.run("report", *override).code == 0
+    page = (frame.out / "report.html").read_text(encoding="utf-8")
+    assert "Choice of the weight" in page
+    assert page.count("L-curve of job") == 3
+    for job in ("tight", "loose-2", "loose-all"):
+        assert (frame.out / job / "l-curve.png").read_bytes().startswith(b"\x89PNG")
