@@ -10,8 +10,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
+from lrbc_cli.updating.levels import descend
 from lrbc_cli.updating.misfit import Misfit
-from lrbc_cli.updating.optimise import Solution, gauss_newton
+from lrbc_cli.updating.optimise import Solution
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def natural_weight(misfit: Misfit, theta: Floats) -> float:
     return float(residuals / np.sum(rows**2))
 
 
-def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float) -> LCurve:
+def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float | None = None, span: Floats | None = None) -> LCurve:
     """Try weights from the largest to the smallest and back, each from the solution of the one before, and look for the corner.
 
     Parameters
@@ -96,21 +97,24 @@ def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float) -> L
         Its own weight does not matter; its penalty must have rows.
     start : (size,) float array
     bounds : (size, 2) float array
-    fallback : float
-        Weight where the curve has no corner.
+    fallback : float or None
+        Weight where the curve has no corner; the natural one where None.
+    span : (size, m) float array or None
+        Unknowns, see ``descend``.
 
     Returns
     -------
     LCurve
     """
-    etas = natural_weight(misfit, start) * RELATIVE
+    natural = natural_weight(misfit, start)
+    etas = natural * RELATIVE
     found: dict[int, Solution] = {}
     evaluations = 1
     # Downwards as a strong penalty lets go, a valley can be missed that opens later; back upwards it is kept as long as it is one.
     for order in (range(etas.size - 1, -1, -1), range(1, etas.size)):
         theta = start if not found else found[0].theta
         for i in order:
-            solution = gauss_newton(misfit.with_eta(float(etas[i])), theta, bounds, tolerance=TOLERANCE, max_iterations=ITERATIONS)
+            solution = descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=TOLERANCE, max_iterations=ITERATIONS)
             evaluations += solution.evaluations
             if i not in found or solution.evaluation.total < found[i].evaluation.total:
                 found[i] = solution
@@ -118,7 +122,7 @@ def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float) -> L
     data = np.array([found[i].evaluation.data for i in range(etas.size)])
     penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
     corner = find_corner(etas, data, penalty)
-    chosen = fallback if corner is None else corner.eta
+    chosen = corner.eta if corner is not None else (natural if fallback is None else fallback)
     return LCurve(etas, data, penalty, corner, chosen, evaluations, np.array([found[i].theta for i in range(etas.size)]))
 
 

@@ -109,6 +109,7 @@ def gauss_newton_by_levels(
     tolerance: float = 1e-4,
     max_iterations: int = 100,
     further: Mapping[str, Floats] | None = None,
+    span: Floats | None = None,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -122,13 +123,17 @@ def gauss_newton_by_levels(
         Of the last level, see ``gauss_newton``.
     further : mapping of str to (size,) float array
         Described profiles from which the last level is tried too.
+    span : (size, m) float array or None
+        Unknowns of the last level, ``prior + span z``; every value where None. The scan then moves the prior as a whole.
 
     Returns
     -------
     Solution
-        With the evaluations of all levels in its history, and where each start led to.
+        With the evaluations of all levels in its history, and where each start led to; the Jacobian of its evaluation is to z where
+        there is a span.
     """
     parameters = misfit.model.parameters
+    unknowns = parameters.size if span is None else span.shape[1]
     history: list[HistoryEntry] = []
 
     def note(entries: Iterable[HistoryEntry]) -> None:
@@ -136,7 +141,7 @@ def gauss_newton_by_levels(
         history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
 
     first = np.clip(start, bounds[:, 0], bounds[:, 1])
-    trials = [first, *uniform_values(misfit, first, bounds)]
+    trials = [first, *(uniform_values(misfit, first, bounds) if span is None else uniform_changes(misfit, bounds))]
     totals: list[float] = []
     for trial in trials:
         value = misfit(trial)
@@ -146,7 +151,7 @@ def gauss_newton_by_levels(
     ends: list[tuple[str, Solution]] = []
 
     def finish(description: str, theta: Floats) -> int:
-        last = gauss_newton(misfit, theta, bounds, tolerance=tolerance, max_iterations=max_iterations)
+        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations)
         note(last.history)
         ends.append((description, last))
         return last.iterations
@@ -155,7 +160,7 @@ def gauss_newton_by_levels(
         theta = trials[at]
         for knots in KNOTS:
             T = level_matrix(parameters, knots, damping=True)
-            if T.shape[1] >= parameters.size:
+            if T.shape[1] >= unknowns:
                 break
             level = Level(misfit, theta, T)
             coarse = gauss_newton(
@@ -164,7 +169,7 @@ def gauss_newton_by_levels(
             note(coarse.history)
             iterations += coarse.iterations
             theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
-        iterations += finish(_describe(parameters, trials[at], at), theta)
+        iterations += finish(_describe(parameters, trials[at], at, None if span is None else misfit.prior), theta)
     for description, theta in (further or {}).items():
         iterations += finish(description, theta)
     # The first of equals, also where a cost is not finite.
@@ -176,9 +181,36 @@ def gauss_newton_by_levels(
     return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=starts)
 
 
-def _describe(parameters: Parameterisation, theta: Floats, trial: int) -> str:
+def descend(
+    misfit: Misfit, start: Floats, bounds: Floats, span: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100
+) -> Solution:
+    """Gauss-Newton on all values, or on the unknowns z of ``prior + span z``; the Jacobian of its evaluation is to those."""
+    if span is None:
+        return gauss_newton(misfit, start, bounds, tolerance=tolerance, max_iterations=max_iterations)
+    level = Level(misfit, misfit.prior, span)
+    box = level.bounds(bounds)
+    z = np.clip(np.linalg.lstsq(span, start - misfit.prior, rcond=None)[0], box[:, 0], box[:, 1])
+    found = gauss_newton(level, z, box, tolerance=tolerance, max_iterations=max_iterations)
+    return replace(found, theta=level.theta(found.theta))
+
+
+def uniform_changes(misfit: Misfit, bounds: Floats) -> list[Floats]:
+    """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
+    parameters, prior = misfit.model.parameters, misfit.prior
+    moved = np.zeros(parameters.size, dtype=bool)
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        moved[values] = group.kind == "stiffness"
+    low, high = (bounds - prior[:, None])[moved if moved.any() else ~parameters.is_damping].T
+    steps = np.arange(np.ceil(np.median(low) / SCAN_STEP), np.floor(np.median(high) / SCAN_STEP) + 1)[:SCAN_MOST]
+    return [np.clip(np.where(moved, prior + SCAN_STEP * step, prior), bounds[:, 0], bounds[:, 1]) for step in steps]
+
+
+def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Floats | None) -> str:
     if trial == 0:
-        return "start values of the campaign"
+        return "start values of the campaign" if prior is None else "the reference job"
+    if prior is not None:
+        change = theta - prior
+        return f"uniform change of log10 by {change[int(np.argmax(np.abs(change)))]:.3g}"
     stiff = [group.kind == "stiffness" for group in parameters.groups]
     moved = [
         f"{group.name} {theta[values][0]:.3g}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,21 @@ from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decib
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+class Sensitive(Protocol):
+    """FRFs at fixed lines with their derivatives to theta."""
+
+    @property
+    def s(self) -> Complexes:
+        """(F,) lines."""
+
+    @property
+    def parameters(self) -> Parameterisation:
+        """Of the boundary; theta begins with it."""
+
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """See ``FrfModel.sensitivities``."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +187,7 @@ class Misfit:
 
     def __init__(
         self,
-        model: FrfModel,
+        model: Sensitive,
         measured: Complexes,
         prior: Floats,
         eta: float,
@@ -218,6 +233,19 @@ class Misfit:
         """Sum of squares of the penalty before it is weighted by eta [decade²]."""
         rows = self.rows @ (theta - self.prior)
         return float(rows @ rows)
+
+    def with_rows(self, rows: Floats) -> Misfit:
+        """The same cost with other rows of the penalty."""
+        other = copy(self)
+        other.rows = rows[np.any(rows != 0.0, axis=1)]
+        other.penalty, other.evaluations = np.sqrt(self.eta) * other.rows, 0
+        return other
+
+    def with_model(self, model: Sensitive, prior: Floats, rows: Floats, eta: float) -> Misfit:
+        """The same comparison with FRFs that depend on more."""
+        other = copy(self)
+        other.model, other.prior, other.eta = model, prior, eta
+        return other.with_rows(rows)
 
     def with_eta(self, eta: float) -> Misfit:
         """The same cost with another weight of the penalty, and its own count of evaluations."""

@@ -1,8 +1,8 @@
-"""From the stiffness along an edge to the bolts: which are loose (first verdict, without confidence)."""
+"""From the stiffness along an edge to the bolts: stiffness and change at each, and a verdict by these alone."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,30 @@ class BoltVerdict:
     verdict : str
         ``tight``, ``loose`` or ``undecided``.
     note : str or None
+    far : bool
+        No term lies within half a pitch.
+    near : int array
+        Which values of its edge were averaged.
+    edge : int
+        Which of the edges.
+    change_std : float or None
+        Standard deviation of the change, scatter of tight states included [decades].
+    probability_loose : float or None
+        That the change lies below the threshold.
+    threshold : float or None
+        Of the change [decades].
     """
 
     log10_stiffness: float
     change: float | None
     verdict: str
     note: str | None
+    far: bool = False
+    near: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+    edge: int = 0
+    change_std: float | None = None
+    probability_loose: float | None = None
+    threshold: float | None = None
 
 
 def pitch_of(bolts: Floats) -> float:
@@ -114,11 +132,11 @@ def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: b
         if not near.size:
             near = np.array([int(np.argmin(away))])
             note = f"no term within half a pitch; the nearest is {1e3 * away[near[0]]:.0f} mm away along the edge"
-        found.append((edge, near, note))
-    capped = [float(np.mean(np.minimum(edge.log10[near], edge.cap))) for edge, near, _ in found]
+        found.append((edge, near, note, which))
+    capped = [float(np.mean(np.minimum(edge.log10[near], edge.cap))) for edge, near, *_ in found]
     level = float(np.quantile(capped, 0.75)) if capped else 0.0
     verdicts = []
-    for (edge, near, note), value in zip(found, capped, strict=True):
+    for (edge, near, note, which), value in zip(found, capped, strict=True):
         change = None
         contrast = False
         if edge.reference is not None:
@@ -135,5 +153,5 @@ def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: b
         # Without a tight state nothing says that a bolt is tight: all may be loose.
         calm = "undecided" if contrast else "tight"
         verdict = "undecided" if far or measure is None else ("loose" if measure <= loose_change else calm)
-        verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note))
+        verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note, far, near, which))
     return verdicts

@@ -1,0 +1,151 @@
+"""From the posterior to what a reader wants: bands along the edge, and how probable it is that a bolt is loose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.updating.verdicts import BoltVerdict
+
+Floats = NDArray[np.float64]
+
+#: Two-sided 95 %.
+NORMAL_95 = float(norm.ppf(0.975))
+
+#: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
+CHI2_95 = NORMAL_95**2
+
+#: The alarm threshold keeps this many standard deviations of the changes between tight states.
+SCATTER_MARGIN = 4.0
+
+
+@dataclass(frozen=True)
+class Band:
+    """Confidence along one group.
+
+    Attributes
+    ----------
+    std : (k,) float array
+        Of log10(W 10^p), linearised.
+    lower, upper : (k,) float arrays
+        95 % limits of log10(W 10^p); infinite where the data say nothing to that side.
+    """
+
+    std: Floats
+    lower: Floats
+    upper: Floats
+
+
+def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | None, opens: tuple[Floats, Floats]) -> Band:
+    """Confidence of the effective values of a group.
+
+    Parameters
+    ----------
+    group : ParameterGroup
+    p : (k,) float array
+    covariance : (k, k) float array
+        Of p.
+    before : (k,) float array or None
+        Standard deviations of the prior state where p are changes against one that is uncertain itself.
+    opens : two (k,) bool arrays
+        Where the interval opens downwards and upwards.
+
+    Returns
+    -------
+    Band
+    """
+    values = group.values(p)
+    J = group.value_jacobian(p) / (LN10 * values[:, None])
+    variance = np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0)
+    if before is not None:
+        variance = variance + before**2
+    std = np.sqrt(variance)
+    centre = np.log10(values)
+    lower = np.where(opens[0], -np.inf, centre - NORMAL_95 * std)
+    upper = np.where(opens[1], np.inf, centre + NORMAL_95 * std)
+    return Band(std, lower, upper)
+
+
+def open_sides(
+    data: Callable[[Floats], float], theta: Floats, patches: Floats, bounds: Floats, variance: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Where the data do not object to a stretch of the edge being free, or clamped.
+
+    Parameters
+    ----------
+    data : callable
+        Sum of squares of the data residuals at theta.
+    theta : (size,) float array
+    patches : (size, q) float array
+        Stretches of an edge, weights from 0 to 1.
+    bounds : (size, 2) float array
+    variance : float
+        Of the noise, correlation included.
+
+    Returns
+    -------
+    down, up : (q,) bool arrays
+        Whether moving the stretch to its lower or upper bound costs less than ``CHI2_95``.
+    """
+    base = data(theta)
+    found = []
+    for side in (0, 1):
+        limit = bounds[:, side]
+        costs = [data(theta + patch * (limit - theta)) - base for patch in patches.T]
+        found.append(np.array(costs, dtype=float) < CHI2_95 * variance)
+    return found[0], found[1]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When a bolt is judged.
+
+    Attributes
+    ----------
+    threshold : float
+        Change of log10 stiffness below which a bolt is loose (negative).
+    confidence : float
+        Probability that a verdict needs.
+    scatter : float
+        Standard deviation of the changes between tight states [decades]; 0 where there is only one.
+    """
+
+    threshold: float
+    confidence: float
+    scatter: float = 0.0
+
+    @property
+    def limit(self) -> float:
+        """The threshold, or further down where tight states scatter that much."""
+        return min(self.threshold, -SCATTER_MARGIN * self.scatter)
+
+
+def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule) -> BoltVerdict:
+    """Judge a bolt by the probability that its change lies below the limit.
+
+    Parameters
+    ----------
+    verdict : BoltVerdict
+        Of the place of the bolt; those without a term near them stay undecided.
+    change, std : float
+        Of log10 stiffness against the tight state [decades].
+    rule : Rule
+
+    Returns
+    -------
+    BoltVerdict
+    """
+    spread = float(np.hypot(std, rule.scatter))
+    probability = float(norm.cdf((rule.limit - change) / max(spread, 1e-12)))
+    word = "undecided"
+    if not verdict.far:
+        word = "loose" if probability >= rule.confidence else ("tight" if probability <= 1.0 - rule.confidence else "undecided")
+    note = verdict.note
+    if word == "undecided" and note is None:
+        note = "the data do not decide: the interval of its change holds the threshold"
+    return replace(verdict, change=change, change_std=spread, probability_loose=probability, threshold=rule.limit, verdict=word, note=note)

@@ -1,0 +1,194 @@
+"""One identification with its confidence: weight of the prior from the noise, nuisances, posterior covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.levels import descend
+from lrbc_cli.updating.misfit import Evaluation, Misfit, Sensitive
+from lrbc_cli.updating.noise import Noise, estimate_noise
+from lrbc_cli.updating.optimise import Solution
+from lrbc_cli.updating.shapes import Shapes
+
+Floats = NDArray[np.float64]
+
+#: The weight of the prior follows the noise until it changes by less than this, or so many times.
+NOISE_CHANGE, NOISE_ROUNDS = 0.05, 6
+
+#: Freedom of the Student t distribution of a sparse prior: one, of Cauchy.
+SPARSE_FREEDOM = 1.0
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known after an identification, linearised about its optimum.
+
+    Attributes
+    ----------
+    shapes : Shapes
+        The boundary unknowns z come first, ``extras`` after them.
+    extras : tuple of Extra
+    z, values : float arrays
+        Optimum of both.
+    covariance : (m + k, m + k) float array
+        ``s² (JᵀJ + eta PᵀP)⁻¹``, prior included.
+    noise : Noise
+        ``s²`` is its variance.
+    prior_std : (m,) float array
+        Standard deviations of z in the prior, ``s / sqrt(eta)`` times those of the shapes.
+    """
+
+    shapes: Shapes
+    extras: tuple[Extra, ...]
+    z: Floats
+    values: Floats
+    covariance: Floats
+    noise: Noise
+    prior_std: Floats
+
+    @property
+    def boundary(self) -> Floats:
+        """(size, size) covariance of theta, nuisances marginalised."""
+        m = self.z.size
+        return np.asarray(self.shapes.T @ self.covariance[:m, :m] @ self.shapes.T.T)
+
+    @property
+    def std(self) -> Floats:
+        """(m + k,) standard deviations of z and of the extras."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Measured line and response of each data residual; real and imaginary parts count as different responses.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    selected : (F,) int array
+        Index of each of its lines among the measured ones.
+    count : int
+        Number of its data residuals.
+    """
+    line, response = np.nonzero(misfit.valid)
+    line = selected[line]
+    if count == 2 * line.size:
+        return np.concatenate([line, line]), np.concatenate([response, response + misfit.valid.shape[1]])
+    return line, response
+
+
+def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
+    """Noise from the residuals of an evaluation."""
+    rows = evaluation.residual.size - misfit.penalty.shape[0]
+    line, response = residual_places(misfit, selected, rows)
+    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response)
+
+
+def sparse_weights(z: Floats, std: Floats) -> Floats:
+    """Factors on the rows of the penalty that turn squares into a Student t prior, at the present z (iteratively reweighted squares)."""
+    relative = np.where(np.isfinite(std), z / np.where(np.isfinite(std), std, 1.0), 0.0)
+    return np.asarray(np.sqrt((SPARSE_FREEDOM + 1.0) / (SPARSE_FREEDOM + relative**2)))
+
+
+def follow_noise(
+    misfit: Misfit, solution: Solution, bounds: Floats, shapes: Shapes, selected: NDArray[np.int64], sparse: bool, tolerance: float
+) -> tuple[Misfit, Solution, Noise]:
+    """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Its rows are in standard deviations of the prior; with a sparse prior they are ``shapes.penalty()``.
+    solution : Solution
+        Where to begin.
+    bounds : (size, 2) float array
+    shapes : Shapes
+    selected : int array
+    sparse : bool
+        A prior with long tails: few large changes cost less than many small ones.
+    tolerance : float
+        Stop rule of each descent.
+
+    Returns
+    -------
+    Misfit, Solution, Noise
+        With the last weight; evaluations and history of all rounds.
+    """
+    rows = misfit.rows
+    noise = noise_of(misfit, solution.evaluation, selected)
+    history, iterations = list(solution.history), solution.iterations
+    for round_ in range(NOISE_ROUNDS):
+        if sparse:
+            z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
+            misfit = misfit.with_rows(sparse_weights(z, shapes.std)[:, None] * rows)
+        before = noise.variance
+        misfit = misfit.with_eta(max(before, 1e-6))
+        found = descend(misfit, solution.theta, bounds, shapes.T, tolerance=tolerance)
+        first = len(history)
+        history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
+        iterations += found.iterations
+        solution = replace(
+            found,
+            iterations=iterations,
+            evaluations=len(history),
+            history=tuple(history),
+            starts=solution.starts,
+        )
+        noise = noise_of(misfit, solution.evaluation, selected)
+        if round_ and abs(noise.variance / before - 1.0) < NOISE_CHANGE:
+            break
+    return misfit, solution, noise
+
+
+def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Extra], variance: float) -> Misfit:
+    """The same cost with further unknowns, each with its Gaussian prior.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    model : ExtendedFrf
+    extras : sequence of Extra
+    variance : float
+        Of the noise: a standard deviation of an extra costs as much as one of the data.
+    """
+    eta = max(misfit.eta, np.finfo(float).tiny)
+    rows = np.zeros((misfit.rows.shape[0] + len(extras), misfit.rows.shape[1] + len(extras)))
+    rows[: misfit.rows.shape[0], : misfit.rows.shape[1]] = misfit.rows
+    for i, extra in enumerate(extras):
+        rows[misfit.rows.shape[0] + i, misfit.rows.shape[1] + i] = np.sqrt(variance / eta) / extra.std
+    prior = np.concatenate([misfit.prior, [extra.mean for extra in extras]])
+    return misfit.with_model(model, prior, rows, eta)
+
+
+def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequence[Extra], noise: Noise, prior: Floats) -> Posterior:
+    """Covariance at the optimum.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        As it was minimised, extras included.
+    solution : Solution
+        Theta with the extras behind it; its Jacobian is to z and the extras.
+    shapes : Shapes
+    extras : sequence of Extra
+    noise : Noise
+    prior : (size,) float array
+        Of theta.
+
+    Returns
+    -------
+    Posterior
+    """
+    J = solution.evaluation.jacobian
+    normal = J.T @ J
+    size = prior.size
+    # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
+    floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
+    covariance = np.asarray(noise.variance * np.linalg.inv(normal + floor * np.eye(normal.shape[0])))
+    z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
+    spread = shapes.std * np.sqrt(noise.variance / max(misfit.eta, np.finfo(float).tiny))
+    return Posterior(shapes, tuple(extras), z, solution.theta[size:], covariance, noise, spread)

@@ -1,0 +1,104 @@
+"""How far the residuals scatter, and how many of them are worth one: most of what is left is model error, which neighbours share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Correlations are followed over at most so many lines, and no further than where they fall below this.
+MOST_LAGS, LEAST_CORRELATION = 20, 0.05
+
+#: Fewer pairs of lines than this say nothing about a lag.
+LEAST_PAIRS = 10
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Scatter of the residuals.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of a residual [dB], unknowns accounted for.
+    factor : float
+        Variance of an estimate over what it would be with independent residuals.
+    """
+
+    sigma: float
+    factor: float
+
+    @property
+    def variance(self) -> float:
+        """sigma² times the factor [dB²]: divides JᵀJ in the posterior."""
+        return self.sigma**2 * self.factor
+
+
+def correlation_factor(residual: Floats, jacobian: Floats, line: NDArray[np.int64], response: NDArray[np.int64]) -> float:
+    """Inflation of the variance of the estimates by residuals that neighbouring lines share.
+
+    ``1 + 2 sum_k rho_r(k) rho_J(k)`` over the lags k: residuals that are correlated harm where the sensitivities are correlated over
+    the same lags (variance of a least-squares estimate with autocorrelated errors and regressors).
+
+    Parameters
+    ----------
+    residual : (m,) float array
+    jacobian : (m, k) float array
+        Of the same residuals.
+    line, response : (m,) int arrays
+        Index of the measured line, and of the response (or part of it), of each residual.
+
+    Returns
+    -------
+    float
+        At least 1.
+    """
+    if residual.size == 0:
+        return 1.0
+    count = int(line.max()) + 1
+    at = np.full((int(response.max()) + 1, count), -1)
+    at[response, line] = np.arange(residual.size)
+    power = float(np.mean(residual**2))
+    # The columns of the Jacobian have different sizes: each counts by its share of the sum of squares.
+    strength = float(np.sum(jacobian**2)) / residual.size
+    if power == 0.0 or strength == 0.0:
+        return 1.0
+    factor = 1.0
+    for lag in range(1, min(MOST_LAGS, count - 1) + 1):
+        both = (at[:, :-lag] >= 0) & (at[:, lag:] >= 0)
+        first, second = at[:, :-lag][both], at[:, lag:][both]
+        if first.size < LEAST_PAIRS:
+            break
+        rho = float(np.mean(residual[first] * residual[second])) / power
+        if rho < LEAST_CORRELATION:
+            break
+        along = float(np.sum(jacobian[first] * jacobian[second])) / first.size / strength
+        factor += 2.0 * rho * along * first.size / residual.size
+    return max(factor, 1.0)
+
+
+def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: NDArray[np.int64], response: NDArray[np.int64]) -> Noise:
+    """Scatter of the data residuals at an optimum.
+
+    Parameters
+    ----------
+    residual, jacobian : (m,) and (m, k) float arrays
+        Of the data.
+    penalty : (q, k) float array
+        Jacobian of the penalty, weighted: it takes freedom from the unknowns.
+    line, response : (m,) int arrays
+        See ``correlation_factor``.
+
+    Returns
+    -------
+    Noise
+    """
+    normal = jacobian.T @ jacobian
+    total = normal + penalty.T @ penalty
+    spent = float(np.trace(np.linalg.lstsq(total, normal, rcond=1e-12)[0]))
+    freedom = max(residual.size - spent, 1.0)
+    sigma = float(np.sqrt(residual @ residual / freedom))
+    return Noise(sigma, correlation_factor(residual, jacobian, line, response))
