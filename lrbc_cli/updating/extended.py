@@ -123,7 +123,8 @@ class ExtendedFrf:
         """(F, R) FRFs."""
         return self.derivatives(theta)[0]
 
-    def sensitivities(self, theta: Floats) -> tuple[Complexes, Floats]:
-        """(F, R) FRFs and the (F, R, size) derivatives of their dB values."""
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """(F, R) FRFs and the (F, R, size) derivatives of their dB values; with the phase, of ``20/ln10 ln(H)``, as of ``FrfModel``."""
         y, dy = self.derivatives(theta)
-        return y, DB * (dy / y[:, :, None]).real
+        relative = dy * (DB / y)[:, :, None]
+        return y, relative if phase else relative.real
