@@ -26,11 +26,12 @@ from lrbc_cli.reduction.vectors import ERROR_KINDS
 log = logging.getLogger(__name__)
 
 FORMAT = "lrbc-reduced-model"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 #: Names of the key's parts in messages.
 PARTS = {
     "operators": "the matrices or the damping",
+    "groups": "the matrices of the calibration's groups",
     "terms": "the terms",
     "loads": "the excitation",
     "outputs": "the responses",
@@ -80,6 +81,9 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     m, r = inputs.model, inputs.campaign.reduction
     return {
         "operators": _digest(m.K, m.C, m.M, m.is_acoustic),
+        "groups": _digest(
+            *[part for name in sorted(m.extras) for key in sorted(m.extras[name]) for part in (name, key, m.extras[name][key])]
+        ),
         "terms": _digest(m.terms.left, m.terms.right, m.terms.power, m.terms.baseline),
         "loads": _digest(m.B),
         "outputs": _digest(m.L, m.output_power, inputs.input_of),
@@ -138,6 +142,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
 def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) -> None:
     """Write a reduced model with its certificate."""
     model = {name: getattr(reduction.model, name) for name in ReducedModel.__dataclass_fields__}
+    model["extras"] = {name: dict(group) for name, group in reduction.model.extras.items()}
     tree = {
         "format": FORMAT,
         "version": FORMAT_VERSION,

@@ -15,6 +15,7 @@ from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, Response
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.tables import read_dof_list, read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
+from lrbc_cli.model.factors import Recipe, make_recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
@@ -100,6 +101,8 @@ class Inputs:
     warnings : tuple of str
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
+    recipe : Recipe
+        How the operators of ``model`` depend on global factors; one is what they are.
     """
 
     campaign: Campaign
@@ -113,6 +116,7 @@ class Inputs:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     hashes: dict[str, str] = field(repr=False)
+    recipe: Recipe = field(repr=False)
 
     @property
     def input_of(self) -> NDArray[np.int64]:
@@ -393,6 +397,10 @@ def read_inputs(campaign: Campaign) -> Inputs:
         bolts = read_points(campaign.bolts)
         reader.hash(campaign.bolts)
     model = FeModel(K, C, M, B, L, output_power, acoustic, terms)
+    coefficients = None
+    if isinstance(damping, ProportionalDamping):
+        coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all())
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     return Inputs(
         campaign,
@@ -406,6 +414,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
         tuple(reader.notes),
         tuple(reader.warnings),
         reader.hashes,
+        recipe,
     )
 
 

@@ -17,6 +17,7 @@ from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_ports, reduce_model
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -95,6 +96,11 @@ def obtain_reduction(
             hint="raise reduction.tolerance or reduction.max_size, or accept it with --accept-tolerance",
         )
     return ReductionStage(reduction, decision, time.perf_counter() - start)
+
+
+def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
+    """The reduced model as a function of global factors, about the model as it is used: factors of one are those of ``inputs.model``."""
+    return AffineModel(stage.reduction.model, inputs.recipe)
 
 
 def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:

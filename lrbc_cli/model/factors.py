@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -40,7 +40,7 @@ class Piece:
     operator : str
         Which operator of the model, or of the group, the matrix is taken from.
     field : str
-        ``structure``, ``acoustic`` or ``coupling``; empty for a whole group.
+        ``structure``, ``acoustic`` or ``coupling``.
     group : str or None
         A further group instead of the model.
     shares : tuple of Monomial
@@ -86,7 +86,7 @@ class Recipe:
         C: sp.csc_array,
         M: sp.csc_array,
         is_acoustic: NDArray[np.bool_],
-        groups: Mapping[str, Sequence[sp.csc_array]],
+        groups: Mapping[str, Mapping[str, sp.csc_array]],
         factors: Mapping[str, float],
     ) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
         """Operators at the given factors.
@@ -96,8 +96,8 @@ class Recipe:
         K, C, M : (n, n) csc_array
             At factors that are all one.
         is_acoustic : (n,) bool array
-        groups : mapping of str to (K, C, M)
-            Matrices of the further groups, which K, C, M contain.
+        groups : mapping of str to mappings of str to csc_array
+            Matrices of the further groups by operator, which K, C, M contain.
         factors : mapping
 
         Returns
@@ -107,14 +107,34 @@ class Recipe:
         out: list[sp.csc_array] = [sp.csc_array(K.shape, dtype=A.dtype) for A in (K, C, M)]
         operators = dict(zip(OPERATORS, (K, C, M), strict=True))
         for piece in self.pieces:
-            slot = OPERATORS.index(piece.operator)
-            A = groups[piece.group][slot] if piece.group is not None else block(operators[piece.operator], is_acoustic, piece.field)
+            A = block((operators if piece.group is None else groups[piece.group])[piece.operator], is_acoustic, piece.field)
             for at, weight in enumerate(piece.coefficients(factors)):
                 if weight != 0.0 and A.nnz:
                     out[at] = out[at] + weight * A
         for A in out:
             A.sort_indices()
         return out[0].tocsc(), out[1].tocsc(), out[2].tocsc()
+
+    def group_scales(self, name: str, factors: Mapping[str, float]) -> dict[tuple[str, str], float]:
+        """By operator and field, what the matrices of a group are multiplied with where the operators are assembled at these factors."""
+        scales = {}
+        for piece in self.pieces:
+            if piece.group == name:
+                slot = OPERATORS.index(piece.operator)
+                scales[piece.operator, piece.field] = sum(
+                    share.value(factors) for share in piece.shares if share.slot == slot and name in share.exponents
+                )
+        return scales
+
+    def at(self, factors: Mapping[str, float]) -> Recipe:
+        """The recipe about operators that were assembled at these factors: one is then what they have."""
+
+        def moved(share: Monomial) -> Monomial:
+            # The other factors are in the matrices; those of proportional damping are not.
+            powers = {name: power for name, power in share.exponents.items() if name.startswith(("alpha.", "beta."))}
+            return replace(share, coefficient=replace(share, exponents=powers).value(factors))
+
+        return replace(self, pieces=tuple(replace(piece, shares=tuple(map(moved, piece.shares))) for piece in self.pieces))
 
 
 def block(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], field: str) -> sp.csc_array:
@@ -129,14 +149,14 @@ def make_recipe(
     damping: tuple[tuple[float, float], tuple[float, float]] | None,
     acoustic: bool,
     structural: bool = True,
-    groups: Mapping[str, Sequence[bool]] | None = None,
+    groups: Mapping[str, Collection[str]] | None = None,
 ) -> Recipe:
     """Say how K, C and M depend on the factors.
 
     ``stiffness.FIELD`` scales the stiffness of a field, ``mass.FIELD`` its mass; with proportional damping
     ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise
-    the damping matrix of a field has the factor ``damping.FIELD``. The coupling blocks
-    stay. A further group is contained in the operators once.
+    the damping matrix of a field has the factor ``damping.FIELD``. The coupling blocks stay. A further group is contained in the operators
+    once: its factor scales this share of them, ``gamma (K + (phi - 1) K_group)`` and likewise for damping and mass.
 
     Parameters
     ----------
@@ -144,8 +164,8 @@ def make_recipe(
         Of structure and air; None where C is a matrix of its own (or nothing).
     acoustic, structural : bool
         Which fields there are.
-    groups : mapping of str to (bool, bool, bool)
-        Which operators a further group contributes to.
+    groups : mapping of str to collections of str
+        The operators of the model to which a further group contributes.
 
     Returns
     -------
@@ -153,6 +173,15 @@ def make_recipe(
     """
     pieces: list[Piece] = []
     names: list[str] = []
+
+    def add(operator: str, field: str, shares: Sequence[Monomial]) -> None:
+        pieces.append(Piece(operator, field, None, tuple(shares)))
+        for group, there in (groups or {}).items():
+            if operator in there:
+                own = [replace(share, exponents={**share.exponents, group: 1.0}) for share in shares]
+                rest = [replace(share, coefficient=-share.coefficient) for share in shares]
+                pieces.append(Piece(operator, field, group, (*own, *rest)))
+
     present = [name for name, there in zip(FIELDS, (structural, acoustic), strict=True) if there]
     for name in present:
         stiffness, mass = {f"stiffness.{name}": 1.0}, {f"mass.{name}": 1.0}
@@ -166,18 +195,14 @@ def make_recipe(
             of_stiffness.append(Monomial(1, beta, stiffness | {f"beta.{name}": 1.0}))
             names += [f"{key}.{name}" for key, value in (("alpha", alpha), ("beta", beta)) if value != 0.0]
         else:
-            pieces.append(Piece("damping", name, None, (Monomial(1, 1.0, {f"damping.{name}": 1.0}),)))
+            add("damping", name, [Monomial(1, 1.0, {f"damping.{name}": 1.0})])
             names.append(f"damping.{name}")
-        pieces += [Piece("stiffness", name, None, tuple(of_stiffness)), Piece("mass", name, None, tuple(of_mass))]
+        add("stiffness", name, of_stiffness)
+        add("mass", name, of_mass)
     if len(present) == 2:
         for slot, operator in enumerate(OPERATORS):
             if operator != "damping" or damping is None:
-                pieces.append(Piece(operator, "coupling", None, (Monomial(slot, 1.0, {}),)))
+                add(operator, "coupling", [Monomial(slot, 1.0, {})])
     if acoustic:
         names.append(SOUND_SPEED)
-    for group, there in (groups or {}).items():
-        names.append(group)
-        for slot, operator in enumerate(OPERATORS):
-            if there[slot]:
-                pieces.append(Piece(operator, "", group, (Monomial(slot, 1.0, {group: 1.0}), Monomial(slot, -1.0, {}))))
-    return Recipe(tuple(pieces), tuple(names))
+    return Recipe(tuple(pieces), (*names, *(groups or {})))

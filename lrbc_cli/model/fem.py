@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,6 +31,8 @@ class FeModel:
         Which DOFs are acoustic pressures.
     terms : LowRankTerms
         The rank-one terms.
+    extras : mapping of str to mappings of str to (n, n) csc_array
+        Matrices of further groups of factors, by group and operator (``stiffness``, ``damping``, ``mass``); K, C, M contain them once.
     """
 
     K: sp.csc_array
@@ -40,6 +43,7 @@ class FeModel:
     output_power: NDArray[np.int64]
     is_acoustic: NDArray[np.bool_]
     terms: LowRankTerms
+    extras: Mapping[str, Mapping[str, sp.csc_array]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = self.K.shape[0]
@@ -51,6 +55,7 @@ class FeModel:
             ("outputs", self.L, (self.L.shape[0], n)),
             ("left vectors of the terms", self.terms.left, (n, self.terms.size)),
             ("right vectors of the terms", self.terms.right, (n, self.terms.size)),
+            *((f"{operator} of {name}", A, (n, n)) for name, group in self.extras.items() for operator, A in group.items()),
         ):
             if matrix.shape != shape:
                 raise DataError(f"the {name} do not fit the other matrices", expected=f"shape {shape}", found=f"shape {matrix.shape}")

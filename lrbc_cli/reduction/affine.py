@@ -7,7 +7,7 @@ factorisation a line gives the FRFs with all their derivatives: to the terms, to
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,15 +55,12 @@ class AffineModel:
         At factors that are all one; its columns of B beyond the loads are ``shifts``.
     recipe : Recipe
         How the coefficients depend on the factors.
-    extras : mapping of str to sequences of three (r, r) arrays
-        Projected K, C, M of the further groups.
     shifts : (n_in, 2) int array or None
         For every load the columns of B that hold its derivatives to two shifts of the hammer [N/m].
     """
 
     base: ReducedModel
     recipe: Recipe
-    extras: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     shifts: NDArray[np.int64] | None = None
 
     def blocks(self) -> list[Any]:
@@ -74,10 +71,8 @@ class AffineModel:
         operators = dict(zip(OPERATORS, (self.base.K, self.base.C, self.base.M), strict=True))
         out: list[Any] = []
         for piece in self.recipe.pieces:
-            if piece.group is not None:
-                out.append(self.extras[piece.group][OPERATORS.index(piece.operator)])
-            else:
-                out.append(np.where(inside[piece.field], operators[piece.operator], 0.0))
+            found = operators if piece.group is None else self.base.extras[piece.group]
+            out.append(np.where(inside[piece.field], found[piece.operator], 0.0))
         return out
 
     def operators(self, factors: Mapping[str, float], slope: str | None = None) -> list[Any]:

@@ -200,6 +200,19 @@ class Projection:
         blocks, sizes = self._blocks[which], self.sizes
         return np.block([[blocks.get((f, g), np.zeros((sizes[f], sizes[g]))) for g in range(len(sizes))] for f in range(len(sizes))])
 
+    def project(self, matrix: sp.csc_array) -> Any:
+        """Vᵀ A V of any matrix, fields one after the other."""
+        blocks, count = _blocks_of(matrix, self.fields), len(self.fields)
+        return np.block(
+            [
+                [
+                    self._V[f].T @ (blocks[f, g] @ self._V[g]) if (f, g) in blocks else np.zeros((self.sizes[f], self.sizes[g]))
+                    for g in range(count)
+                ]
+                for f in range(count)
+            ]
+        )
+
     def sketched(self, which: int, *, transposed: bool = False) -> Any:
         """Sketch of K V, C V or M V (or of Kᵀ V ...), (fields * rows, r)."""
         count = len(self.fields)

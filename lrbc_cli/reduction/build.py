@@ -12,6 +12,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -164,6 +165,10 @@ class Reducer:
             K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, structure
         )
 
+    def projected_groups(self) -> dict[str, dict[str, Any]]:
+        """Vᵀ A V of the further groups of factors."""
+        return {name: {key: self.projection.project(A) for key, A in group.items()} for name, group in self.model.extras.items()}
+
     def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
         """Measured relative error of y at a factorised line, by kind of parameter vector."""
         exact = self.exact[frequency]
@@ -277,7 +282,7 @@ class Reducer:
     def _finish(self, held_out: list[float], measured: dict[float, dict[str, float]]) -> Reduction:
         for f in self.fields:
             check_orthonormal(f)
-        model = self.reduced()
+        model = replace(self.reduced(), extras=self.projected_groups())
         # The basis may have grown after a line was held out: all errors are those of the final model.
         lines = tuple(HeldOut(f, measured.get(f) or self.errors(f, model)) for f in sorted(held_out))
         tolerance = self.options.tolerance

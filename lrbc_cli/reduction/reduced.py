@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ class ReducedModel:
         D_ref(s) = k + s c + s² m of every term: the values about which port FRFs are taken.
     structure : int
         How many of the DOFs, counted from the first, are structural.
+    extras : mapping of str to mappings of str to (r, r) arrays
+        Projected matrices of the further groups of factors, by group and operator.
     """
 
     K: Complexes | Floats
@@ -46,6 +49,7 @@ class ReducedModel:
     input_of: NDArray[np.int64]
     reference: Floats
     structure: int
+    extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:

@@ -124,7 +124,7 @@ class ExtendedFrf:
         return self.derivatives(theta)[0]
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
-        """(F, R) FRFs and the (F, R, size) derivatives of their dB values; with the phase, of ``20/ln10 ln(H)``."""
+        """(F, R) FRFs and the (F, R, size) derivatives of their dB values; with the phase, of ``20/ln10 ln(H)``, as of ``FrfModel``."""
         y, dy = self.derivatives(theta)
-        J = DB * (dy / y[:, :, None])
-        return y, J if phase else J.real
+        relative = dy * (DB / y)[:, :, None]
+        return y, relative if phase else relative.real
