@@ -5,7 +5,8 @@
     python data_samples/virtual.py twelve --figures
 
 Writes campaign.yaml, frf/JOB.uff and truth.json (what was drawn; nothing reads it) into the folder, and the nominal model, which no seed
-changes, into its subfolder ``model`` or where --model says. Several seeds get a folder ``seed-N`` each and share one model. See rigs/README.md.
+changes, into its subfolder ``model`` or where --model says. Several seeds get a folder ``seed-N`` each and share one model. See
+rigs/README.md.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from rigs.designs import DESIGNS
 from rigs.drift import Scatter
 from rigs.figures import report
 from rigs.measure import Laboratory
+from rigs.options import add_drift, spread
 
 
 def seeds(text: str) -> list[int]:
@@ -31,32 +33,23 @@ def seeds(text: str) -> list[int]:
     return list(range(int(found[1]), int(found[2] or found[1]) + 1))
 
 
-def spread(text: str) -> float:
-    """A standard deviation."""
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError("a standard deviation is not negative")
-    return value
-
-
-def add_drift(parser: argparse.ArgumentParser) -> None:
-    """Options for what changes from job to job; all normally distributed."""
-    parser.add_argument("--kelvin", type=spread, default=0.0, metavar="K", help="standard deviation of the air temperature [K]")
-    parser.add_argument("--hammer", type=spread, default=0.0, metavar="M", help="standard deviation of the hits along x and along y [m]")
-    parser.add_argument("--gain", type=spread, default=0.0, metavar="DB", help="standard deviation of each response's gain [dB]")
-
-
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("design", choices=DESIGNS)
     parser.add_argument("--seed", type=seeds, default=[1], metavar="N", help="a seed, or several as 1-50")
     parser.add_argument("--out", type=Path, help="folder of the campaign")
-    parser.add_argument("--jobs", metavar="JOBS", help="tight:4, B03+B09 or names of the design's jobs, comma-separated (all jobs of the design)")
-    parser.add_argument("--retorque", type=spread, metavar="S", help="standard deviation of the log stiffness of tight bolts, job to job (0.08)")
+    parser.add_argument(
+        "--jobs", metavar="JOBS", help="tight:4, B03+B09 or names of the design's jobs, comma-separated (all jobs of the design)"
+    )
+    parser.add_argument(
+        "--retorque", type=spread, metavar="S", help="standard deviation of the log stiffness of tight bolts, job to job (0.08)"
+    )
     add_drift(parser)
     parser.add_argument("--model", type=Path, help="folder that holds the nominal model, or gets it")
-    parser.add_argument("--figures", type=Path, nargs="?", const=Path(), metavar="FRF", help="print figures of the design and stop; FRF: measurements")
+    parser.add_argument(
+        "--figures", type=Path, nargs="?", const=Path(), metavar="FRF", help="print figures of the design and stop; FRF: measurements"
+    )
     arguments = parser.parse_args()
     logging.getLogger("skfem").setLevel(logging.ERROR)
     design = DESIGNS[arguments.design]

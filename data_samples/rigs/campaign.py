@@ -18,8 +18,8 @@ def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
     ----------
     design : Design
     text : str or None
-        Names of the design's jobs, ``tight:N`` for N jobs with all bolts tight, and ``B03+B09`` for a job with these removed, comma-separated;
-        None: the jobs of the design. The first job is one with all bolts tight: where none is asked for first, the design's reference.
+        Names of the design's jobs, ``tight:N`` for N jobs with all bolts tight, and ``B03+B09`` for a job with these removed,
+        comma-separated; None: the jobs of the design. The first job has all bolts tight, the design's reference where no other was asked for.
 
     Raises
     ------
@@ -37,7 +37,9 @@ def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
         elif set(item.split("+")) <= set(design.bolts):
             jobs["loose-" + "-".join(item.split("+"))] = item.split("+")
         else:
-            raise ValueError(f"'{item}' is no job: expected tight:N, bolts as B03+B09 (to B{design.bolt_count:02d}), or {', '.join(design.jobs)}")
+            raise ValueError(
+                f"'{item}' is no job: expected tight:N, bolts as B03+B09 (to B{design.bolt_count:02d}), or {', '.join(design.jobs)}"
+            )
     if next(iter(jobs.values())):
         jobs = {design.reference: []} | jobs
     return jobs

@@ -11,6 +11,7 @@ from rigs.design import Array
 
 ComplexArray = NDArray[np.complex128]
 
+
 @dataclass(frozen=True)
 class Chain:
     """Hammer, sensors and noise.

@@ -79,7 +79,6 @@ class Cavity:
             vectors = vectors @ (rotation[:, keep] / np.sqrt(values[keep]))
         return np.hstack([self.modes, vectors])
 
-
     def ritz(self, loads: Array) -> tuple[Array, Array]:
         """Eigenvalues and modes within the basis for `loads`."""
         basis = self.basis(loads)

@@ -1,4 +1,7 @@
-"""What the nominal and the true model of a rig have in common: geometry, materials, supports, jobs. SI units; the defaults are the SoundBox."""
+"""What the nominal and the true model of a rig have in common: geometry, materials, supports, jobs.
+
+SI units; the defaults are the SoundBox.
+"""
 
 from __future__ import annotations
 

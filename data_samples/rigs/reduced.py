@@ -1,8 +1,8 @@
 """Plate and air of a design in a basis that serves all its rigs, so that a rig costs small dense matrices only.
 
-The plate's operators are sums of fixed matrices (four bending stiffnesses, mass, bedding, one patch a bolt), and the air's are two matrices with
-a factor each, so they are projected once. The basis holds plate modes with all bolts tight, all removed, and every other one removed, and the air's
-answers to them.
+The plate's operators are sums of fixed matrices (four bending stiffnesses, mass, bedding, one patch a bolt), and the air's are two
+matrices with a factor each, so they are projected once. The basis holds plate modes with all bolts tight, all removed, and every other one
+removed, static corrections for each patch, and the air's answers to them.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ class Basis:
         blocks = []
         for tight in (names, [], names[::2], names[1::2]):
             stiffness = elastic + plate.foundation(dict.fromkeys(tight, 1.0))
-            values, modes = plate.modes(stiffness, mass, MODES_PER_STATE)
+            modes = plate.modes(stiffness, mass, MODES_PER_STATE)[1]
             blocks.append(modes)
             if len(tight) in (0, len(names)):
                 # How each patch changes the modes, statically.
