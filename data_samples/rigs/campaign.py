@@ -19,7 +19,7 @@ def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
     design : Design
     text : str or None
         Names of the design's jobs, ``tight:N`` for N jobs with all bolts tight, and ``B03+B09`` for a job with these removed,
-        comma-separated; None: the jobs of the design. The first job has all bolts tight, the design's reference where no other was asked for.
+        comma-separated; None: the jobs of the design. The first job has all bolts tight; the design's reference where none is asked for.
 
     Raises
     ------

@@ -13,8 +13,10 @@ import skfem
 from rigs.cavity import block_grid
 from rigs.coupled import Cavity, PlateModes, factorise, lowest_modes, pressure_frfs
 from rigs.design import Array, Design
+from rigs.drift import Drift
 from rigs.nominal import acoustic_basis, acoustic_matrices, build
-from rigs.truth import Air, Perturbations, Plate, hexahedra
+from rigs.reduced import Basis
+from rigs.truth import Air, Perturbations, Plate, Rig, hexahedra
 
 LINES = np.arange(20.0, 401.0)
 MODES = 90
@@ -66,12 +68,20 @@ class Nominal:
         return np.asarray(20 * np.log10(np.abs(pressure_frfs(plate, air, *self.design.acoustic_damping, LINES))))
 
 
-def rig_frequencies(design: Design) -> Array:
-    """Natural frequencies [Hz] of the plate of the unperturbed rig, all bolts tight."""
-    plate, none = Plate(design, Air(design)), Perturbations.none(design)
-    materials = none.materials(design)
-    stiffness = plate.elastic(materials.bending) + plate.foundation(none.bolts)
-    return hertz(plate.modes(stiffness, plate.mass(materials.surface_mass), MODES)[0])
+def rig_figures(design: Design) -> tuple[Array, dict[str, float]]:
+    """Of the unperturbed rig: natural frequencies [Hz] of its plate, all bolts tight, and by job the mean dB from the tight FRFs."""
+    air = Air(design)
+    plate, none = Plate(design, air), Perturbations.none(design)
+    basis = Basis(plate, air)
+    rig = Rig(basis.plate, basis.air, none)
+    frequencies = hertz(rig.plate_modes(none.bolts, np.array(design.hammer))[0].eigenvalues)
+
+    def decibels(job: str) -> Array:
+        factors = {name: 0.0 if name in design.removed(job) else 1.0 for name in design.bolts}
+        return np.asarray(20 * np.log10(np.abs(rig.frfs(factors, Drift(), LINES))))
+
+    tight = decibels(design.reference)
+    return frequencies, {job: float(np.abs(decibels(job) - tight).mean()) for job in design.jobs}
 
 
 def measured_db(design: Design, path: Path) -> Array:
@@ -104,8 +114,10 @@ def report(design: Design, measured: Path | None) -> None:
     print("plate, left edge free to turn [Hz]:", free[free < 400].round(1))
     print("plate, clamped [Hz]:", clamped[clamped < 400].round(1))
     low = clamped < 400
-    ratio = rig_frequencies(design)[low] / clamped[low]
+    frequencies, changes = rig_figures(design)
+    ratio = frequencies[low.nonzero()] / clamped[low]
     print(f"rig, unperturbed, tight, over that: {ratio.min():.4f} to {ratio.max():.4f}, mean {ratio.mean():.4f}")
+    print("its jobs, mean dB from tight:", ", ".join(f"{job} {value:.2f}" for job, value in changes.items()))
 
     used = [list(design.microphones).index(name) for name in design.used]
     clamped_db, free_db = nominal.frfs_db(CLAMPED), nominal.frfs_db(0.0)

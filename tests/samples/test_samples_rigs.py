@@ -126,7 +126,8 @@ def test_temperature_is_speed_and_density(shell: tuple[Plate, Air]) -> None:
     other.cavity = air.cavity(warm, np.array(list(COARSE.microphones.values())))
     lines = FREQUENCIES[10::13]
     cold, expected, found = rig.frfs(none.bolts, Drift(), lines), other.frfs(none.bolts, Drift(), lines), rig.frfs(none.bolts, drift, lines)
-    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected)
+    # Not the same basis: its static parts belong to the air.
+    assert np.linalg.norm(found - expected) < 1e-4 * np.linalg.norm(expected)
     assert np.linalg.norm(found - cold) > 1e-2 * np.linalg.norm(expected)
 
 
