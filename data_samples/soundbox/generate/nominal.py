@@ -2,239 +2,31 @@
 
     python data_samples/soundbox/generate/nominal.py [--out DIR]
 
-Pinned left edge, the other edges clamped, hard walls; quadratic tetrahedra for the air. See the README beside the data.
+See the README beside the data.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
-import scipy.sparse as sp
-import skfem
-from cavity import IntArray, block_grid, tetrahedra
-from geometry import (
-    HAMMER,
-    PLATE_HX,
-    PLATE_HY,
-    PLATE_NX,
-    PLATE_NY,
-    PLATE_PER_ACOUSTIC,
-    PLATE_X0,
-    PLATE_Y0,
-    PLATE_Z,
-    Array,
-    Materials,
-    bolts,
-)
-from plate import hermite, plate_matrices
-from skfem.helpers import dot, grad
 
-COMPONENTS = ("UZ", "ROTX", "ROTY", "TWIST")
-# The plate's DOFs of a node are w, w_y, w_x, w_xy; ROTY is -w_x.
-COMPONENT_SIGN = (1.0, 1.0, -1.0, 1.0)
-# Blocks are stored in steps of 2^-BITS of a power of two above their largest entry: exact symmetry and row sums.
-BITS = 31
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-
-@dataclass(frozen=True)
-class Model:
-    """The coupled model: ``(K - w^2 M) x = f``, plate DOFs first, pressures after them.
-
-    Attributes
-    ----------
-    stiffness, mass : csr_array
-        Unsymmetric (u, p) matrices in SI units.
-    node : (n,) int array
-        Node number of each DOF.
-    component : (n,) str array
-        UZ, ROTX, ROTY, TWIST or PRES.
-    xyz : (n, 3) float array
-        Coordinates [m].
-    structure_size : int
-        Number of plate DOFs.
-    """
-
-    stiffness: sp.csr_array
-    mass: sp.csr_array
-    node: IntArray
-    component: np.ndarray
-    xyz: Array
-    structure_size: int
-
-
-def quantise(matrix: sp.csr_array, bits: int = BITS) -> sp.csr_array:
-    """Round to whole multiples of a power of two, `bits` below the largest entry."""
-    matrix = sp.csr_array(matrix)
-    step = 2.0 ** (np.ceil(np.log2(np.abs(matrix.data).max())) - bits)
-    rounded = sp.csr_array((np.round(matrix.data / step) * step, matrix.indices, matrix.indptr), shape=matrix.shape)
-    rounded.eliminate_zeros()
-    return rounded
-
-
-def close_rows(matrix: sp.csr_array) -> sp.csr_array:
-    """Set the diagonal such that each row sums to zero exactly: a constant pressure stores no energy of motion."""
-    off = sp.csr_array(matrix - sp.dia_array((matrix.diagonal()[None, :], [0]), shape=matrix.shape))
-    off.eliminate_zeros()
-    return sp.csr_array(off - sp.diags_array(np.asarray(off.sum(axis=1)).ravel()))
-
-
-def symmetric(matrix: sp.csr_array) -> sp.csr_array:
-    """Mean of the matrix and its transpose."""
-    return sp.csr_array(0.5 * (matrix + matrix.T))
-
-
-def acoustic_basis(factor: int = 1) -> tuple[skfem.Basis, IntArray]:
-    """Quadratic tetrahedra of the cavity, `factor` times as fine as in the sample, and the lattice index (n, 3) of each DOF."""
-    across = (factor * PLATE_NX // PLATE_PER_ACOUSTIC, factor * PLATE_NY // PLATE_PER_ACOUSTIC)
-    sides = (factor, factor, 3 * factor, 2 * factor)
-    grid = block_grid(across, sides, [factor, 6 * factor, 4 * factor, 3 * factor], factor, snap=True)
-    cells = tetrahedra(grid)
-    mesh = skfem.MeshTet(grid.points.T, cells.T, sort_t=False, validate=False)
-    basis = skfem.Basis(mesh, skfem.ElementTetP2(), intorder=4)
-    # Twice the lattice index of the vertices: midside nodes have whole indices too.
-    lattice = np.empty((basis.N, 3), dtype=np.int64)
-    lattice[basis.nodal_dofs[0]] = 2 * grid.lattice
-    lattice[basis.edge_dofs[0]] = grid.lattice[mesh.edges[0]] + grid.lattice[mesh.edges[1]]
-    return basis, lattice
-
-
-@skfem.BilinearForm
-def _stiffness(p, q, _w):  # type: ignore[no-untyped-def]
-    return dot(grad(p), grad(q))
-
-
-@skfem.BilinearForm
-def _mass(p, q, _w):  # type: ignore[no-untyped-def]
-    return p * q
-
-
-def acoustic_matrices(basis: skfem.Basis, materials: Materials) -> tuple[sp.csr_array, sp.csr_array]:
-    """``int grad p . grad q / rho`` and ``int p q delta / (rho c^2)``."""
-    stiffness = sp.csr_array(_stiffness.assemble(basis)) / materials.air_density
-    mass = sp.csr_array(_mass.assemble(basis)) * materials.compliance
-    return symmetric(stiffness), symmetric(mass)
-
-
-def coupling_matrix(basis: skfem.Basis) -> sp.csr_array:
-    """``int N_w N_p`` over the aperture: plate DOFs (all nodes, w w_y w_x w_xy) times pressures.
-
-    The diagonals of the acoustic faces are diagonals of the plate elements too, so both shape functions are polynomials on each half of a
-    plate element, and quadrature of degree 8 is exact.
-    """
-    points, weights = skfem.quadrature.get_quadrature(skfem.ElementTriP1, 8)
-    # The two halves of a unit square with the diagonal (0, 0)-(1, 1).
-    halves = [(points[0] + points[1], points[1]), (points[1], points[0] + points[1])]
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(PLATE_NX), np.arange(PLATE_NY), indexing="ij"))
-    total = sp.csr_array((4 * (PLATE_NX + 1) * (PLATE_NY + 1), basis.N))
-    for tx, ty in halves:
-        x = PLATE_X0 + PLATE_HX * (i[:, None] + tx)
-        y = PLATE_Y0 + PLATE_HY * (j[:, None] + ty)
-        # Just inside the cavity, so that the search for the element is unambiguous.
-        at = np.stack([x.ravel(), y.ravel(), np.full(x.size, PLATE_Z + 1e-9)])
-        pressure = sp.csr_array(basis.probes(at))
-        nx, ny = hermite(tx, PLATE_HX), hermite(ty, PLATE_HY)
-        local = np.empty((4, 4, tx.size))
-        dofs = np.empty((4, 4, i.size), dtype=np.int64)
-        for corner in range(4):
-            ca, cb = divmod(corner, 2)
-            node = (i + ca) * (PLATE_NY + 1) + j + cb
-            for kind in range(4):
-                a, b = divmod(kind, 2)
-                local[corner, kind] = nx[2 * ca + a] * ny[2 * cb + b]
-                dofs[corner, kind] = 4 * node + kind
-        scaled = local.reshape(16, -1) * (weights * PLATE_HX * PLATE_HY)
-        rows = np.repeat(dofs.reshape(16, -1).T[:, :, None], tx.size, axis=2).ravel()
-        cols = np.repeat(np.arange(x.size).reshape(i.size, 1, tx.size), 16, axis=1).ravel()
-        values = np.tile(scaled.ravel(), i.size)
-        sampling = sp.csr_array(sp.coo_array((values, (rows, cols)), shape=(total.shape[0], x.size)))
-        total = total + sampling @ pressure
-    return sp.csr_array(total)
-
-
-def free_plate_dofs() -> IntArray:
-    """DOFs that the supports leave: pinned left edge (w_x and w_xy kept), the other edges clamped; corners are clamped."""
-    keep = np.zeros((PLATE_NX + 1, PLATE_NY + 1, 4), dtype=bool)
-    keep[1:-1, 1:-1] = True
-    keep[0, 1:-1, 2:] = True
-    return np.flatnonzero(keep.ravel())
-
-
-def build(materials: Materials | None = None) -> Model:
-    """Assemble the nominal model."""
-    materials = materials or Materials()
-    basis, lattice = acoustic_basis()
-    order = np.lexsort((lattice[:, 0], lattice[:, 1], lattice[:, 2]))
-    ka, ma = acoustic_matrices(basis, materials)
-    ka, ma = (m[order][:, order] for m in (ka, ma))
-    ka, ma = close_rows(quantise(ka)), quantise(ma)
-
-    free = free_plate_dofs()
-    sign = sp.diags_array(np.tile(COMPONENT_SIGN, (PLATE_NX + 1) * (PLATE_NY + 1))[free])
-    ks, ms = (sp.csr_array(sign @ m[free][:, free] @ sign) for m in plate_matrices(PLATE_NX, PLATE_NY, PLATE_HX, PLATE_HY, materials))
-    coupling = quantise(sp.csr_array(sign @ coupling_matrix(basis)[free][:, order]))
-
-    stiffness = sp.csr_array(sp.block_array([[ks, coupling], [None, ka]], format="csr"))
-    mass = sp.csr_array(sp.block_array([[ms, None], [-coupling.T, ma]], format="csr"))
-    for matrix in (stiffness, mass):
-        matrix.eliminate_zeros()
-        matrix.sort_indices()
-
-    i, j = np.divmod(free // 4, PLATE_NY + 1)
-    plate_xyz = np.stack([PLATE_X0 + PLATE_HX * i, PLATE_Y0 + PLATE_HY * j, np.full(free.size, PLATE_Z)], axis=1)
-    plate_nodes = (PLATE_NX + 1) * (PLATE_NY + 1)
-    return Model(
-        stiffness,
-        mass,
-        np.concatenate([free // 4 + 1, plate_nodes + 1 + np.arange(basis.N)]),
-        np.concatenate([np.array(COMPONENTS)[free % 4], np.full(basis.N, "PRES")]),
-        np.concatenate([plate_xyz, basis.doflocs.T[order]]),
-        free.size,
-    )
-
-
-def write_csr(file: h5py.File, name: str, matrix: sp.csr_array) -> None:
-    """Write a CSR matrix as a group of three data sets."""
-    group = file.create_group(name)
-    group.attrs["encoding-type"] = "csr_matrix"
-    group.attrs["encoding-version"] = "0.1.0"
-    group.attrs["shape"] = np.array(matrix.shape, dtype=np.int64)
-    options = {"compression": "gzip", "compression_opts": 9, "shuffle": True, "track_times": False}
-    group.create_dataset("data", data=matrix.data, chunks=(min(131072, matrix.nnz),), **options)
-    group.create_dataset("indices", data=matrix.indices.astype(np.int32), chunks=(min(262144, matrix.nnz),), **options)
-    group.create_dataset("indptr", data=matrix.indptr.astype(np.int32), **options)
-
-
-def _number(value: float) -> str:
-    text = f"{value:.8f}".rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text
-
-
-def write(model: Model, folder: Path) -> None:
-    """Write the model as any FE program would export it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with h5py.File(folder / "model.h5", "w", track_order=False) as file:
-        write_csr(file, "K", model.stiffness)
-        write_csr(file, "M", model.mass)
-    lines = ["dof,node,component,x,y,z"]
-    for dof, (node, component, xyz) in enumerate(zip(model.node, model.component, model.xyz, strict=True)):
-        lines.append(f"{dof},{node},{component}," + ",".join(_number(v) for v in xyz))
-    (folder / "dofs.csv").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-    lines = ["name,x,y,z", *(f"{name}," + ",".join(_number(v) for v in xyz) for name, xyz in bolts().items())]
-    (folder / "bolts.csv").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+from rigs.designs import SOUNDBOX
+from rigs.nominal import build, write
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1])
     out = parser.parse_args().out
-    model = build()
-    write(model, out)
-    distance = np.linalg.norm(model.xyz[model.component == "UZ"] - HAMMER, axis=1).min()
+    model = build(SOUNDBOX)
+    write(SOUNDBOX, model, out)
+    distance = np.linalg.norm(model.xyz[model.component == "UZ"] - SOUNDBOX.hammer_point, axis=1).min()
     print(f"n {model.mass.shape[0]}, plate {model.structure_size}, nnz K {model.stiffness.nnz}, nnz M {model.mass.nnz}")
     print(f"nearest node to the hammer point: {distance:.1e} m")
 

@@ -9,7 +9,8 @@ import numpy as np
 import scipy.linalg as sl
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
-from geometry import Array
+
+from rigs.design import Array
 
 try:
     import pymetis
@@ -54,14 +55,16 @@ class Cavity:
     ----------
     stiffness, mass : csr_array
         ``int grad p . grad q / rho`` and ``int p q / (rho c^2)``.
+    outputs : (r, n) csr_array
+        Interpolation of the pressure at the microphones.
     modes : int
         Number of cavity modes in the Ritz basis.
     """
 
     SHIFT = -((2 * np.pi * 150.0) ** 2)
 
-    def __init__(self, stiffness: sp.csr_array, mass: sp.csr_array, modes: int = 120) -> None:
-        self.stiffness, self.mass = stiffness, mass
+    def __init__(self, stiffness: sp.csr_array, mass: sp.csr_array, outputs: sp.csr_array, modes: int = 120) -> None:
+        self.stiffness, self.mass, self.outputs = stiffness, mass, outputs
         self.solve = factorise(sp.csr_array(stiffness - self.SHIFT * mass))
         self.eigenvalues, self.modes = lowest_modes(stiffness, mass, modes, self.SHIFT, self.solve)
 
@@ -75,6 +78,37 @@ class Cavity:
             keep = values > 1e-10 * values[-1]
             vectors = vectors @ (rotation[:, keep] / np.sqrt(values[keep]))
         return np.hstack([self.modes, vectors])
+
+    def ritz(self, loads: Array) -> tuple[Array, Array]:
+        """Eigenvalues and modes within the basis for `loads`."""
+        basis = self.basis(loads)
+        ka = basis.T @ (self.stiffness @ basis)
+        values, rotation = sl.eigh(0.5 * (ka + ka.T))
+        return values, basis @ rotation
+
+    def responding_to(self, loads: Array) -> AirModes:
+        """Modes for the `loads` (n, m) of some plate modes."""
+        values, modes = self.ritz(loads)
+        return AirModes(values, loads.T @ modes, self.outputs @ modes)
+
+
+@dataclass(frozen=True)
+class AirModes:
+    """The air in the basis of its mass-normalised modes.
+
+    Attributes
+    ----------
+    eigenvalues : (k,) float array
+        Squared angular frequencies.
+    coupling : (m, k) float array
+        ``int w p`` over the aperture, plate modes times air modes.
+    observed : (r, k) float array
+        Pressures of each mode at the microphones.
+    """
+
+    eigenvalues: Array
+    coupling: Array
+    observed: Array
 
 
 @dataclass(frozen=True)
@@ -91,30 +125,25 @@ class PlateModes:
         Imaginary part of the stiffness (hysteretic).
     load : (m,) float array
         Deflection of each mode at the hammer point.
-    coupling : (n, m) float array
-        ``int N_p w`` for each mode.
     """
 
     eigenvalues: Array
     damping: Array
     loss: Array
     load: Array
-    coupling: Array
 
 
 def pressure_frfs(
-    plate: PlateModes, cavity: Cavity, alpha: float, beta: float, outputs: sp.csr_array, frequencies: Array
+    plate: PlateModes, air: AirModes, alpha: float, beta: float, frequencies: Array
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.complex128]]:
     """Pressures per unit force at the hammer.
 
     Parameters
     ----------
     plate : PlateModes
-    cavity : Cavity
+    air : AirModes
     alpha, beta : float
         Proportional damping of the air.
-    outputs : (r, n) csr_array
-        Interpolation of the pressure at the microphones.
     frequencies : (f,) array
         Lines [Hz].
 
@@ -123,18 +152,13 @@ def pressure_frfs(
     frfs : (f, r) complex array
         [Pa/N]
     """
-    basis = cavity.basis(plate.coupling)
-    ka = basis.T @ (cavity.stiffness @ basis)
-    values, rotation = sl.eigh(0.5 * (ka + ka.T))
-    basis = basis @ rotation
-    s = plate.coupling.T @ basis
-    observed = outputs @ basis
-    frfs = np.empty((frequencies.size, outputs.shape[0]), dtype=complex)
+    s = air.coupling
+    frfs = np.empty((frequencies.size, air.observed.shape[0]), dtype=complex)
     for k, omega in enumerate(2 * np.pi * frequencies):
         structure = np.diag(plate.eigenvalues - omega**2) + 1j * omega * plate.damping + 1j * plate.loss
-        air = values - omega**2 + 1j * omega * (alpha + beta * values)
-        # Second row of (K - w^2 M) x = f, where M holds -s^T: p = -w^2 air^-1 s^T q.
-        transfer = -(omega**2) * (s.T / air[:, None])
+        gas = air.eigenvalues - omega**2 + 1j * omega * (alpha + beta * air.eigenvalues)
+        # Second row of (K - w^2 M) x = f, where M holds -s^T: p = -w^2 gas^-1 s^T q.
+        transfer = -(omega**2) * (s.T / gas[:, None])
         q = np.linalg.solve(structure + s @ transfer, plate.load)
-        frfs[k] = observed @ (transfer @ q)
+        frfs[k] = air.observed @ (transfer @ q)
     return frfs

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from geometry import Array, Materials
+
+from rigs.design import Array, Materials
 
 # Coefficients (rows: 1, t, t^2, t^3) of the Hermite shape functions of w0, h w0', w1, h w1' on 0..1.
 HERMITE = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [-3, -2, 3, -1], [2, 1, -2, 1]])

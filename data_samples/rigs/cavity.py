@@ -6,20 +6,9 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from geometry import (
-    DEPTH,
-    FRONT,
-    MICROPHONES,
-    PLATE_X0,
-    PLATE_X1,
-    PLATE_Y0,
-    PLATE_Y1,
-    PLATE_Z,
-    Array,
-    cross_section,
-    front_coordinates,
-)
 from numpy.typing import NDArray
+
+from rigs.design import Array, Design
 
 IntArray = NDArray[np.int64]
 
@@ -58,45 +47,55 @@ def _through(lines: Array, fixed: list[float], targets: list[float]) -> Array:
     return np.interp(lines, np.array(old)[order], np.array(new)[order])
 
 
-def block_grid(aperture: tuple[int, int], sides: tuple[int, int, int, int], depths: list[int], neck: int, snap: bool) -> Grid:
+def block_grid(
+    design: Design,
+    aperture: tuple[int, int],
+    sides: tuple[int, int, int, int],
+    depths: tuple[int, ...],
+    neck: int,
+    snap: bool,
+) -> Grid:
     """Grid of neck and cavity.
 
     Parameters
     ----------
+    design : Design
     aperture : (int, int)
         Cells across the aperture along x and y.
     sides : (int, int, int, int)
         Cells left of, right of, below and above the aperture.
-    depths : list of int
-        Cells along z between z = 0, the three depths of the microphones inside, and the back wall.
+    depths : tuple of int
+        Cells along z between z = 0, the depths of the microphones inside, and the back wall.
     neck : int
         Cells along z in the neck.
     snap : bool
         Whether vertices lie on the microphones.
     """
-    xs = _lines([0.0, PLATE_X0, PLATE_X1, float(FRONT[2, 0])], [sides[0], aperture[0], sides[1]])
-    ys = _lines([0.0, PLATE_Y0, PLATE_Y1, float(FRONT[2, 1])], [sides[2], aperture[1], sides[3]])
-    levels = sorted({z for _, _, z in MICROPHONES.values()} - {DEPTH})
-    stops = [0.0, *levels, DEPTH]
-    zs = np.concatenate([np.linspace(PLATE_Z, 0.0, neck + 1)[:-1], _lines(stops, depths)])
+    (x0, y0, plate_z), (x1, y1), (width, height) = design.plate_origin, design.plate_end, design.front[2]
+    microphones = design.microphones
+    xs = _lines([0.0, x0, x1, width], [sides[0], aperture[0], sides[1]])
+    ys = _lines([0.0, y0, y1, height], [sides[2], aperture[1], sides[3]])
+    levels = sorted({z for _, _, z in microphones.values()} - {design.depth})
+    stops = [0.0, *levels, design.depth]
+    zs = np.concatenate([np.linspace(plate_z, 0.0, neck + 1)[:-1], _lines(stops, list(depths))])
     line_x = np.tile(xs, (len(stops), 1))
     line_y = np.tile(ys, (len(stops), 1))
     if snap:
         for k, level in enumerate(stops):
-            at = [front_coordinates(*m) for m in MICROPHONES.values() if m[2] == level and level < DEPTH]
+            at = [design.front_coordinates(*m) for m in microphones.values() if m[2] == level and level < design.depth]
             if at:
-                line_x[k] = _through(xs, [0.0, float(FRONT[2, 0])], [p[0] for p in at])
-                line_y[k] = _through(ys, [0.0, float(FRONT[2, 1])], [float(np.mean([p[1] for p in at]))])
+                line_x[k] = _through(xs, [0.0, width], [p[0] for p in at])
+                line_y[k] = _through(ys, [0.0, height], [float(np.mean([p[1] for p in at]))])
     along_x = np.stack([np.interp(zs, stops, line_x[:, i]) for i in range(xs.size)], axis=1)
     along_y = np.stack([np.interp(zs, stops, line_y[:, j]) for j in range(ys.size)], axis=1)
 
     shape = (xs.size, ys.size, zs.size)
     lattice = np.indices(shape).reshape(3, -1).T
     z = zs[lattice[:, 2]]
-    x, y = cross_section(along_x[lattice[:, 2], lattice[:, 0]], along_y[lattice[:, 2], lattice[:, 1]], z)
+    x, y = design.cross_section(along_x[lattice[:, 2], lattice[:, 0]], along_y[lattice[:, 2], lattice[:, 1]], z)
     points = np.stack([x, y, z], axis=1)
     if snap:
-        for microphone in MICROPHONES.values():
+        for microphone in microphones.values():
             points[np.argmin(np.linalg.norm(points - microphone, axis=1))] = microphone
 
     number = np.arange(len(lattice)).reshape(shape)

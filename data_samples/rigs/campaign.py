@@ -1,0 +1,139 @@
+"""The campaign file of a design, with the settings of ``configs/soundbox.yaml``."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rigs.design import Design
+from rigs.nominal import bolt_table, build, write
+
+
+def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
+    """Removed bolts by job.
+
+    Parameters
+    ----------
+    design : Design
+    text : str or None
+        Names of the design's jobs, ``tight:N`` for N jobs with all bolts tight, and ``B03+B09`` for a job with these removed,
+        comma-separated; None: the jobs of the design. The first job has all bolts tight; the design's reference where none is asked for.
+
+    Raises
+    ------
+    ValueError
+        Where the text is none of these.
+    """
+    if text is None:
+        return {job: design.removed(job) for job in design.jobs}
+    jobs: dict[str, list[str]] = {}
+    for item in text.split(","):
+        if found := re.fullmatch(r"tight:([1-9]\d*)", item):
+            jobs |= {f"tight-{k + 1}": [] for k in range(int(found[1]))}
+        elif item in design.jobs:
+            jobs[item] = design.removed(item)
+        elif set(item.split("+")) <= set(design.bolts):
+            jobs["loose-" + "-".join(item.split("+"))] = item.split("+")
+        else:
+            raise ValueError(
+                f"'{item}' is no job: expected tight:N, bolts as B03+B09 (to B{design.bolt_count:02d}), or {', '.join(design.jobs)}"
+            )
+    if next(iter(jobs.values())):
+        jobs = {design.reference: []} | jobs
+    return jobs
+
+
+def ensure_model(design: Design, folder: Path) -> None:
+    """Write the nominal model unless the folder holds it.
+
+    Raises
+    ------
+    ValueError
+        Where the folder holds the model of another design.
+    """
+    bolts = folder / "bolts.csv"
+    if not (folder / "model.h5").is_file():
+        write(design, build(design), folder)
+    elif not bolts.is_file() or bolts.read_text(encoding="utf-8") != bolt_table(design):
+        raise ValueError(f"{folder} holds a model that is not that of {design.name}")
+
+
+def campaign_text(design: Design, name: str, model: str, jobs: Mapping[str, Sequence[str]]) -> str:
+    """The campaign file.
+
+    Parameters
+    ----------
+    design : Design
+    name : str
+        Of the campaign.
+    model : str
+        Folder of the model, relative to the file.
+    jobs : mapping of str to names of bolts
+        What is removed; the first with none is the reference. Measurements lie in ``frf/``.
+    """
+    (x0, y0, z), (_, y1) = design.plate_origin, design.plate_end
+    (alpha_s, beta_s), (alpha_a, beta_a) = design.structure_damping, design.acoustic_damping
+
+    def numbers(*values: float) -> str:
+        return "[" + ", ".join(f"{round(v, 6):g}" for v in values) + "]"
+
+    lines = [
+        f"# {design.title}: a virtual rig, measured. What was drawn for it stands in truth.json, which is not read.",
+        "",
+        f"campaign: {name}",
+        "output: output",
+        "",
+        "model:",
+        f"  stiffness: {model}/model.h5#K",
+        f"  mass: {model}/model.h5#M",
+        "  damping:",
+        f"    structure: {{alpha: {alpha_s:g}, beta: {beta_s:.4g}}}",
+        f"    acoustic: {{alpha: {alpha_a:g}, beta: {beta_a:.4g}}}",
+        f"  dofs: {model}/dofs.csv",
+        "",
+        "excitation:",
+        f"  hammer: {{near: {numbers(*design.hammer_point)}, component: UZ}}",
+        "",
+        "responses:",
+        *(f"  {mic}: {{near: {numbers(*xyz)}, component: PRES}}" for mic, xyz in design.microphones.items()),
+        "",
+        "parameters:",
+        "  left_edge:",
+        "    kind: stiffness",
+        "    select:",
+        "      component: ROTY",
+        f"      box: [{numbers(x0 - 0.001, x0 + 0.001)}, {numbers(y0, y1)}, {numbers(z - 0.001, z + 0.001)}]",
+        "    initial: auto",
+        "    bounds: auto",
+        "    smoothing: [0.333333, 0.666667, 0.333333]",
+        "    damping: {initial: 0.0, bounds: [-3.0, 4.0]}",
+        "",
+        f"bolts: {model}/bolts.csv",
+        "",
+        "reduction: {band: [20.0, 400.0], tolerance: 1.0e-3}",
+        "",
+        "update:",
+        f"  reference: {next(iter(jobs))}",
+        f"  responses: [{', '.join(design.used)}]",
+        "  lines: resonances",
+        "  regularisation: 10.0",
+        "  method: gauss-newton",
+        "",
+        "jobs:                                     # `removed` is for the report only",
+    ]
+    for job, removed in jobs.items():
+        known = f", removed: [{', '.join(removed)}]" if removed else ""
+        lines.append(f"  {job}: {{frf: frf/{job}.uff{known}}}")
+    return "\n".join(lines) + "\n"
+
+
+def write_campaign(design: Design, folder: Path, model: Path, jobs: Mapping[str, Sequence[str]]) -> None:
+    """Write ``campaign.yaml`` into a folder."""
+    try:
+        where = Path(os.path.relpath(model.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        where = model.resolve().as_posix()
+    text = campaign_text(design, f"{design.name}-{folder.resolve().name}", where, jobs)
+    (folder / "campaign.yaml").write_text(text, encoding="utf-8", newline="\n")

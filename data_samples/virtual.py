@@ -1,0 +1,82 @@
+"""Measurement campaigns of virtual rigs, ready for ``lrbc``.
+
+    python data_samples/virtual.py steel --seed 11 --out runs/steel
+    python data_samples/virtual.py single --seed 1-50 --out runs/tight --jobs tight:4 --retorque 0.3 --kelvin 2 --hammer 0.003
+    python data_samples/virtual.py twelve --figures
+
+Writes campaign.yaml, frf/JOB.uff and truth.json (what was drawn; nothing reads it) into the folder, and the nominal model, which no seed
+changes, into its subfolder ``model`` or where --model says. Several seeds get a folder ``seed-N`` each and share one model. See
+rigs/README.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import re
+import time
+from pathlib import Path
+
+from rigs.campaign import ensure_model, parse_jobs, write_campaign
+from rigs.designs import DESIGNS
+from rigs.drift import Scatter
+from rigs.figures import report
+from rigs.measure import Laboratory
+from rigs.options import add_drift, spread
+
+
+def seeds(text: str) -> list[int]:
+    """Seeds from ``7`` or ``1-50``."""
+    found = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    if found is None or int(found[2] or found[1]) < int(found[1]):
+        raise argparse.ArgumentTypeError(f"'{text}' is neither a seed nor a range of seeds as 1-50")
+    return list(range(int(found[1]), int(found[2] or found[1]) + 1))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("design", choices=DESIGNS)
+    parser.add_argument("--seed", type=seeds, default=[1], metavar="N", help="a seed, or several as 1-50")
+    parser.add_argument("--out", type=Path, help="folder of the campaign")
+    parser.add_argument(
+        "--jobs", metavar="JOBS", help="tight:4, B03+B09 or names of the design's jobs, comma-separated (all jobs of the design)"
+    )
+    parser.add_argument(
+        "--retorque", type=spread, metavar="S", help="standard deviation of the log stiffness of tight bolts, job to job (0.08)"
+    )
+    add_drift(parser)
+    parser.add_argument("--model", type=Path, help="folder that holds the nominal model, or gets it")
+    parser.add_argument(
+        "--figures", type=Path, nargs="?", const=Path(), metavar="FRF", help="print figures of the design and stop; FRF: measurements"
+    )
+    arguments = parser.parse_args()
+    logging.getLogger("skfem").setLevel(logging.ERROR)
+    design = DESIGNS[arguments.design]
+    if arguments.figures is not None:
+        report(design, arguments.figures if arguments.figures != Path() else None)
+        return
+    if arguments.out is None:
+        parser.error("--out is needed")
+    out: Path = arguments.out
+    model: Path = arguments.model or out / "model"
+    try:
+        jobs = parse_jobs(design, arguments.jobs)
+        ensure_model(design, model)
+    except ValueError as error:
+        parser.error(str(error))
+    scatter = Scatter(arguments.kelvin, arguments.hammer, arguments.gain)
+    start = time.perf_counter()
+    laboratory = Laboratory(design)
+    print(f"{design.name}: rig assembled, {time.perf_counter() - start:.0f} s")
+    for seed in arguments.seed:
+        start = time.perf_counter()
+        folder = out / f"seed-{seed}" if len(arguments.seed) > 1 else out
+        folder.mkdir(parents=True, exist_ok=True)
+        laboratory.campaign(seed, jobs, folder / "frf", folder / "truth.json", retorque=arguments.retorque, scatter=scatter)
+        write_campaign(design, folder, model, jobs)
+        print(f"{folder}: {len(jobs)} jobs, {time.perf_counter() - start:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
