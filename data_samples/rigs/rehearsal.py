@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 import yaml
 
-from lrbc_cli.campaign.identify import parameterise
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import write_frf

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.identify import select_lines
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso

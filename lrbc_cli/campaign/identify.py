@@ -1,35 +1,45 @@
-"""One updating job: from a measurement to identified parameters."""
+"""One updating job: from a measurement to identified parameters and what is known of them."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.stage import FrfSource
+from lrbc_cli.campaign.stage import FrfSource, affine_model
+from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_theta
 from lrbc_cli.campaign.weights import line_weights, residual_options
-from lrbc_cli.config.settings import DEFAULT_REGULARISATION, EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
-from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.confidence import open_sides
+from lrbc_cli.updating.extended import ExtendedFrf
+from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
 from lrbc_cli.updating.lcurve import LCurve, l_curve
-from lrbc_cli.updating.levels import gauss_newton_by_levels
-from lrbc_cli.updating.lines import resonance_lines
+from lrbc_cli.updating.levels import Level, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.optimise import Solution, bfgs
-from lrbc_cli.updating.saturation import Saturation, saturation
+from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.saturation import Saturation
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.verdicts import pitch_of
 
 log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
+FIRST_VARIANCE = 4.0
+
+#: A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
+MOST_CORRECTION_DB = 6.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,7 @@ class Identification:
     ----------
     name : str
     solution : Solution
+        Its theta is that of ``parameters``.
     parameters : Parameterisation
     saturations : dict
         By stiffness group.
@@ -47,18 +58,26 @@ class Identification:
     selected : int array
         Lines that entered the cost.
     initial, updated : (F, R) complex arrays
-        FRFs of the model on all measured lines.
+        FRFs of the model on all measured lines, what drifted included in the latter.
     misfit_initial, misfit_final : (R,) float arrays
         Mean absolute dB difference over all lines of the band.
     notes : tuple of str
-        On weights and on the choice of the regularisation.
+        On weights, on the choice of the regularisation, on what was compared.
+    posterior : Posterior
+    opens : two (size,) bool arrays
+        Whether the data object to each value being free, or clamped; True where they do not.
+    prior : (size,) float array
+    against_reference : bool
+        The unknowns are changes against the reference job.
+    relative : bool
+        The measurement was corrected by what the model lacks in the reference state.
     cost_initial : float
     line_evaluations : int
     seconds : dict
     regularisation : float
-        The weight eta that was used.
+        Weight of the penalty [dB² per decade²].
     l_curve : LCurve or None
-        From which it was chosen.
+        Where the weight was chosen by it.
     """
 
     name: str
@@ -71,130 +90,17 @@ class Identification:
     updated: Complexes = field(repr=False)
     misfit_initial: Floats = field(repr=False)
     misfit_final: Floats = field(repr=False)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    posterior: Posterior = field(repr=False)
+    opens: tuple[NDArray[np.bool_], NDArray[np.bool_]] = field(repr=False)
+    prior: Floats = field(repr=False)
+    against_reference: bool = False
+    relative: bool = False
     cost_initial: float = 0.0
     line_evaluations: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     regularisation: float = 0.0
     l_curve: LCurve | None = None
-
-
-def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
-    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s.
-
-    Returns
-    -------
-    Parameterisation
-    dict
-        Where the FRFs saturate, by stiffness group.
-    """
-    model = inputs.model
-    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * inputs.campaign.reduction.band[1])
-    # Other groups stand at their start values, or at their local stiffness while those are unknown.
-    nominal = np.array(scale)
-    for group in inputs.groups:
-        if group.config.initial != "auto":
-            nominal[group.terms] = 10.0**group.config.initial
-    D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
-    found: dict[str, Saturation] = {}
-    groups = []
-    for group in inputs.groups:
-        limits: Saturation | None = None
-        if group.config.kind == "stiffness":
-            empty = Parameterisation(())
-            values = source.model(s, empty, responses=inputs.used).values
-            typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
-            limits = found[group.name] = saturation(values, D, group.terms, typical, group.config.baseline)
-        groups.append(_group(group, limits))
-    return Parameterisation(tuple(groups)), found
-
-
-def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
-    config, count = group.config, group.count
-    W = smoothing_matrix(config.smoothing, count, config.normalised)
-    if np.any(W.sum(axis=1) <= 0):
-        raise ConfigError(
-            "smoothing weights that leave a term without stiffness",
-            place=f"parameters.{group.name}.smoothing",
-            expected="a positive weight in the middle",
-            found=str(list(config.smoothing or ())),
-        )
-    if config.bounds != "auto":
-        low, high = config.bounds
-    else:
-        assert limits is not None
-        low, high = limits.lower, limits.upper
-    if config.initial != "auto":
-        start = float(config.initial)
-        low, high = (min(low, start), max(high, start)) if config.bounds == "auto" else (low, high)
-    else:
-        assert limits is not None
-        start = float(np.clip(limits.start, low, high))
-    damping = None
-    if config.damping is not None:
-        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
-    return ParameterGroup(
-        group.name,
-        config.kind,
-        group.terms,
-        group.parameter,
-        np.full(count, start),
-        np.tile([low, high], (count, 1)),
-        W,
-        config.baseline,
-        damping,
-        group.xyz,
-        group.arc_length,
-    )
-
-
-def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats | None:
-    """Theta of a stored result; None where there is none or it belongs to other groups."""
-    if tree is None or tree.get("status") == "failed":
-        return None
-    theta = parameters.initial
-    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
-        stored = tree["parameters"].get(group.name)
-        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
-            return None
-        theta[where] = stored["log10"]
-        if at is not None:
-            theta[at] = stored["damping_exponent"]
-    return theta
-
-
-def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Callable[[], Complexes] | None = None) -> NDArray[np.int64]:
-    """Indices of the lines that enter the cost; for ``resonances-both`` the model gives its (F, U) FRFs at the prior.
-
-    Raises
-    ------
-    DataError
-        Where a listed line was not measured.
-    """
-    lines = inputs.campaign.update.lines
-    frequency = measurement.frequency_hz
-    if isinstance(lines, EveryLine):
-        return np.arange(0, frequency.size, lines.every)
-    if isinstance(lines, ListedLines):
-        wanted = np.sort(np.array(lines.frequencies, dtype=float))
-        distance = np.abs(frequency[None, :] - wanted[:, None])
-        nearest = distance.argmin(axis=1)
-        step = np.median(np.diff(frequency)) if frequency.size > 1 else 0.0
-        off = distance[np.arange(wanted.size), nearest] > 0.5 * step + 1e-9 * wanted
-        if off.any():
-            raise DataError(
-                "a listed line was not measured",
-                file=inputs.campaign.jobs[name].frf,
-                place=f"job {name}",
-                expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",
-                found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),
-                hint="correct update.lines",
-            )
-        return np.unique(nearest)
-    if lines == "all":
-        return np.arange(frequency.size)
-    both = model() if lines == "resonances-both" and model is not None else None
-    return resonance_lines(frequency, measurement.values[:, inputs.used], both)
 
 
 def curve_notes(curve: LCurve) -> tuple[str, ...]:
@@ -203,8 +109,238 @@ def curve_notes(curve: LCurve) -> tuple[str, ...]:
         return ()
     return (
         f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade²; "
-        f"regularisation {curve.chosen:g}, the default, was used: choose one by hand, for all jobs",
+        f"regularisation {curve.chosen:.3g} was used, at which a decade of every unknown costs as much as 1 dB in every residual: "
+        "choose one by hand, for all jobs",
     )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One way to compare, carried through; ``plain`` is the cost without what drifted."""
+
+    plain: Misfit
+    misfit: Misfit
+    solution: Solution
+    knowledge: Posterior
+    curve: LCurve | None
+    evaluations: int
+
+
+class _Job:
+    """What the steps of one identification share."""
+
+    def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None) -> None:
+        self.inputs, self.source, self.name = inputs, source, name
+        self.settings = inputs.campaign.update
+        self.measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
+        for warning in self.measurement.warnings:
+            log.warning("job %s: %s", name, warning)
+        self.s = 2j * np.pi * self.measurement.frequency_hz
+        self.parameters, self.limits = parameterise(inputs, source, self.s)
+        self.start = self.parameters.initial
+        self.notes: list[str] = []
+        before = self._before(reference)
+        self.against_reference = before is not None
+        self.prior = self.start if before is None else before
+        self.shapes = self._shapes()
+        self.selected = select_lines(
+            inputs, self.measurement, name, lambda: source.model(self.s, self.parameters, responses=inputs.used).frf(self.prior)
+        )
+        self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
+        self.weights, notes = line_weights(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.notes += notes
+
+    def _before(self, reference: Mapping[str, Any] | None) -> Floats | None:
+        """Theta of the reference job, where it is the prior."""
+        settings = self.settings
+        if settings.prior == "initial" or settings.reference is None or settings.reference == self.name:
+            return None
+        found = stored_theta(self.parameters, reference)
+        if found is None and settings.prior == "reference":
+            raise DataError(
+                "the reference job has no result to serve as the prior",
+                file=self.inputs.campaign.path,
+                place=f"job {self.name}",
+                expected=f"a result of job {settings.reference} for the same parameter groups",
+                hint=f"see why {settings.reference} failed, or set update.prior: initial",
+            )
+        if found is None:
+            self.notes.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
+        return found
+
+    def _shapes(self) -> Shapes:
+        settings, bolts = self.settings, self.inputs.bolts
+        # A penalty on slopes along the edge speaks of values.
+        plain = settings.penalty.slope == 0 and settings.penalty.curvature == 0
+        wanted = settings.unknowns == "bolts" or (settings.unknowns == "auto" and plain)
+        if wanted and self.against_reference and bolts is not None:
+            found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
+            if (found.bolts >= 0).any():
+                return found
+        return node_shapes(self.parameters, settings.prior_std)
+
+    def _rows(self) -> Floats:
+        """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
+        settings, about = self.settings, self.settings.penalty
+        automatic = settings.regularisation == "auto"
+        if self.shapes.by_bolt:
+            return self.shapes.penalty() if automatic else replace(self.shapes, std=self.shapes.std / settings.prior_std).penalty()
+        rows = penalty_rows(self.parameters, about.value, about.slope, about.curvature)
+        return rows / settings.prior_std if automatic else rows
+
+    def measured(self) -> Complexes:
+        """(F, U) measurement on the selected lines, for the responses used."""
+        return self.measurement.values[np.ix_(self.selected, self.inputs.used)]
+
+    def corrected(self) -> Complexes | None:
+        """The same times what the model at the reference state has over the reference measurement, where both are known.
+
+        What the model lacks in the tight state it mostly lacks in the others too; a small change then shows above it.
+        """
+        reference = self.settings.reference
+        if not self.against_reference or reference is None:
+            return None
+        tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+        if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
+            tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
+        ):
+            self.notes.append(f"the lines of {reference} are others: compared without what its measurement tells")
+            return None
+        known = tight.values[np.ix_(self.selected, self.inputs.used)]
+        valid = np.isfinite(known) & (np.abs(known) > 0)
+        ratio = self.model.frf(self.prior) / np.where(valid, known, np.nan)
+        level = 20.0 * np.log10(np.abs(ratio))
+        limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
+        return self.measured() * limited
+
+    def fit(self, measured: Complexes) -> _Fit:
+        """Minimise; the weight of the prior by the settings; what drifted with it."""
+        settings, bounds = self.settings, self.parameters.bounds
+        automatic = settings.regularisation == "auto"
+        eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
+        misfit = Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(settings), self.weights)
+        span = self.shapes.T if self.shapes.by_bolt else None
+        curve, further = None, {}
+        begin = self.prior if span is not None else self.start
+        if settings.regularisation == "l-curve":
+            curve = l_curve(misfit, begin, bounds, span=span)
+            misfit = misfit.with_eta(curve.chosen)
+            further = {"end of the L-curve": curve.nearest}
+        if settings.method == "bfgs":
+            solution = self._bfgs(misfit, begin, bounds)
+        else:
+            tolerance = settings.tolerance or 1e-4
+            solution = gauss_newton_by_levels(
+                misfit, begin, bounds, tolerance=tolerance, max_iterations=settings.max_iterations, further=further, span=span
+            )
+        if solution.status == "failed":
+            raise NumericalError(f"job {self.name}: {solution.reason}")
+        if automatic:
+            misfit, solution, noise = follow_noise(
+                misfit, solution, bounds, self.shapes, self.selected, settings.prior_shape == "sparse", settings.tolerance or 1e-4
+            )
+        else:
+            noise = noise_of(misfit, solution.evaluation, self.selected)
+        knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
+        return _Fit(misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+
+    def _bfgs(self, misfit: Misfit, start: Floats, bounds: Floats) -> Solution:
+        settings = self.settings
+        level = Level(misfit, self.prior, self.shapes.T)
+        z = np.asarray(np.linalg.lstsq(self.shapes.T, start - self.prior, rcond=None)[0])
+        found = bfgs(level, z, level.bounds(bounds), tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
+        return replace(found, theta=level.theta(found.theta))
+
+    def drifted(self, fit: _Fit) -> _Fit:
+        """The same with what may have drifted since the reference job, from here and from the reference state."""
+        extras = drift_extras(self.inputs, self.settings.nuisances) if self.against_reference else ()
+        if not extras:
+            return fit
+        if self.source.stage is None:
+            raise ConfigError(
+                "nuisances need the reduced model",
+                file=self.inputs.campaign.path,
+                place="update.nuisances",
+                expected="update.evaluation: auto, port or reduced",
+                found="update.evaluation: full",
+            )
+        affine = affine_model(self.inputs, self.source.stage)
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
+        noise = fit.knowledge.noise
+        T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
+        T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
+        T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
+        best: tuple[Misfit, Solution] | None = None
+        evaluations = fit.evaluations
+        # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
+        for theta in (fit.solution.theta, self.prior):
+            misfit = extended_misfit(fit.misfit, model, extras, noise.variance)
+            for _ in range(3):
+                level = Level(misfit, misfit.prior, T)
+                box = level.bounds(model.bounds)
+                z = np.linalg.lstsq(T, np.concatenate([theta, np.zeros(model.size - theta.size)]) - misfit.prior, rcond=None)[0]
+                found = gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=1e-3, max_iterations=15)
+                found = replace(found, theta=level.theta(found.theta))
+                evaluations += found.evaluations
+                theta = found.theta
+                if self.settings.regularisation != "auto":
+                    break
+                now = noise_of(misfit, found.evaluation, self.selected)
+                if abs(now.variance / noise.variance - 1.0) < 0.15:
+                    break
+                noise = now
+                misfit = extended_misfit(fit.misfit.with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
+            if best is None or found.evaluation.total / max(misfit.eta, 1e-12) < best[1].evaluation.total / max(best[0].eta, 1e-12):
+                best = (misfit, found)
+        assert best is not None
+        misfit, found = best
+        noise = noise_of(misfit, found.evaluation, self.selected)
+        knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
+        history = fit.solution.history
+        solution = replace(
+            found,
+            theta=found.theta[: self.parameters.size],
+            starts=fit.solution.starts,
+            history=history,
+            iterations=fit.solution.iterations + found.iterations,
+            evaluations=evaluations,
+        )
+        return _Fit(fit.plain, misfit, solution, knowledge, fit.curve, evaluations)
+
+    def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
+        P, size = self.parameters, self.parameters.size
+        pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
+        patches, owner = [], []
+        for group, (values, _) in zip(P.groups, P.slices, strict=True):
+            if group.kind != "stiffness":
+                continue
+            at = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
+            half = max(0.5 * pitch, float(np.median(np.diff(at)))) if group.count > 1 else 0.0
+            for k in range(group.count):
+                patch = np.zeros(size)
+                patch[values] = np.abs(at - at[k]) <= half * (1 + 1e-9)
+                patches.append(patch)
+                owner.append(values.start + k)
+        down, up = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+        if patches:
+            variance = fit.knowledge.noise.variance
+            down[owner], up[owner] = open_sides(fit.plain.data_sum, fit.solution.theta, np.column_stack(patches), P.bounds, variance)
+        return down, up
+
+    def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
+        """(F, R) FRFs on all measured lines, with what drifted."""
+        shared = [] if knowledge is None else [(e, v) for e, v in zip(knowledge.extras, knowledge.values, strict=True) if e.kind != "gain"]
+        if not shared or self.source.stage is None:
+            return self.source.model(self.s, self.parameters).frf(theta)
+        every = np.arange(len(self.inputs.responses))
+        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, [e for e, _ in shared], every)
+        y = model.frf(np.concatenate([theta, [v for _, v in shared]]))
+        assert knowledge is not None
+        for extra, value in zip(knowledge.extras, knowledge.values, strict=True):
+            if extra.kind == "gain":
+                y[:, self.inputs.used[extra.index]] *= 10.0 ** (value / 20.0)
+        return y
 
 
 def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None = None) -> Identification:
@@ -216,7 +352,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     source : FrfSource
     name : str
     reference : mapping or None
-        Stored result of the reference job, for ``update.prior: reference``.
+        Stored result of the reference job.
 
     Returns
     -------
@@ -230,73 +366,47 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         Where the optimisation fails.
     """
     start = time.perf_counter()
-    settings = inputs.campaign.update
-    measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
-    for warning in measurement.warnings:
-        log.warning("job %s: %s", name, warning)
-    read = time.perf_counter()
-    s = 2j * np.pi * measurement.frequency_hz
-    parameters, limits = parameterise(inputs, source, s)
-    theta0 = parameters.initial
-    prior = None
-    if settings.prior == "reference" and settings.reference != name:
-        prior = stored_theta(parameters, reference)
-        if prior is None:
-            raise DataError(
-                "the reference job has no result to serve as the prior",
-                file=inputs.campaign.path,
-                place=f"job {name}",
-                expected=f"a result of job {settings.reference} for the same parameter groups",
-                hint=f"see why {settings.reference} failed, or set update.prior: initial",
-            )
-    if prior is None:
-        prior = theta0
-    selected = select_lines(inputs, measurement, name, lambda: source.model(s, parameters, responses=inputs.used).frf(prior))
-    model = source.model(s, parameters, selected, inputs.used)
+    job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()
-    measured = measurement.values[np.ix_(selected, inputs.used)]
-    about = settings.penalty
-    penalty = penalty_rows(parameters, about.value, about.slope, about.curvature)
-    weights, notes = line_weights(inputs, measurement, inputs.campaign.jobs[name], selected)
-    eta = 0.0 if settings.regularisation == "l-curve" else settings.regularisation
-    misfit = Misfit(model, measured, prior, eta, penalty, residual_options(settings), weights)
-    curve, further = None, {}
-    if settings.regularisation == "l-curve":
-        curve = l_curve(misfit, theta0, parameters.bounds, DEFAULT_REGULARISATION)
-        misfit = misfit.with_eta(curve.chosen)
-        further = {"end of the L-curve": curve.nearest}
-        notes = (*notes, *curve_notes(curve))
-    if settings.method == "bfgs":
-        solution = bfgs(misfit, theta0, parameters.bounds, tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
-    else:
-        solution = gauss_newton_by_levels(
-            misfit,
-            theta0,
-            parameters.bounds,
-            tolerance=settings.tolerance or 1e-4,
-            max_iterations=settings.max_iterations,
-            further=further,
-        )
-    if solution.status == "failed":
-        raise NumericalError(f"job {name}: {solution.reason}")
+    fit = job.fit(job.measured())
+    relative = False
+    if inputs.campaign.update.comparison != "direct":
+        corrected = job.corrected()
+        if corrected is not None:
+            other = job.fit(corrected)
+            # The way with the smaller residuals: far from the reference state its errors are others, and a correction adds to them.
+            forced = inputs.campaign.update.comparison == "relative"
+            if forced or other.knowledge.noise.variance < fit.knowledge.noise.variance:
+                other = replace(other, evaluations=fit.evaluations + other.evaluations)
+                fit, relative = other, True
+    fit = job.drifted(fit)
+    solution, knowledge = fit.solution, fit.knowledge
+    if fit.curve is not None:
+        job.notes += curve_notes(fit.curve)
+    opens = job.opens(fit)
     optimised = time.perf_counter()
-    band = source.model(s, parameters)
-    initial, updated = band.frf(theta0), band.frf(solution.theta)
+    initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)
+    values = job.measurement.values
     return Identification(
         name,
         solution,
-        parameters,
-        limits,
-        measurement,
-        selected,
+        job.parameters,
+        job.limits,
+        job.measurement,
+        job.selected,
         initial,
         updated,
-        mean_misfit(initial, measurement.values),
-        mean_misfit(updated, measurement.values),
-        notes,
+        mean_misfit(initial, values),
+        mean_misfit(updated, values),
+        tuple(job.notes),
+        knowledge,
+        opens,
+        job.prior,
+        job.against_reference,
+        relative,
         solution.history[0].cost,
-        (solution.evaluations + (curve.evaluations if curve else 0)) * misfit.lines,
-        {"read": read - start, "port": ports - read, "optimise": optimised - ports, "total": time.perf_counter() - start},
-        misfit.eta,
-        curve,
+        fit.evaluations * fit.misfit.lines,
+        {"port": ports - start, "optimise": optimised - ports, "total": time.perf_counter() - start},
+        fit.misfit.eta,
+        fit.curve,
     )

@@ -19,6 +19,7 @@ from lrbc_cli.model.factors import Recipe, make_recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
+from lrbc_cli.model.shifts import load_shifts, shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
 Floats = NDArray[np.float64]
@@ -103,6 +104,8 @@ class Inputs:
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
         How the operators of ``model`` depend on global factors; one is what they are.
+    shifts : (n_in, 2) int array or None
+        Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     """
 
     campaign: Campaign
@@ -117,6 +120,7 @@ class Inputs:
     warnings: tuple[str, ...]
     hashes: dict[str, str] = field(repr=False)
     recipe: Recipe = field(repr=False)
+    shifts: NDArray[np.int64] | None = None
 
     @property
     def input_of(self) -> NDArray[np.int64]:
@@ -138,9 +142,13 @@ class Inputs:
 class _Reader(ModelReader):
     """Parts of the model, each from its section of the campaign file."""
 
+    shifts: NDArray[np.int64] | None = None
+
     def loads(self) -> tuple[sp.csc_array, list[Point]]:
         columns: list[sp.csc_array] = []
         points: list[Point] = []
+        shifts: list[Floats] = []
+        moving = self.campaign.update.nuisances.hammer is not None
         for name, point in self.campaign.excitation.items():
             if point.vector is not None:
                 matrix = self.vectors(point.vector, f"excitation.{name}")
@@ -153,12 +161,27 @@ class _Reader(ModelReader):
                     )
                 columns.append(matrix * point.scale)
                 points.append((None, None))
-                continue
-            dof, text = self.pick(point, "excitation", name)
-            self.notes.append(f"excitation {name}: {text}")
-            columns.append(unit_columns([dof], self.n, point.scale))
-            points.append(self.point(dof))
-        return sp.hstack(columns, format="csc"), points
+                dof = -1
+            else:
+                dof, text = self.pick(point, "excitation", name)
+                self.notes.append(f"excitation {name}: {text}")
+                columns.append(unit_columns([dof], self.n, point.scale))
+                points.append(self.point(dof))
+            if moving:
+                found = load_shifts(self.dofs, dof) if self.dofs is not None and dof >= 0 else None
+                if found is None:
+                    raise self.campaign.error(
+                        f"what excitation {name} becomes beside its node is unknown",
+                        "update",
+                        "nuisances",
+                        "hammer",
+                        expected="model.dofs, and an excitation by near: or node: on UX, UY or UZ",
+                        hint="remove nuisances.hammer, or excite at a node",
+                    )
+                shifts.append(found[0] * point.scale)
+        # Derivatives to a shift follow the loads: the reduced model then holds for them too.
+        self.shifts = len(columns) + np.arange(2 * len(shifts)).reshape(-1, 2) if moving else None
+        return sp.hstack([*columns, *([shift_columns(shifts)] if moving else [])], format="csc"), points
 
     def outputs(self, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, list[Response]]:
         rows, responses = [], []
@@ -415,6 +438,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
         tuple(reader.warnings),
         reader.hashes,
         recipe,
+        reader.shifts,
     )
 
 

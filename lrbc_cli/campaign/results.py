@@ -12,15 +12,24 @@ from numpy.typing import NDArray
 from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
+from lrbc_cli.campaign.drift import drift_tree
 from lrbc_cli.campaign.identify import Identification
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.judgement import (
+    UNEXPLAINED,
+    bands,
+    bolt_trees,
+    effective,
+    remarks,
+    states_removed,
+    validity,
+    verdicts,
+)
 from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.updating.lcurve import LCurve
-from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.misfit import decibel
-from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
 Floats = NDArray[np.float64]
 
@@ -45,35 +54,18 @@ def tributary(group: ParameterGroup) -> Floats | None:
     return np.diff(edges)
 
 
-def effective(group: ParameterGroup, p: Floats) -> Floats:
-    """log10(W 10^p)."""
-    return np.asarray(np.log10(group.values(p)))
-
-
-def verdicts(inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None) -> list[BoltVerdict]:
-    """Judge the bolts of a job against the stored result of the reference job."""
-    if inputs.bolts is None:
-        return []
-    edges = []
-    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
-        if group.kind != "stiffness" or group.xyz is None or group.arc_length is None:
-            continue
-        log10 = effective(group, result.solution.theta[values])
-        before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
-        tight = np.array(before, dtype=float) if before is not None and len(before) == log10.size else None
-        edges.append(Edge(group.xyz, group.arc_length, log10, result.saturations[group.name].start, tight))
-    if not edges:
-        return []
-    update = inputs.campaign.update
-    return judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
-
-
 def write_result(
-    output: Path, inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None
+    output: Path,
+    inputs: Inputs,
+    stage: ReductionStage | None,
+    result: Identification,
+    identity: str,
+    reference: Mapping[str, Any] | None,
+    scatter: float = 0.0,
 ) -> dict[str, Any]:
     """Write profile.csv, frf.csv, fdac.csv and result.json of one job; returns the tree of the latter."""
     folder = output / result.name
-    tree = result_tree(inputs, stage, result, identity, reference)
+    tree = result_tree(inputs, stage, result, identity, reference, scatter)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
     write_csv(folder / "profile.csv", *profile_rows(tree))
@@ -84,11 +76,17 @@ def write_result(
 
 
 def result_tree(
-    inputs: Inputs, stage: ReductionStage | None, result: Identification, identity: str, reference: Mapping[str, Any] | None
+    inputs: Inputs,
+    stage: ReductionStage | None,
+    result: Identification,
+    identity: str,
+    reference: Mapping[str, Any] | None,
+    scatter: float = 0.0,
 ) -> dict[str, Any]:
     """The content of ``result.json``."""
     campaign, solution = inputs.campaign, result.solution
     parameters: dict[str, Any] = {}
+    confidence = bands(result, reference)
     for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
         p = solution.theta[values]
         before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
@@ -99,6 +97,9 @@ def result_tree(
             "log10": p,
             "log10_effective": effective(group, p),
             "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
+            "std": confidence[group.name].std,
+            "lower95": _open(confidence[group.name].lower),
+            "upper95": _open(confidence[group.name].upper),
             "initial": group.initial,
             "initial_effective": effective(group, group.initial),
             "reference_log10_effective": before,
@@ -111,6 +112,7 @@ def result_tree(
             entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
         if at is not None and group.damping is not None:
             entry["damping_exponent"] = solution.theta[at]
+            entry["damping_exponent_std"] = float(np.sqrt(max(result.posterior.boundary[at, at], 0.0)))
             entry["damping_factor"] = 10.0 ** solution.theta[at]
             entry["damping_beta"] = group.damping.beta
             entry["damping_bounds"] = group.damping.bounds
@@ -119,22 +121,9 @@ def result_tree(
     names = [r.name for r in inputs.responses]
     held_out = inputs.held_out
     removed = campaign.jobs[result.name].removed
-    bolts = []
-    if inputs.bolts is not None:
-        found = verdicts(inputs, result, reference)
-        for i, (name, position) in enumerate(zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)):
-            verdict = found[i] if found else None
-            bolts.append(
-                {
-                    "name": name,
-                    "position": position,
-                    "log10_stiffness": verdict.log10_stiffness if verdict else None,
-                    "change": verdict.change if verdict else None,
-                    "verdict": verdict.verdict if verdict else "undecided",
-                    "removed": name in removed if _states_removed(inputs, result.name) else None,
-                    "note": verdict.note if verdict else "no stiffness group with positions",
-                }
-            )
+    valid = validity(inputs, result)
+    found = verdicts(inputs, result, reference, scatter, valid)
+    knowledge = result.posterior
     provenance: dict[str, Any] = {
         "identity": identity,
         "versions": versions(),
@@ -153,9 +142,9 @@ def result_tree(
         "format": RESULT_FORMAT,
         "version": RESULT_VERSION,
         "job": result.name,
-        "status": solution.status,
-        "reason": solution.reason,
-        "removed": list(removed) if _states_removed(inputs, result.name) else None,
+        "status": solution.status if valid.passed else UNEXPLAINED,
+        "reason": solution.reason if valid.passed else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason})",
+        "removed": list(removed) if states_removed(inputs) else None,
         "parameters": parameters,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": {
@@ -168,7 +157,18 @@ def result_tree(
                 for i, name in enumerate(names)
             },
         },
-        "bolts": bolts,
+        "bolts": bolt_trees(inputs, result, found),
+        "validity": {"passed": valid.passed, "held_out_db": valid.misfit_db, "limit_db": valid.limit_db, "reason": valid.reason},
+        "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
+        "prior": {
+            "of": campaign.update.reference if result.against_reference else "initial",
+            "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
+            "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
+            "shape": campaign.update.prior_shape,
+            "comparison": "relative" if result.relative else "direct",
+            "scatter": scatter,
+        },
+        "nuisances": drift_tree(campaign.update.nuisances, knowledge),
         "iterations": solution.iterations,
         "evaluations": solution.evaluations,
         "line_evaluations": result.line_evaluations,
@@ -204,38 +204,15 @@ def curve_tree(curve: LCurve) -> dict[str, Any]:
     }
 
 
-def remarks(result: Identification) -> list[str]:
-    """What a reader of the result should know: limits that do not exist, values at their bounds."""
-    found = []
-    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
-        limits = result.saturations.get(group.name)
-        if limits is not None and not limits.found:
-            found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")
-        p, bounds = result.solution.theta[values], group.bounds
-        low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
-        if low or high:
-            found.append(f"{group.name}: {low} of {group.count} values at the lower and {high} at the upper bound")
-        if (
-            at is not None
-            and group.damping is not None
-            and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
-        ):
-            found.append(
-                f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
-            )
-    tie = near_tie(result.parameters, result.solution.starts)
-    if tie is not None:
-        best, second, apart = tie
-        found.append(
-            f"near tie: the ends from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
-            f"and by {apart:.2f} decades (rms) in what they identify"
-        )
-    return found
+def _open(limits: Floats) -> list[float | None]:
+    """Limits; None where an interval is open."""
+    return [float(value) if np.isfinite(value) else None for value in limits]
 
 
-def _states_removed(inputs: Inputs, name: str) -> bool:
-    """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
-    return any(job.removed for job in inputs.campaign.jobs.values())
+def _typical(stds: Floats) -> float | None:
+    """Median of the standard deviations that the prior has, in decades."""
+    finite = stds[np.isfinite(stds)]
+    return float(np.median(finite)) if finite.size else None
 
 
 def _mean(values: Floats) -> float | None:

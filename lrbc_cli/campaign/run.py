@@ -13,6 +13,7 @@ from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.judgement import scatter_of
 from lrbc_cli.campaign.results import write_campaign, write_failure, write_reduction, write_result
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.table import write_table
@@ -22,7 +23,7 @@ from lrbc_cli.io.atomic import file_hash
 log = logging.getLogger(__name__)
 
 #: Increased whenever the same input would be identified differently.
-IDENTIFICATION_VERSION = 3
+IDENTIFICATION_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         except DataError:
             return None
 
-    settings = {key: value for key, value in resolved["update"].items() if key != "reference"}
+    settings = {key: value for key, value in resolved["update"].items() if key not in ("reference", "baselines")}
     about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats")}
     records = {key: value.get("record") for key, value in resolved["responses"].items()}
     names = [[r.name, r.quantity] for r in inputs.responses]
@@ -114,6 +115,7 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         contents(job.coherence),
         [contents(file) for file in job.repeats],
         campaign.update.reference == name,
+        name in campaign.update.baselines,
     )[:32]
 
 
@@ -126,7 +128,8 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
         own = identity(inputs, parts, name)
         if reference is not None and reference != name and reference in inputs.campaign.jobs:
             # Verdicts rest on the reference job too.
-            own = cache._digest(own, identity(inputs, parts, reference))[:32]
+            rest = [] if name in inputs.campaign.update.baselines else [b for b in inputs.campaign.update.baselines if b != name]
+            own = cache._digest(own, *[identity(inputs, parts, tight) for tight in (reference, *rest)])[:32]
         try:
             tree = read_json(output / name / "result.json", RESULT_FORMAT)
         except DataError as error:
@@ -170,7 +173,8 @@ def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
     names = [name for name in campaign.jobs if not wanted or name in wanted]
     reference = campaign.update.reference
     if reference is not None:
-        names = [reference, *(name for name in names if name != reference)]
+        baselines = [name for name in campaign.jobs if name in campaign.update.baselines]
+        names = list(dict.fromkeys([reference, *baselines, *names]))
     return names
 
 
@@ -233,7 +237,10 @@ def run_jobs(
     def one(name: str) -> dict[str, Any]:
         before = tight_state(output, outcome, reference, stage) if reference is not None and reference != name else None
         result = identify(inputs, source, name, before)
-        return write_result(output, inputs, stage, result, plans[name].identity, before)
+        return write_result(output, inputs, stage, result, plans[name].identity, before, scatter())
+
+    def scatter() -> float:
+        return scatter_of(outcome.results[name] for name in campaign.update.baselines if name in outcome.results)
 
     def done(name: str, work: Callable[[], dict[str, Any]]) -> None:
         try:
@@ -263,6 +270,10 @@ def run_jobs(
             # The others are compared with it.
             done(str(reference), lambda: one(str(reference)))
             todo.remove(str(reference))
+        # Their scatter sets the threshold of the others.
+        first = [name for name in todo if name in campaign.update.baselines]
+        _run_all(first, one, done, workers)
+        todo = [name for name in todo if name not in first]
         _run_all(todo, one, done, workers)
     finally:
         write_table(output, list(campaign.jobs))

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
-from lrbc_cli.campaign.identify import parameterise, stored_theta
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise, stored_theta
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet

@@ -4,7 +4,16 @@ from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.loader import load_campaign
 from lrbc_cli.config.schema import campaign_schema
-from lrbc_cli.config.settings import EveryLine, JobConfig, ListedLines, PenaltyConfig, ReductionConfig, TextFormat, UpdateConfig
+from lrbc_cli.config.settings import (
+    EveryLine,
+    JobConfig,
+    ListedLines,
+    NuisanceConfig,
+    PenaltyConfig,
+    ReductionConfig,
+    TextFormat,
+    UpdateConfig,
+)
 from lrbc_cli.config.skeleton import write_skeleton
 from lrbc_cli.config.structure import (
     FieldDamping,
@@ -28,6 +37,7 @@ __all__ = [
     "ListedLines",
     "MatrixRef",
     "ModelConfig",
+    "NuisanceConfig",
     "PenaltyConfig",
     "PointConfig",
     "ProportionalDamping",

@@ -67,6 +67,25 @@ def _check_names(campaign: Campaign) -> None:
             expected="update.reference: the job with all bolts tight",
             hint="name it, or write prior: initial",
         )
+    if update.unknowns == "bolts" and (update.reference is None or campaign.bolts is None):
+        raise campaign.error(
+            "unknowns at bolts need bolts and a reference job",
+            "update",
+            "unknowns",
+            expected="bolts: file, and update.reference: the job with all bolts tight",
+            found="no bolts" if campaign.bolts is None else "no reference",
+        )
+    for index, name in enumerate(update.baselines):
+        _known(campaign, name, campaign.jobs, "job", "update", "baselines", index)
+        if update.reference is None or name == update.reference:
+            raise campaign.error(
+                "a baseline beside the reference job" if update.reference is None else "the reference job is no further baseline",
+                "update",
+                "baselines",
+                index,
+                expected="update.reference: a tight job, and baselines: other tight jobs",
+                found=name,
+            )
     for index, name in enumerate(update.responses or ()):
         _known(campaign, name, campaign.responses, "response", "update", "responses", index)
     for job, config in campaign.jobs.items():

@@ -78,13 +78,37 @@ DEFAULT_REGULARISATION = 0.04
 
 
 def _regularisation_form(value: object) -> str:
-    return "form:word" if value == "l-curve" else "form:number"
+    return "form:word" if value in ("l-curve", "auto") else "form:number"
 
 
 Regularisation = Annotated[
-    Annotated[float, Field(ge=0), Tag("form:number")] | Annotated[Literal["l-curve"], Tag("form:word")],
+    Annotated[float, Field(ge=0), Tag("form:number")] | Annotated[Literal["auto", "l-curve"], Tag("form:word")],
     Discriminator(_regularisation_form),
 ]
+
+
+class NuisanceConfig(Strict):
+    """What may have drifted between the reference job and another, each with its standard deviation; absent: held."""
+
+    temperature: Positive | None = Field(
+        default=None, description="Standard deviation of the air temperature in K; the speed of sound follows its square root."
+    )
+    room: Annotated[float, Field(gt=-273.15)] = Field(
+        default=20.0, description="Temperature of the reference job in degrees Celsius, about which `temperature` varies."
+    )
+    sound_speed: Annotated[float, Field(gt=0, lt=0.2)] | None = Field(
+        default=None, description="Standard deviation of the speed of sound, relative; instead of `temperature`."
+    )
+    gain: Positive | None = Field(default=None, description="Standard deviation of the gain of each response in dB.")
+    hammer: Annotated[float, Field(gt=0, lt=0.1)] | None = Field(
+        default=None, description="Standard deviation of the point that the hammer hits, along the surface, in metres."
+    )
+
+    @model_validator(mode="after")
+    def _one_speed(self) -> NuisanceConfig:
+        if self.temperature is not None and self.sound_speed is not None:
+            raise problem("two ways to say the same", "sound_speed", expected="temperature or sound_speed", found="both")
+        return self
 
 
 class UpdateConfig(Strict):
@@ -119,14 +143,27 @@ class UpdateConfig(Strict):
         "scatter of the jobs' `repeats`.",
     )
     regularisation: Regularisation = Field(
-        default=DEFAULT_REGULARISATION,
-        description="Weight eta of the penalty on the log10 parameters, eq. (29): a number, at least 0, in dB² per decade²; or l-curve: "
-        "chosen for each job at the corner of its L-curve.",
+        default="auto",
+        description="Weight eta of the penalty on the unknowns, eq. (29): a number, at least 0, in dB² per decade² (0.04 in the paper); "
+        "l-curve: chosen for each job at the corner of its L-curve; auto: from the noise of the residuals and `prior_std`.",
     )
-    prior: Literal["initial", "reference"] = Field(
-        default="initial",
-        description="What the log10 parameters are drawn to: their start values, as in the paper, or the result of the reference job, "
-        "so that changes are penalised.",
+    prior: Literal["auto", "initial", "reference"] = Field(
+        default="auto",
+        description="What the unknowns are drawn to: initial, their start values, as in the paper; reference, the result of the reference "
+        "job, so that changes are penalised; auto: the reference job where there is one.",
+    )
+    prior_std: Positive = Field(
+        default=0.35,
+        description="Standard deviation in decades with which the prior expects the unknowns to differ from it, for regularisation: auto.",
+    )
+    prior_shape: Literal["normal", "sparse"] = Field(
+        default="normal",
+        description="normal, or sparse: long tails, so that few large changes cost less than many small ones; needs regularisation: auto.",
+    )
+    unknowns: Literal["auto", "values", "bolts"] = Field(
+        default="auto",
+        description="What is sought in jobs that are compared with the reference job: values, all along the edges; bolts, one change a "
+        "bolt through a shape along its edge; auto: bolts where they are known and prior is not initial.",
     )
     penalty: PenaltyConfig = Field(default=PenaltyConfig(), description="What is penalised: departures, their slope and curvature.")
     method: Literal["gauss-newton", "bfgs"] = Field(
@@ -145,9 +182,27 @@ class UpdateConfig(Strict):
         description="How FRFs are evaluated: port formula, reduced dynamic stiffness, or the full model without reduction; "
         "auto takes the cheaper of the first two.",
     )
-    loose_change: float = Field(
-        default=-1.0, lt=0, description="Change of log10 stiffness at a bolt against the reference job at which it is judged loose."
+    baselines: Annotated[tuple[Name, ...], AfterValidator(check_unique)] = Field(
+        default=(),
+        description="Further jobs with all bolts tight: the scatter of their changes sets the least change that counts as loose.",
     )
+    loose_change: float = Field(
+        default=-0.5, lt=0, description="Change of log10 stiffness at a bolt against the reference job below which it is loose."
+    )
+    confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
+        default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is undecided."
+    )
+    comparison: Literal["auto", "direct", "relative"] = Field(
+        default="auto",
+        description="direct: the model with the measurement; relative: after correcting the measurement by what the model lacks in the "
+        "reference job, so that small changes show; auto: whichever leaves the smaller residuals.",
+    )
+    largest_misfit: Positive = Field(
+        default=3.0,
+        description="Mean misfit in dB of the responses that are not used (of those used, where all are) above which the model does not "
+        "explain the measurement: no verdict is given.",
+    )
+    nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
 
     @model_validator(mode="after")
     def _consistent(self) -> UpdateConfig:
@@ -159,6 +214,21 @@ class UpdateConfig(Strict):
                 found="residual: complex",
                 hint="remove it: complex differences do not grow in antiresonances",
             )
+        if self.prior_shape == "sparse" and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
+            raise problem(
+                "a sparse prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found="sparse"
+            )
+        if self.unknowns == "bolts" and self.penalty != PenaltyConfig():
+            raise problem(
+                "a penalty on values along the edge, but unknowns at bolts",
+                "penalty",
+                expected="unknowns: values",
+                hint="remove `penalty`: each bolt's change is penalised",
+            )
+        if self.unknowns == "bolts" and self.prior == "initial":
+            raise problem("changes at bolts against nothing", "unknowns", expected="prior: reference", found="prior: initial")
+        if self.regularisation == "auto" and not max(self.penalty.value, self.penalty.slope, self.penalty.curvature) > 0:
+            raise problem("a prior without a penalty", "penalty", expected="a weight above 0", hint="or write regularisation: 0")
         if self.regularisation == "l-curve" and not max(self.penalty.value, self.penalty.slope, self.penalty.curvature) > 0:
             raise problem(
                 "an L-curve without a penalty", "penalty", expected="a weight above 0", hint="or write a number under regularisation"

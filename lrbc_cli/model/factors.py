@@ -14,7 +14,7 @@ FIELDS = ("structure", "acoustic")
 #: The operators of a model in the order in which coefficients are given.
 OPERATORS = ("stiffness", "damping", "mass")
 
-#: Scales the acoustic mass by its inverse square: c of rho c² changes, rho does not.
+#: Scales the acoustic stiffness by its square: with the temperature of a gas rho c² stays and c² goes as 1/rho.
 SOUND_SPEED = "sound_speed"
 
 
@@ -187,7 +187,7 @@ def make_recipe(
         stiffness, mass = {f"stiffness.{name}": 1.0}, {f"mass.{name}": 1.0}
         names += [*stiffness, *mass]
         if name == "acoustic":
-            mass[SOUND_SPEED] = -2.0
+            stiffness[SOUND_SPEED] = 2.0
         of_stiffness, of_mass = [Monomial(0, 1.0, stiffness)], [Monomial(2, 1.0, mass)]
         if damping is not None:
             alpha, beta = damping[FIELDS.index(name)]

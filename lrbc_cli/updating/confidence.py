@@ -13,6 +13,7 @@ from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 #: Two-sided 95 %.
 NORMAL_95 = float(norm.ppf(0.975))
@@ -41,7 +42,7 @@ class Band:
     upper: Floats
 
 
-def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | None, opens: tuple[Floats, Floats]) -> Band:
+def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | None, opens: tuple[Bools, Bools]) -> Band:
     """Confidence of the effective values of a group.
 
     Parameters

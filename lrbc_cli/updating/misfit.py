@@ -30,6 +30,9 @@ class Sensitive(Protocol):
     def parameters(self) -> Parameterisation:
         """Of the boundary; theta begins with it."""
 
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs."""
+
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """See ``FrfModel.sensitivities``."""
 
@@ -228,6 +231,12 @@ class Misfit:
         data = float(own @ own)
         total = max(float(residual @ residual), np.finfo(float).tiny)
         return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
+
+    def data_sum(self, theta: Floats) -> float:
+        """Sum of squares of the data residuals, without derivatives."""
+        y = self.model.frf(theta)
+        own, _, _ = self._data(y, np.zeros((*y.shape, 0), dtype=complex))
+        return float(own @ own)
 
     def departures(self, theta: Floats) -> float:
         """Sum of squares of the penalty before it is weighted by eta [decade²]."""

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from lrbc_cli.campaign.identify import parameterise, select_lines
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import FrfSource, frf_source, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.weights import line_weights, residual_options
 from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.levels import gauss_newton_by_levels

@@ -9,7 +9,7 @@ import pytest
 from campaigns import Folder
 from test_campaign_identify import identify, measure, values
 
-from lrbc_cli.campaign.identify import select_lines
+from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.weights import line_weights
 from lrbc_cli.errors import DataError

@@ -1,0 +1,65 @@
+"""What may drift between the reference job and another: as unknowns with priors, and as results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lrbc_cli.config.settings import NuisanceConfig
+from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.fit import Posterior
+
+if TYPE_CHECKING:
+    from lrbc_cli.campaign.inputs import Inputs
+
+#: Bounds lie this many standard deviations away.
+REACH = 6.0
+
+KELVIN = 273.15
+
+
+def speed_std(nuisances: NuisanceConfig) -> float | None:
+    """Relative standard deviation of the speed of sound; None where it is held."""
+    if nuisances.temperature is not None:
+        return 0.5 * nuisances.temperature / (nuisances.room + KELVIN)
+    return nuisances.sound_speed
+
+
+def drift_extras(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Extra, ...]:
+    """The unknowns that the settings ask for, for the responses used."""
+    found: list[Extra] = []
+
+    def add(kind: str, name: str, index: int, std: float) -> None:
+        found.append(Extra(kind, name, index, 0.0, std, (-REACH * std, REACH * std)))
+
+    speed = speed_std(nuisances)
+    if speed is not None and SOUND_SPEED in inputs.recipe.names:
+        add("factor", SOUND_SPEED, 0, speed)
+    if nuisances.gain is not None:
+        for i, response in enumerate(inputs.used):
+            add("gain", inputs.responses[response].name, i, nuisances.gain)
+    if nuisances.hammer is not None and inputs.shifts is not None:
+        for load, name in enumerate(inputs.excitations):
+            for direction in range(2):
+                add("shift", name, 2 * load + direction, nuisances.hammer)
+    return tuple(found)
+
+
+def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``."""
+    tree: dict[str, Any] = {}
+    stds = knowledge.std[knowledge.z.size :]
+    for extra, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
+        if extra.kind == "gain":
+            tree.setdefault("gain_db", {})[extra.name] = {"value": float(value), "std": float(std)}
+        elif extra.kind == "shift":
+            along = f"{extra.name} {'12'[extra.index % 2]}"
+            tree.setdefault("hammer_offset_mm", {})[along] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
+        else:
+            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
+            if nuisances.temperature is not None:
+                kelvin = 2.0 * (nuisances.room + KELVIN)
+                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
+    return tree

@@ -1,0 +1,222 @@
+"""What a result says of the bolts, and whether it may say anything: bands, verdicts, and the gate of validity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identify import Identification
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.updating.confidence import Band, Rule, band, weigh
+from lrbc_cli.updating.levels import near_tie
+from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
+
+Floats = NDArray[np.float64]
+
+#: Status of a job whose measurement the model does not explain.
+UNEXPLAINED = "unexplained"
+
+
+def effective(group: ParameterGroup, p: Floats) -> Floats:
+    """log10(W 10^p)."""
+    return np.asarray(np.log10(group.values(p)))
+
+
+def _stored(reference: Mapping[str, Any] | None, group: ParameterGroup, key: str) -> Floats | None:
+    """A list of the reference job's group, where it fits."""
+    found = reference["parameters"].get(group.name, {}).get(key) if reference else None
+    if found is None or len(found) != group.count:
+        return None
+    return np.array([np.nan if value is None else value for value in found], dtype=float)
+
+
+def bands(result: Identification, reference: Mapping[str, Any] | None) -> dict[str, Band]:
+    """Confidence of the effective values of every group; where they are changes, the uncertainty of the reference state is added."""
+    covariance = result.posterior.boundary
+    found = {}
+    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        before = _stored(reference, group, "std") if result.against_reference else None
+        opens = (result.opens[0][values], result.opens[1][values])
+        found[group.name] = band(group, result.solution.theta[values], covariance[values, values], before, opens)
+    return found
+
+
+@dataclass(frozen=True)
+class Validity:
+    """Whether the model explains the measurement.
+
+    Attributes
+    ----------
+    passed : bool
+    misfit_db : float or None
+        Mean misfit of the responses that were not used, or of those used where all are.
+    held_out : bool
+        Which of the two.
+    limit_db : float
+    reason : str
+    """
+
+    passed: bool
+    misfit_db: float | None
+    held_out: bool
+    limit_db: float
+    reason: str
+
+
+def validity(inputs: Inputs, result: Identification) -> Validity:
+    """Compare the misfit of the responses that the identification did not see with ``update.largest_misfit``."""
+    limit = inputs.campaign.update.largest_misfit
+    for at, what in ((inputs.held_out, "responses that were not used"), (inputs.used, "responses used")):
+        values = result.misfit_final[at]
+        values = values[np.isfinite(values)]
+        if values.size:
+            misfit = float(values.mean())
+            passed = misfit <= limit
+            text = f"mean misfit of the {what} {misfit:.2f} dB, {'within' if passed else 'above'} the limit of {limit:g} dB"
+            return Validity(passed, misfit, bool(np.array_equal(at, inputs.held_out)), limit, text)
+    return Validity(False, None, False, limit, "no response can be compared")
+
+
+def scatter_of(baselines: Iterable[Mapping[str, Any]]) -> float:
+    """Root mean square of the changes at the bolts of further tight jobs [decades]; 0 without any."""
+    changes = [
+        bolt["change"]
+        for tree in baselines
+        for bolt in tree.get("bolts", [])
+        if bolt.get("change") is not None and bolt.get("change_std") is not None and bolt["verdict"] != "undecided"
+    ]
+    return float(np.sqrt(np.mean(np.square(changes)))) if changes else 0.0
+
+
+def verdicts(
+    inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None, scatter: float, valid: Validity
+) -> list[BoltVerdict]:
+    """Judge the bolts of a job against the stored result of the reference job.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    result : Identification
+    reference : mapping or None
+    scatter : float
+        See ``scatter_of``.
+    valid : Validity
+
+    Returns
+    -------
+    list of BoltVerdict
+        Empty without bolts or groups along which they could lie.
+    """
+    if inputs.bolts is None:
+        return []
+    update = inputs.campaign.update
+    edges, where = [], []
+    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        if group.kind != "stiffness" or group.xyz is None or group.arc_length is None:
+            continue
+        log10 = effective(group, result.solution.theta[values])
+        tight = _stored(reference, group, "log10_effective")
+        edges.append(Edge(group.xyz, group.arc_length, log10, result.saturations[group.name].start, tight))
+        where.append((group, values))
+    if not edges:
+        return []
+    found = judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
+    if reference is not None and update.reference != result.name:
+        rule = Rule(update.loose_change, update.confidence, scatter)
+        found = [weigh(verdict, *_change(result, i, verdict, where, reference), rule) for i, verdict in enumerate(found)]
+    if result.name in update.baselines:
+        calm = "a baseline, taken as tight"
+        found = [v if v.far else replace(v, verdict="tight", probability_loose=None, note=v.note or calm) for v in found]
+    if not valid.passed:
+        found = [replace(v, verdict="undecided", probability_loose=None, note="the model does not explain the measurement") for v in found]
+    return found
+
+
+def _change(
+    result: Identification,
+    bolt: int,
+    verdict: BoltVerdict,
+    where: Sequence[tuple[ParameterGroup, slice]],
+    reference: Mapping[str, Any],
+) -> tuple[float, float]:
+    """Change at a bolt against the reference state and its standard deviation [decades]."""
+    knowledge = result.posterior
+    column = knowledge.shapes.bolts[bolt] if knowledge.shapes.by_bolt else -1
+    if column >= 0:
+        return float(knowledge.z[column]), float(knowledge.std[column])
+    group, values = where[verdict.edge]
+    p = result.solution.theta[values]
+    # Mean of log10(W 10^p) over the values near the bolt.
+    row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[verdict.near].mean(axis=0)
+    variance = float(row @ knowledge.boundary[values, values] @ row)
+    if not result.against_reference:
+        before = _stored(reference, group, "std")
+        variance += 0.0 if before is None else float(np.mean(before[verdict.near] ** 2))
+    return float(verdict.change or 0.0), float(np.sqrt(max(variance, 0.0)))
+
+
+def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdict]) -> list[dict[str, Any]]:
+    """``bolts`` of ``result.json``."""
+    if inputs.bolts is None:
+        return []
+    removed = inputs.campaign.jobs[result.name].removed
+    stated = states_removed(inputs)
+    trees = []
+    for i, (name, position) in enumerate(zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)):
+        verdict = found[i] if found else BoltVerdict(float("nan"), None, "undecided", "no stiffness group with positions")
+        trees.append(
+            {
+                "name": name,
+                "position": position,
+                "log10_stiffness": verdict.log10_stiffness if found else None,
+                "change": verdict.change,
+                "change_std": verdict.change_std,
+                "threshold": verdict.threshold,
+                "probability_loose": verdict.probability_loose,
+                "verdict": verdict.verdict,
+                "removed": name in removed if stated else None,
+                "note": verdict.note,
+            }
+        )
+    return trees
+
+
+def states_removed(inputs: Inputs) -> bool:
+    """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
+    return any(job.removed for job in inputs.campaign.jobs.values())
+
+
+def remarks(result: Identification) -> list[str]:
+    """What a reader of the result should know: limits that do not exist, values at their bounds."""
+    found = []
+    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        limits = result.saturations.get(group.name)
+        if limits is not None and not limits.found:
+            found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")
+        p, bounds = result.solution.theta[values], group.bounds
+        low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
+        if low or high:
+            found.append(f"{group.name}: {low} of {group.count} values at the lower and {high} at the upper bound")
+        if (
+            at is not None
+            and group.damping is not None
+            and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
+        ):
+            found.append(
+                f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
+            )
+    tie = near_tie(result.parameters, result.solution.starts)
+    if tie is not None:
+        best, second, apart = tie
+        found.append(
+            f"near tie: the ends from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
+            f"and by {apart:.2f} decades (rms) in what they identify"
+        )
+    if result.relative:
+        found.append("compared after correcting the measurement by what the model lacks in the reference job")
+    return found

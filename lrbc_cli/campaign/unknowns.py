@@ -1,0 +1,140 @@
+"""Unknowns and lines of one job: start values, bounds, what an earlier result says, which lines count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.records import Measurement
+from lrbc_cli.campaign.stage import FrfSource
+from lrbc_cli.config.settings import EveryLine, ListedLines
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.updating.lines import resonance_lines
+from lrbc_cli.updating.saturation import Saturation, saturation
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
+    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s.
+
+    Returns
+    -------
+    Parameterisation
+    dict
+        Where the FRFs saturate, by stiffness group.
+    """
+    model = inputs.model
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * inputs.campaign.reduction.band[1])
+    # Other groups stand at their start values, or at their local stiffness while those are unknown.
+    nominal = np.array(scale)
+    for group in inputs.groups:
+        if group.config.initial != "auto":
+            nominal[group.terms] = 10.0**group.config.initial
+    D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
+    found: dict[str, Saturation] = {}
+    groups = []
+    for group in inputs.groups:
+        limits: Saturation | None = None
+        if group.config.kind == "stiffness":
+            empty = Parameterisation(())
+            values = source.model(s, empty, responses=inputs.used).values
+            typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
+            limits = found[group.name] = saturation(values, D, group.terms, typical, group.config.baseline)
+        groups.append(_group(group, limits))
+    return Parameterisation(tuple(groups)), found
+
+
+def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
+    config, count = group.config, group.count
+    W = smoothing_matrix(config.smoothing, count, config.normalised)
+    if np.any(W.sum(axis=1) <= 0):
+        raise ConfigError(
+            "smoothing weights that leave a term without stiffness",
+            place=f"parameters.{group.name}.smoothing",
+            expected="a positive weight in the middle",
+            found=str(list(config.smoothing or ())),
+        )
+    if config.bounds != "auto":
+        low, high = config.bounds
+    else:
+        assert limits is not None
+        low, high = limits.lower, limits.upper
+    if config.initial != "auto":
+        start = float(config.initial)
+        low, high = (min(low, start), max(high, start)) if config.bounds == "auto" else (low, high)
+    else:
+        assert limits is not None
+        start = float(np.clip(limits.start, low, high))
+    damping = None
+    if config.damping is not None:
+        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
+    return ParameterGroup(
+        group.name,
+        config.kind,
+        group.terms,
+        group.parameter,
+        np.full(count, start),
+        np.tile([low, high], (count, 1)),
+        W,
+        config.baseline,
+        damping,
+        group.xyz,
+        group.arc_length,
+    )
+
+
+def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats | None:
+    """Theta of a stored result; None where there is none or it belongs to other groups."""
+    if tree is None or tree.get("status") == "failed":
+        return None
+    theta = parameters.initial
+    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+        stored = tree["parameters"].get(group.name)
+        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
+            return None
+        theta[where] = stored["log10"]
+        if at is not None:
+            theta[at] = stored["damping_exponent"]
+    return theta
+
+
+def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Callable[[], Complexes] | None = None) -> NDArray[np.int64]:
+    """Indices of the lines that enter the cost; for ``resonances-both`` the model gives its (F, U) FRFs at the prior.
+
+    Raises
+    ------
+    DataError
+        Where a listed line was not measured.
+    """
+    lines = inputs.campaign.update.lines
+    frequency = measurement.frequency_hz
+    if isinstance(lines, EveryLine):
+        return np.arange(0, frequency.size, lines.every)
+    if isinstance(lines, ListedLines):
+        wanted = np.sort(np.array(lines.frequencies, dtype=float))
+        distance = np.abs(frequency[None, :] - wanted[:, None])
+        nearest = distance.argmin(axis=1)
+        step = np.median(np.diff(frequency)) if frequency.size > 1 else 0.0
+        off = distance[np.arange(wanted.size), nearest] > 0.5 * step + 1e-9 * wanted
+        if off.any():
+            raise DataError(
+                "a listed line was not measured",
+                file=inputs.campaign.jobs[name].frf,
+                place=f"job {name}",
+                expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",
+                found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),
+                hint="correct update.lines",
+            )
+        return np.unique(nearest)
+    if lines == "all":
+        return np.arange(frequency.size)
+    both = model() if lines == "resonances-both" and model is not None else None
+    return resonance_lines(frequency, measurement.values[:, inputs.used], both)
