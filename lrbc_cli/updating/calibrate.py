@@ -20,7 +20,7 @@ from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import noise_of
-from lrbc_cli.updating.misfit import Misfit, penalty_rows
+from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.residuals import ResidualOptions
@@ -158,9 +158,7 @@ class FactorProblem:
     def rows(self) -> Floats:
         """Rows of the penalty in standard deviations of the prior."""
         P, extras = self.parameters, self.extras
-        diagonal = np.concatenate(
-            [np.where(P.is_damping, 1.0 / EXPONENT_STD, 1.0 / BOUNDARY_STD), [1.0 / extra.std for extra in extras]]
-        )
+        diagonal = np.concatenate([np.where(P.is_damping, 1.0 / EXPONENT_STD, 1.0 / BOUNDARY_STD), [1.0 / extra.std for extra in extras]])
         return np.diag(diagonal)
 
     def frf(self, s: Complexes, responses: NDArray[np.int64] | None = None) -> ExtendedFrf:
@@ -221,7 +219,7 @@ class FactorFit:
 
     @property
     def logarithms(self) -> dict[str, float]:
-        """ln of each factor, of the exported model."""
+        """Ln of each factor, of the exported model."""
         size, problem = self.problem.parameters.size, self.problem
         return {
             name: float(value + np.log(problem.base.get(name, 1.0)))
