@@ -43,6 +43,9 @@ FIRST_VARIANCE = 4.0
 #: and change of the noise variance that needs no further round.
 DRIFT_ROUNDS, DRIFT_ITERATIONS, DRIFT_TOLERANCE, DRIFT_NOISE = 3, 12, 1e-3, 0.15
 
+#: A comparison whose noise has this many times the variance of the other is left out.
+CLEARLY_WORSE = 10.0
+
 #: Standard deviation of the stiffness of a state that is compared with nothing about its start values [decades].
 LEVEL_STD = 1.0
 
@@ -317,6 +320,28 @@ class _Job:
         )
         return _Fit(fit.plain, misfit, solution, knowledge, fit.curve, evaluations)
 
+    def best(self) -> tuple[_Fit, bool]:
+        """The comparison that leaves the smaller residuals, and whether it is the relative one.
+
+        Far from the reference state the errors of the model are others, and a correction adds to them.
+        """
+        way = self.settings.comparison
+        ways = {False: self.measured()}
+        if way != "direct":
+            corrected = self.corrected()
+            if corrected is not None:
+                ways[True] = corrected
+                if way == "relative":
+                    del ways[False]
+        fits = {relative: self.fit(measured) for relative, measured in ways.items()}
+        least = min(fit.knowledge.noise.variance for fit in fits.values())
+        # What drifted can turn the order round, unless it is clear.
+        ends = {k: self.drifted(fit) for k, fit in fits.items() if fit.knowledge.noise.variance <= CLEARLY_WORSE * least}
+        relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance)
+        others = sum(fit.evaluations for fit in fits.values()) - fits[relative].evaluations
+        others += sum(ends[k].evaluations - fits[k].evaluations for k in ends if k != relative)
+        return replace(ends[relative], evaluations=ends[relative].evaluations + others), relative
+
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
         P, size = self.parameters, self.parameters.size
@@ -378,18 +403,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     start = time.perf_counter()
     job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()
-    fit = job.fit(job.measured())
-    relative = False
-    if inputs.campaign.update.comparison != "direct":
-        corrected = job.corrected()
-        if corrected is not None:
-            other = job.fit(corrected)
-            # The way with the smaller residuals: far from the reference state its errors are others, and a correction adds to them.
-            forced = inputs.campaign.update.comparison == "relative"
-            if forced or other.knowledge.noise.variance < fit.knowledge.noise.variance:
-                other = replace(other, evaluations=fit.evaluations + other.evaluations)
-                fit, relative = other, True
-    fit = job.drifted(fit)
+    fit, relative = job.best()
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
