@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.drift import check_air
 from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
@@ -423,6 +424,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
     coefficients = None
     if isinstance(damping, ProportionalDamping):
         coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+    check_air(campaign, bool(acoustic.any()))
     recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all())
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     return Inputs(
