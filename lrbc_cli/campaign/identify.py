@@ -116,8 +116,9 @@ def curve_notes(curve: LCurve) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One way to compare, carried through; ``plain`` is the cost without what drifted."""
+    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
 
+    measured: Complexes
     plain: Misfit
     misfit: Misfit
     solution: Solution
@@ -178,15 +179,20 @@ class _Job:
         if wanted and self.against_reference and bolts is not None:
             found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
             if (found.bolts >= 0).any():
-                return found
-        return node_shapes(self.parameters, settings.prior_std)
+                return self._scaled(found)
+        return self._scaled(node_shapes(self.parameters, settings.prior_std))
+
+    def _scaled(self, shapes: Shapes) -> Shapes:
+        """Standard deviations as they are, or over `prior_std`, where the weight is given in dB² per decade²."""
+        settings = self.settings
+        return shapes if settings.regularisation == "auto" else replace(shapes, std=shapes.std / settings.prior_std)
 
     def _rows(self) -> Floats:
         """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
         settings, about = self.settings, self.settings.penalty
         automatic = settings.regularisation == "auto"
         if self.shapes.by_bolt:
-            return self.shapes.penalty() if automatic else replace(self.shapes, std=self.shapes.std / settings.prior_std).penalty()
+            return self.shapes.penalty()
         rows = penalty_rows(self.parameters, about.value, about.slope, about.curvature)
         return rows / settings.prior_std if automatic else rows
 
@@ -220,7 +226,7 @@ class _Job:
         settings, bounds = self.settings, self.parameters.bounds
         automatic = settings.regularisation == "auto"
         eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
-        misfit = Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(settings), self.weights)
+        misfit = self._misfit(measured, eta)
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, further = None, {}
         begin = self.prior if span is not None else self.start
@@ -244,7 +250,10 @@ class _Job:
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        return _Fit(misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+        return _Fit(measured, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+
+    def _misfit(self, measured: Complexes, eta: float) -> Misfit:
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), self.weights)
 
     def _bfgs(self, misfit: Misfit, start: Floats, bounds: Floats) -> Solution:
         settings = self.settings
@@ -272,7 +281,7 @@ class _Job:
         T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
         T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
         T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
-        best: tuple[Misfit, Solution] | None = None
+        best: tuple[float, Misfit, Solution] | None = None
         evaluations = fit.evaluations
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
         for theta in (fit.solution.theta, self.prior):
@@ -292,10 +301,16 @@ class _Job:
                     break
                 noise = now
                 misfit = extended_misfit(fit.misfit.with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
-            if best is None or found.evaluation.total / max(misfit.eta, 1e-12) < best[1].evaluation.total / max(best[0].eta, 1e-12):
-                best = (misfit, found)
+            value = found.evaluation.total
+            if self.settings.regularisation == "auto":
+                # Each end has a weight of its own: the likelihood with the noise maximised out, and the prior.
+                rows = found.evaluation.residual.size - misfit.penalty.shape[0]
+                prior = (found.evaluation.total - found.evaluation.data) / misfit.eta
+                value = rows / noise.factor * float(np.log(max(found.evaluation.data, 1e-12))) + prior
+            if best is None or value < best[0]:
+                best = (value, misfit, found)
         assert best is not None
-        misfit, found = best
+        _, misfit, found = best
         noise = noise_of(misfit, found.evaluation, self.selected)
         knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
         history = fit.solution.history
@@ -307,7 +322,10 @@ class _Job:
             iterations=fit.solution.iterations + found.iterations,
             evaluations=evaluations,
         )
-        return _Fit(fit.plain, misfit, solution, knowledge, fit.curve, evaluations)
+        # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
+        own = solution.theta
+        measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
+        return _Fit(measured, self._misfit(measured, misfit.eta), misfit, solution, knowledge, fit.curve, evaluations)
 
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
