@@ -41,9 +41,10 @@ def drift_extras(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Extra, ...]
         for i, response in enumerate(inputs.used):
             add("gain", inputs.responses[response].name, i, nuisances.gain)
     if nuisances.hammer is not None and inputs.shifts is not None:
-        for load, name in enumerate(inputs.excitations):
+        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
             for direction in range(2):
-                add("shift", name, 2 * load + direction, nuisances.hammer)
+                add("shift", f"{name} {along[direction]}", 2 * load + direction, nuisances.hammer)
     return tuple(found)
 
 
@@ -55,8 +56,7 @@ def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any
         if extra.kind == "gain":
             tree.setdefault("gain_db", {})[extra.name] = {"value": float(value), "std": float(std)}
         elif extra.kind == "shift":
-            along = f"{extra.name} {'12'[extra.index % 2]}"
-            tree.setdefault("hammer_offset_mm", {})[along] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
+            tree.setdefault("hammer_offset_mm", {})[extra.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
         else:
             tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
             if nuisances.temperature is not None:

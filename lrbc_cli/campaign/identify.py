@@ -17,6 +17,7 @@ from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_theta
 from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.confidence import open_sides
@@ -37,6 +38,16 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
 FIRST_VARIANCE = 4.0
+
+#: Descent with what drifted: its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations, stop rule,
+#: and change of the noise variance that needs no further round.
+DRIFT_ROUNDS, DRIFT_ITERATIONS, DRIFT_TOLERANCE, DRIFT_NOISE = 3, 12, 1e-3, 0.15
+
+#: A comparison whose noise has this many times the variance of the other is left out.
+CLEARLY_WORSE = 10.0
+
+#: Standard deviation of the stiffness of a state that is compared with nothing about its start values [decades].
+LEVEL_STD = 1.0
 
 #: A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
 MOST_CORRECTION_DB = 6.0
@@ -185,6 +196,9 @@ class _Job:
         automatic = settings.regularisation == "auto"
         if self.shapes.by_bolt:
             return self.shapes.penalty() if automatic else replace(self.shapes, std=self.shapes.std / settings.prior_std).penalty()
+        if automatic and not self.against_reference and about == PenaltyConfig():
+            # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
+            return penalty_rows(self.parameters, LEVEL_STD**-2, settings.prior_std**-2)
         rows = penalty_rows(self.parameters, about.value, about.slope, about.curvature)
         return rows / settings.prior_std if automatic else rows
 
@@ -270,30 +284,29 @@ class _Job:
         T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
         T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
         T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
-        best: tuple[Misfit, Solution] | None = None
-        evaluations = fit.evaluations
+        misfit = extended_misfit(fit.misfit, model, extras, noise.variance)
+        level = Level(misfit, misfit.prior, T)
+        box = level.bounds(model.bounds)
+
+        def descend(z: Floats, iterations: int, tolerance: float) -> Solution:
+            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=iterations)
+
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
-        for theta in (fit.solution.theta, self.prior):
-            misfit = extended_misfit(fit.misfit, model, extras, noise.variance)
-            for _ in range(3):
-                level = Level(misfit, misfit.prior, T)
-                box = level.bounds(model.bounds)
-                z = np.linalg.lstsq(T, np.concatenate([theta, np.zeros(model.size - theta.size)]) - misfit.prior, rcond=None)[0]
-                found = gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=1e-3, max_iterations=15)
-                found = replace(found, theta=level.theta(found.theta))
-                evaluations += found.evaluations
-                theta = found.theta
-                if self.settings.regularisation != "auto":
-                    break
-                now = noise_of(misfit, found.evaluation, self.selected)
-                if abs(now.variance / noise.variance - 1.0) < 0.15:
-                    break
-                noise = now
-                misfit = extended_misfit(fit.misfit.with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
-            if best is None or found.evaluation.total / max(misfit.eta, 1e-12) < best[1].evaluation.total / max(best[0].eta, 1e-12):
-                best = (misfit, found)
-        assert best is not None
-        misfit, found = best
+        first = np.concatenate([fit.knowledge.z, np.zeros(len(extras))])
+        begun = [descend(z, 2, DRIFT_TOLERANCE) for z in (first, np.zeros(first.size))]
+        evaluations = fit.evaluations + sum(found.evaluations for found in begun)
+        found = min(begun, key=lambda end: end.evaluation.total)
+        for _ in range(DRIFT_ROUNDS):
+            found = descend(found.theta, DRIFT_ITERATIONS, DRIFT_TOLERANCE)
+            evaluations += found.evaluations
+            now = noise_of(misfit, found.evaluation, self.selected)
+            settled = abs(now.variance / noise.variance - 1.0) < DRIFT_NOISE
+            if self.settings.regularisation != "auto" or settled:
+                break
+            noise = now
+            misfit = extended_misfit(fit.misfit.with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
+            level = Level(misfit, misfit.prior, T)
+        found = replace(found, theta=level.theta(found.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)
         knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
         history = fit.solution.history
@@ -306,6 +319,28 @@ class _Job:
             evaluations=evaluations,
         )
         return _Fit(fit.plain, misfit, solution, knowledge, fit.curve, evaluations)
+
+    def best(self) -> tuple[_Fit, bool]:
+        """The comparison that leaves the smaller residuals, and whether it is the relative one.
+
+        Far from the reference state the errors of the model are others, and a correction adds to them.
+        """
+        way = self.settings.comparison
+        ways = {False: self.measured()}
+        if way != "direct":
+            corrected = self.corrected()
+            if corrected is not None:
+                ways[True] = corrected
+                if way == "relative":
+                    del ways[False]
+        fits = {relative: self.fit(measured) for relative, measured in ways.items()}
+        least = min(fit.knowledge.noise.variance for fit in fits.values())
+        # What drifted can turn the order round, unless it is clear.
+        ends = {k: self.drifted(fit) for k, fit in fits.items() if fit.knowledge.noise.variance <= CLEARLY_WORSE * least}
+        relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance)
+        others = sum(fit.evaluations for fit in fits.values()) - fits[relative].evaluations
+        others += sum(ends[k].evaluations - fits[k].evaluations for k in ends if k != relative)
+        return replace(ends[relative], evaluations=ends[relative].evaluations + others), relative
 
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
@@ -368,18 +403,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     start = time.perf_counter()
     job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()
-    fit = job.fit(job.measured())
-    relative = False
-    if inputs.campaign.update.comparison != "direct":
-        corrected = job.corrected()
-        if corrected is not None:
-            other = job.fit(corrected)
-            # The way with the smaller residuals: far from the reference state its errors are others, and a correction adds to them.
-            forced = inputs.campaign.update.comparison == "relative"
-            if forced or other.knowledge.noise.variance < fit.knowledge.noise.variance:
-                other = replace(other, evaluations=fit.evaluations + other.evaluations)
-                fit, relative = other, True
-    fit = job.drifted(fit)
+    fit, relative = job.best()
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)

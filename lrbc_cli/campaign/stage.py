@@ -100,7 +100,7 @@ def obtain_reduction(
 
 def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
     """The reduced model as a function of global factors, about the model as it is used: factors of one are those of ``inputs.model``."""
-    return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts)
+    return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts).diagonalised()
 
 
 def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.factors import OPERATORS, Recipe
+from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, with_diagonal_air
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.reduced import ReducedModel
 
@@ -89,6 +90,10 @@ class AffineModel:
         K, C, M = self.operators(factors)
         return replace(self.base, K=K, C=C, M=M)
 
+    def diagonalised(self) -> AffineModel:
+        """The same with a diagonal air, which makes its lines cheaper."""
+        return replace(self, base=with_diagonal_air(self.base))
+
     def restricted(self, responses: NDArray[np.int64]) -> AffineModel:
         """The same for some of the responses."""
         base = replace(
@@ -139,15 +144,18 @@ class AffineModel:
         by_term = np.empty((s.size, R, nt), dtype=complex)
         by_factor = np.empty((s.size, R, len(names)), dtype=complex)
         by_shift = np.empty((s.size, R, moved), dtype=complex)
-        kappa = self._kappa(K, C, M)
+        condense = air_is_diagonal(K, C, M, base)
+        kappa = None if condense else self._kappa(K, C, M)
         ns = base.structure
 
         def work(part: slice) -> None:
             z = s[part, None, None]
-            Z = z**2 * M + z * C + K
-            Z += (base.left * D[part, None, :]) @ base.right.T
             to_quantity = s[part, None] ** base.output_power[None, :]
-            if kappa is None:
+            if not condense:
+                Z = z**2 * M + z * C + K + (base.left * D[part, None, :]) @ base.right.T
+            if condense:
+                x, v = condensed_solve(z, D[part], K, C, M, base, B, base.L.T)
+            elif kappa is None:
                 x = np.linalg.solve(Z, B.astype(complex)[None])
                 v = np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
             else:

@@ -1,0 +1,348 @@
+"""Global factors of the reference model from one measurement, with the boundary identified beside them or held.
+
+Peaks that lie many line widths apart leave the cost (29) full of local minima. Spectra on a line ``s = sigma + i omega`` beside the
+imaginary axis have peaks that are sigma wider: FRFs are analytic there, so the measured ones follow from Poisson's integral and those
+of the model from the same reduced dynamic stiffness. Sigma decreases to nought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.factors import Recipe
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.updating.confidence import NORMAL_95
+from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.fit import noise_of
+from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.optimise import Solution, gauss_newton
+from lrbc_cli.updating.residuals import ResidualOptions
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Standard deviations of the prior: ln of factors that move resonances, of those that damp; decades of the boundary, and of p_damp.
+STIFF_STD, DAMPING_STD, BOUNDARY_STD, EXPONENT_STD = 0.05, 1.0, 1.0, 1.0
+
+#: Bounds of ln of the factors.
+STIFF_BOUND, DAMPING_BOUND = 0.3, 2.5
+
+#: Widths sigma/(2 pi) of the continuation over the highest frequency: 5 % of stiffness move a resonance by 2.5 %.
+WIDTHS = (0.02, 0.01)
+
+#: Poisson's integral is taken where this much of its kernel lies on measured lines.
+COVERED = 0.8
+
+#: Standard deviation of the residuals while nothing is known of them, and the least that is assumed [dB].
+START_SIGMA, LEAST_SIGMA = 3.0, 0.05
+
+#: Differences well above it count by their size only once the fit is close: a line in the noise can be 10 dB off [dB].
+SOFT_SCALE = 1.0
+
+#: The weight of the priors follows the noise until it changes by less than this, or so many times.
+NOISE_CHANGE, NOISE_ROUNDS = 0.1, 4
+
+#: An end with more than this at the lines used [dB] makes a second start worth its time.
+POOR_MISFIT = 1.5
+
+
+def moves_resonances(recipe: Recipe, name: str) -> bool:
+    """Whether a factor scales stiffness or mass, rather than damping alone."""
+    return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces for share in piece.shares)
+
+
+def smoothed(frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Floats) -> Complexes:
+    """FRFs on the line ``s = 2 pi (width + i f)`` from those on the imaginary axis, by Poisson's integral.
+
+    ``H(sigma + i omega) = 1/pi int sigma / (sigma² + (omega - nu)²) H(i nu) d nu`` for an H that is analytic and bounded in the right
+    half-plane; lines at negative frequencies are the conjugates. The kernel is scaled to the part of it that lies on lines.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    values : (F, R) complex array
+        NaN where not measured.
+    width_hz : float
+        sigma / (2 pi).
+    at_hz : (m,) float array
+
+    Returns
+    -------
+    (m, R) complex array
+        NaN where less than ``COVERED`` of the kernel lies on measured lines.
+    """
+    out = np.full((at_hz.size, values.shape[1]), np.nan + 0j)
+    for r in range(values.shape[1]):
+        good = np.isfinite(values[:, r])
+        f, h = frequency_hz[good], values[good, r]
+        if f.size < 2:
+            continue
+        # Gaps wider than the kernel are not bridged: they lower the coverage.
+        step = np.diff(f)
+        step = np.where(step <= width_hz, step, 0.0)
+        span = 0.5 * (np.append(step, 0.0) + np.insert(step, 0, 0.0))
+        direct = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] - f) ** 2)
+        mirror = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] + f) ** 2)
+        covered = (direct + mirror).sum(axis=1)
+        keep = covered >= COVERED
+        out[keep, r] = (direct @ h + mirror @ h.conj())[keep] / covered[keep]
+    return out
+
+
+@dataclass(frozen=True)
+class FactorProblem:
+    """What is to be fitted, on one reduced model.
+
+    Attributes
+    ----------
+    model : AffineModel
+    base : mapping of str to float
+        Factors that ``model`` already contains.
+    names : tuple of str
+        Factors that are sought.
+    parameters : Parameterisation
+    hold : bool
+        Keep the boundary at its start values.
+    frequency_hz : (F,) float array
+    measured : (F, U) complex array
+    responses : (U,) int array
+        Rows of the model to compare with.
+    selected : int array
+        Lines of the last stage.
+    options : ResidualOptions or None
+    weights : (selected, U) float array or None
+    """
+
+    model: AffineModel
+    base: Mapping[str, float]
+    names: tuple[str, ...]
+    parameters: Parameterisation
+    hold: bool
+    frequency_hz: Floats = field(repr=False)
+    measured: Complexes = field(repr=False)
+    responses: NDArray[np.int64] = field(repr=False)
+    selected: NDArray[np.int64] = field(repr=False)
+    options: ResidualOptions | None = None
+    weights: Floats | None = field(default=None, repr=False)
+
+    @property
+    def extras(self) -> tuple[Extra, ...]:
+        """The unknown factors: logarithms, relative to what the model contains."""
+        out = []
+        for name in self.names:
+            shift = float(np.log(self.base.get(name, 1.0)))
+            std, bound = (STIFF_STD, STIFF_BOUND) if moves_resonances(self.model.recipe, name) else (DAMPING_STD, DAMPING_BOUND)
+            out.append(Extra("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
+        return tuple(out)
+
+    @property
+    def start(self) -> Floats:
+        """Boundary at its start values, all factors one."""
+        return np.concatenate([self.parameters.initial, [extra.mean for extra in self.extras]])
+
+    @property
+    def bounds(self) -> Floats:
+        """(size, 2) float array; closed about a boundary that is held."""
+        boundary = self.parameters.bounds
+        if self.hold:
+            boundary = np.repeat(self.parameters.initial[:, None], 2, axis=1)
+        return np.vstack([boundary, np.array([extra.bounds for extra in self.extras]).reshape(-1, 2)])
+
+    def rows(self) -> Floats:
+        """Rows of the penalty in standard deviations of the prior."""
+        P, extras = self.parameters, self.extras
+        diagonal = np.concatenate([np.where(P.is_damping, 1.0 / EXPONENT_STD, 1.0 / BOUNDARY_STD), [1.0 / extra.std for extra in extras]])
+        return np.diag(diagonal)
+
+    def frf(self, s: Complexes, responses: NDArray[np.int64] | None = None) -> ExtendedFrf:
+        """FRFs on other lines, of other responses."""
+        return ExtendedFrf(self.model, s, self.parameters, self.extras, self.responses if responses is None else responses)
+
+    def misfit(self, variance: float, soft: bool = False) -> Misfit:
+        """Cost at the selected lines; ``soft`` bounds what single lines do, unless the options say so already."""
+        model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
+        options = ResidualOptions() if self.options is None else self.options
+        if soft and options.loss_scale is None:
+            options = replace(options, loss_scale=SOFT_SCALE)
+        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.weights)
+
+    def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
+        """Cost between smoothed spectra; None where the lines lie too far apart for that."""
+        low, high = self.frequency_hz[0], self.frequency_hz[-1]
+        at = np.linspace(low, high, max(int(np.ceil((high - low) / width_hz)), 2) + 1)
+        target = smoothed(self.frequency_hz, self.measured, width_hz, at)
+        keep = np.isfinite(target).any(axis=1)
+        if keep.sum() < 0.5 * at.size:
+            return None
+        model = self.frf(2 * np.pi * (width_hz + 1j * at[keep]))
+        return Misfit(model, target[keep], self.start, variance, self.rows())
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One descent: width of the smoothing (nought: the measured lines) [Hz], misfit before and after [dB], evaluations."""
+
+    width_hz: float
+    before_db: float
+    after_db: float
+    evaluations: int
+
+
+@dataclass(frozen=True)
+class FactorFit:
+    """Factors at an optimum.
+
+    Attributes
+    ----------
+    problem : FactorProblem
+    solution : Solution
+    noise : Noise
+    covariance : (size, size) float array
+        Of theta, prior included.
+    stages : tuple of Stage
+    notes : tuple of str
+    """
+
+    problem: FactorProblem
+    solution: Solution
+    noise: Noise
+    covariance: Floats = field(repr=False)
+    stages: tuple[Stage, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def logarithms(self) -> dict[str, float]:
+        """Ln of each factor, of the exported model."""
+        size, problem = self.problem.parameters.size, self.problem
+        return {
+            name: float(value + np.log(problem.base.get(name, 1.0)))
+            for name, value in zip(problem.names, self.solution.theta[size:], strict=True)
+        }
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """Each factor, of the exported model."""
+        return {name: float(np.exp(value)) for name, value in self.logarithms.items()}
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Standard deviation of ln of each factor."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance)[self.problem.parameters.size :], 0.0))
+        return dict(zip(self.problem.names, std.tolist(), strict=True))
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % interval of a factor, log-normal."""
+        value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
+        return float(np.exp(value - reach)), float(np.exp(value + reach))
+
+    def moved(self, problem: FactorProblem) -> Floats:
+        """Theta for the same state on a model that contains other factors."""
+        size = problem.parameters.size
+        shift = [np.log(self.problem.base.get(name, 1.0) / problem.base.get(name, 1.0)) for name in problem.names]
+        return np.concatenate([self.solution.theta[:size], self.solution.theta[size:] + shift])
+
+
+def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float, tolerance: float, limit: int) -> tuple[Solution, Stage]:
+    solution = gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
+    first = solution.history[0].misfit_db
+    return solution, Stage(width, first, solution.evaluation.misfit_db, solution.evaluations)
+
+
+def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[Solution, list[Stage]]:
+    stages = []
+    variance = START_SIGMA**2
+    for share in WIDTHS if far else ():
+        width = share * float(problem.frequency_hz[-1])
+        misfit = problem.smoothed_misfit(width, variance)
+        if misfit is None:
+            continue
+        solution, stage = _descend(problem, misfit, theta, width, 1e-3, 30)
+        stages.append(stage)
+        if solution.status != "failed":
+            theta = solution.theta
+    solution, stage = _descend(problem, problem.misfit(variance), theta, 0.0, 1e-3, limit)
+    return solution, [*stages, stage]
+
+
+def _suspicious(problem: FactorProblem, solution: Solution) -> bool:
+    """Whether the end looks like a local minimum: a large misfit, or a factor or p_damp at its bound."""
+    free = np.concatenate([problem.parameters.is_damping & (not problem.hold), np.ones(len(problem.names), dtype=bool)])
+    low, high = problem.bounds[free].T
+    at_bound = (solution.theta[free] <= low) | (solution.theta[free] >= high)
+    return solution.status == "failed" or solution.evaluation.misfit_db > POOR_MISFIT or bool(at_bound.any())
+
+
+def fit_factors(problem: FactorProblem, start: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100) -> FactorFit:
+    """Identify the factors.
+
+    Parameters
+    ----------
+    problem : FactorProblem
+    start : (size,) float array or None
+        Where to begin; None: far away, over smoothed spectra from the start values.
+    tolerance : float
+        Stop rule of the last descent.
+    max_iterations : int
+        Of each descent at the measured lines.
+
+    Returns
+    -------
+    FactorFit
+        Its solution has the status ``failed`` where the cost is not finite at the start.
+    """
+    notes: list[str] = []
+    solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
+    if start is None and _suspicious(problem, solution):
+        other, more = _fit(problem, problem.start, False, max_iterations)
+        stages += more
+        better = other.evaluation.total < (1 - 1e-3) * solution.evaluation.total or solution.status == "failed"
+        notes.append(
+            f"two starts: over smoothed spectra {solution.evaluation.misfit_db:.2f} dB, from the start values "
+            f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
+        )
+        solution = other if better else solution
+    theta = solution.theta
+    noise = Noise(START_SIGMA, 1.0)
+    if solution.status != "failed":
+        misfit = problem.misfit(START_SIGMA**2, soft=True)
+        noise = noise_of(misfit, misfit(theta), problem.selected)
+        for _ in range(NOISE_ROUNDS):
+            before = max(noise.variance, LEAST_SIGMA**2)
+            misfit = misfit.with_eta(before)
+            solution, stage = _descend(problem, misfit, theta, 0.0, tolerance, max_iterations)
+            stages.append(stage)
+            if solution.status == "failed":
+                break
+            theta = solution.theta
+            noise = noise_of(misfit, solution.evaluation, problem.selected)
+            if abs(noise.variance / before - 1.0) < NOISE_CHANGE:
+                break
+        noise = Noise(max(noise.sigma, LEAST_SIGMA), noise.factor)
+    J = solution.evaluation.jacobian
+    # What is held does not vary.
+    low, high = problem.bounds.T
+    free = high > low
+    covariance = np.zeros((theta.size, theta.size))
+    covariance[np.ix_(free, free)] = noise.variance * np.linalg.inv(J[:, free].T @ J[:, free])
+    return FactorFit(problem, replace(solution, theta=theta), noise, covariance, tuple(stages), (*notes, *_remarks(problem, theta)))
+
+
+def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
+    found = []
+    P, extras = problem.parameters, problem.extras
+    for extra, value in zip(extras, theta[P.size :], strict=True):
+        if not extra.bounds[0] < value < extra.bounds[1]:
+            found.append(f"{extra.name}: at its bound, {np.exp(value - extra.mean):.4g}: the measurement does not determine it")
+    for group, (_, at) in zip(P.groups, P.slices, strict=True):
+        if at is not None and group.damping is not None and not problem.hold:
+            low, high = group.damping.bounds
+            if not low < theta[at] < high:
+                found.append(f"{group.name}: the damping exponent lies at its bound {theta[at]:g}: the FRFs do not determine it")
+    return found
