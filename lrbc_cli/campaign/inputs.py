@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, require_fields
 from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
@@ -106,6 +107,8 @@ class Inputs:
         How the operators of ``model`` depend on global factors; one is what they are.
     shifts : (n_in, 2) int array or None
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
+    calibration : CalibrationUse or None
+        Whether ``model`` contains the factors of a stored calibration; None where none was looked for, or there is none.
     """
 
     campaign: Campaign
@@ -121,6 +124,7 @@ class Inputs:
     hashes: dict[str, str] = field(repr=False)
     recipe: Recipe = field(repr=False)
     shifts: NDArray[np.int64] | None = None
+    calibration: CalibrationUse | None = None
 
     @property
     def input_of(self) -> NDArray[np.int64]:
@@ -419,11 +423,14 @@ def read_inputs(campaign: Campaign) -> Inputs:
     if campaign.bolts is not None:
         bolts = read_points(campaign.bolts)
         reader.hash(campaign.bolts)
-    model = FeModel(K, C, M, B, L, output_power, acoustic, terms)
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
+    model = FeModel(K, C, M, B, L, output_power, acoustic, terms, extras)
     coefficients = None
     if isinstance(damping, ProportionalDamping):
         coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
-    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all())
+    fields = (not acoustic.all(), bool(acoustic.any()))
+    recipe = make_recipe(coefficients, fields[1], fields[0], {name: list(group) for name, group in extras.items()})
+    require_fields(campaign, recipe)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     return Inputs(
         campaign,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from lrbc_cli.campaign.judgement import (
     validity,
     verdicts,
 )
+from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
@@ -32,6 +33,7 @@ from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
@@ -129,6 +131,7 @@ def result_tree(
         "versions": versions(),
         "inputs": inputs.hashes | result.measurement.hashes,
         "configuration": campaign.resolved(),
+        "calibration": calibration_tree(inputs),
     }
     if stage is not None:
         provenance["certificate"] = {
@@ -188,6 +191,12 @@ def result_tree(
         "notes": [*result.measurement.warnings, *result.notes, *remarks(result)],
         "provenance": provenance,
     }
+
+
+def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
+    """Key and factors of the calibration in the model; None for the model as exported."""
+    use = inputs.calibration
+    return {"key": use.key, "factors": use.factors} if use is not None and use.used else None
 
 
 def curve_tree(curve: LCurve) -> dict[str, Any]:
@@ -259,7 +268,27 @@ def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
     return header, rows
 
 
-def frf_rows(inputs: Inputs, result: Identification) -> tuple[list[str], list[list[Any]]]:
+class Compared(Protocol):
+    """A measurement with the FRFs of two states of the model on its lines."""
+
+    @property
+    def measurement(self) -> Measurement:
+        """What was measured."""
+
+    @property
+    def selected(self) -> NDArray[np.int64]:
+        """Lines that entered the cost."""
+
+    @property
+    def initial(self) -> Complexes:
+        """(F, R) FRFs before."""
+
+    @property
+    def updated(self) -> Complexes:
+        """(F, R) FRFs after."""
+
+
+def frf_rows(inputs: Inputs, result: Compared) -> tuple[list[str], list[list[Any]]]:
     """Header and rows of ``frf.csv``: dB re 1 unit/N and phase in degrees."""
     header = ["frequency_hz"]
     columns: list[Floats] = [result.measurement.frequency_hz]
@@ -318,6 +347,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
                 {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)}
                 for i, r in enumerate(inputs.responses)
             ],
+            "calibration": inputs.calibration.key if inputs.calibration and inputs.calibration.used else None,
             "tool": {"name": "lrbc", "version": __version__},
         },
     )
@@ -363,6 +393,7 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
         "seconds": seconds,
         "machine": r.machine,
         "date": r.date,
+        "calibration": calibration_tree(inputs),
         "cache": {"key": stage.decision.key, "hit": stage.decision.hit, "reason": stage.decision.reason},
         "versions": versions(),
     }

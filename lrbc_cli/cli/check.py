@@ -8,14 +8,15 @@ import click
 
 from lrbc_cli.campaign.check import check as examine
 from lrbc_cli.cli.common import cache_folder, load, say_json
-from lrbc_cli.cli.options import campaign_options, verbosity
+from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 
 
 @click.command()
 @campaign_options
-def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool) -> int:
+@calibration_option
+def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> int:
     """Read all inputs and print the plan; change nothing."""
-    inputs = load(config, overrides)
+    inputs = load(config, overrides, calibration=calibration)
     findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
     if as_json:
         say_json(findings.tree)

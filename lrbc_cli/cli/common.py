@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import cache_folder
+from lrbc_cli.campaign.calibration import apply_calibration
 from lrbc_cli.campaign.documents import plain, require_own_output
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
 from lrbc_cli.cli.options import verbosity
@@ -21,8 +22,11 @@ from lrbc_cli.config import load_campaign
 __all__ = ["cache_folder", "load", "progress", "say_json"]
 
 
-def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True) -> Inputs:
-    """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts."""
+def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True, calibration: bool | None = True) -> Inputs:
+    """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts.
+
+    A stored calibration that fits is put into the model, and what became of it is said; False leaves it out, None looks for none.
+    """
     campaign = load_campaign(config, overrides)
     if own_output:
         require_own_output(campaign)
@@ -30,6 +34,11 @@ def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True) -
     if verbosity.level >= 0:
         for warning in inputs.warnings:
             click.echo(f"warning: {warning}", err=True)
+    if calibration is not None:
+        inputs = apply_calibration(inputs, calibration)
+        use = inputs.calibration
+        if use is not None and verbosity.level >= 0:
+            click.echo(f"{'warning: ' if use.stale else ''}calibration: {use.text}", err=True)
     return inputs
 
 

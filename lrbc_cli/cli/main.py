@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "init": ("lrbc_cli.cli.init:init", "Write a commented campaign file to fill in."),
     "check": ("lrbc_cli.cli.check:check", "Read all inputs and print the plan; change nothing."),
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
+    "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),

@@ -64,6 +64,13 @@ def verbosity_options(function: F) -> F:
     return click.option("-v", "--verbose", count=True, expose_value=False, callback=_more, help="Say more; -vv adds tracebacks.")(function)
 
 
+def calibration_option(function: F) -> F:
+    """Add --no-calibration; the command receives ``calibration: bool``."""
+    return click.option(
+        "--no-calibration", "calibration", is_flag=True, flag_value=False, default=True, help="Ignore a stored calibration."
+    )(function)
+
+
 def campaign_options(function: F) -> F:
     """Add what all commands take that read a campaign.
 

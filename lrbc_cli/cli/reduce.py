@@ -11,19 +11,27 @@ from lrbc_cli.campaign.cache import key_parts, look_up
 from lrbc_cli.campaign.results import write_campaign, write_reduction
 from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import calibration_option, campaign_options
 
 
 @click.command()
 @campaign_options
+@calibration_option
 @click.option("--force", is_flag=True, help="Build anew even where the cache has the model.")
 @click.option("--dry-run", is_flag=True, help="Say whether the cache has the model, and why; change nothing.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a model that does not reach its tolerance.")
 def reduce(
-    config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, force: bool, dry_run: bool, accept_tolerance: bool
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    calibration: bool,
+    force: bool,
+    dry_run: bool,
+    accept_tolerance: bool,
 ) -> None:
     """Build the reduced model, or find it in the cache."""
-    inputs = load(config, overrides)
+    inputs = load(config, overrides, calibration=calibration)
     folder = cache_folder(cache)
     if dry_run:
         decision = look_up(folder, key_parts(inputs))

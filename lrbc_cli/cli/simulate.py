@@ -8,11 +8,12 @@ import click
 
 from lrbc_cli.campaign.simulate import simulate as compute
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import calibration_option, campaign_options
 
 
 @click.command()
 @campaign_options
+@calibration_option
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write: .csv, .uff or .h5.")
 @click.option("--job", metavar="NAME", help="Use the parameters that were identified from this job.")
 @click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
@@ -30,6 +31,7 @@ def simulate(
     overrides: tuple[str, ...],
     cache: Path | None,
     as_json: bool,
+    calibration: bool,
     out: Path,
     job: str | None,
     lines: str | None,
@@ -38,7 +40,7 @@ def simulate(
     accept_tolerance: bool,
 ) -> None:
     """Compute FRFs of the model and write them to a file."""
-    inputs = load(config, overrides, own_output=job is not None)
+    inputs = load(config, overrides, own_output=job is not None, calibration=calibration)
     frf = compute(
         inputs,
         cache_folder(cache),

@@ -9,12 +9,13 @@ import click
 from lrbc_cli.campaign.cache import key_parts, look_up
 from lrbc_cli.campaign.run import choose_jobs, plan, run_jobs
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options, verbosity
+from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.report import summary_text
 
 
 @click.command()
 @campaign_options
+@calibration_option
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
@@ -26,6 +27,7 @@ def update(
     overrides: tuple[str, ...],
     cache: Path | None,
     as_json: bool,
+    calibration: bool,
     jobs: tuple[str, ...],
     workers: int,
     force: bool,
@@ -34,7 +36,7 @@ def update(
     accept_tolerance: bool,
 ) -> int:
     """Identify the parameters of all jobs, or of those named; finished jobs whose inputs did not change are kept."""
-    inputs = load(config, overrides)
+    inputs = load(config, overrides, calibration=calibration)
     folder = cache_folder(cache)
     output = inputs.campaign.output
     if dry_run:

@@ -1,5 +1,6 @@
 """The campaign file: typed, frozen, strict."""
 
+from lrbc_cli.config.calibration import CalibrationConfig, FactorGroup
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.loader import load_campaign
@@ -28,8 +29,10 @@ from lrbc_cli.config.structure import (
 )
 
 __all__ = [
+    "CalibrationConfig",
     "Campaign",
     "EveryLine",
+    "FactorGroup",
     "FieldDamping",
     "GroupConfig",
     "GroupDampingConfig",

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, PrivateAttr
 
+from lrbc_cli.config.calibration import CalibrationConfig
 from lrbc_cli.config.document import Document
 from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
 from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
@@ -41,6 +42,9 @@ class Campaign(Strict):
     bolts: FilePath | None = Field(default=None, description="Bolts (CSV: name,x,y,z in metres), for verdicts; absent: no verdicts.")
     reduction: ReductionConfig = Field(description="The reduced model.")
     update: UpdateConfig = Field(default=UpdateConfig(), description="The identification.")
+    calibration: CalibrationConfig | None = Field(
+        default=None, description="Global factors of the model, for `lrbc calibrate`; absent: the model as exported."
+    )
     jobs: NameMap[JobConfig] = Field(
         default={}, validate_default=True, description="Measurements to identify, by name; each gets a folder of results."
     )

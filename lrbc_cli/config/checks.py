@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from lrbc_cli.config.calibration import FACTOR_NAMES, FIELDS
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import MatrixRef
@@ -27,6 +28,7 @@ def check_references(campaign: Campaign) -> None:
         if name.lower() in RESERVED_JOBS:
             raise campaign.error("a job named like a file of the results", "jobs", name, hint="choose another name")
     _check_names(campaign)
+    _check_calibration(campaign)
     _check_excitations(campaign)
     if campaign.model.dofs is None:
         for keys in _selections_by_table(campaign):
@@ -100,6 +102,52 @@ def _check_names(campaign: Campaign) -> None:
                 expected="repeats: [file, ...]",
                 found="one file",
                 hint="add further measurements of this state, or write update.weights: coherence or none",
+            )
+
+
+def _check_calibration(campaign: Campaign) -> None:
+    calibration = campaign.calibration
+    if calibration is None:
+        return
+    _known(campaign, calibration.job, campaign.jobs, "job", "calibration", "job")
+    damping = campaign.model.damping
+    proportional = damping if isinstance(damping, ProportionalDamping) else None
+    possible = []
+    for name in FACTOR_NAMES:
+        scale, _, field = name.partition(".")
+        if scale in ("alpha", "beta"):
+            if proportional is None or getattr(getattr(proportional, field), scale) == 0.0:
+                continue
+        elif scale == "damping" and not isinstance(damping, MatrixRef):
+            continue
+        if campaign.model.dofs is not None or field == FIELDS[0]:
+            possible.append(name)
+    for index, name in enumerate(calibration.factors):
+        if name in possible or name in calibration.groups:
+            continue
+        if name not in FACTOR_NAMES:
+            _known(campaign, name, [*possible, *calibration.groups], "factor", "calibration", "factors", index)
+        scale, _, field = name.partition(".")
+        reason = {
+            "alpha": f"needs model.damping.{field}.alpha above 0",
+            "beta": f"needs model.damping.{field}.beta above 0",
+            "damping": "needs a damping matrix in model.damping",
+        }.get(scale, "needs a DOF table with pressures")
+        if scale in ("alpha", "beta", "damping") and name not in possible and campaign.model.dofs is None and field != FIELDS[0]:
+            reason = "needs a DOF table with pressures"
+        raise campaign.error(
+            f"the factor '{name}' {reason}", "calibration", "factors", index, expected=f"one of {', '.join(possible)}", found=name
+        )
+    for name, group in calibration.groups.items():
+        if group.damping is not None and not isinstance(damping, MatrixRef):
+            raise campaign.error(
+                "a share of the damping matrix, but the model has none",
+                "calibration",
+                "groups",
+                name,
+                "damping",
+                expected="model.damping: a matrix that contains it",
+                hint="remove it: proportional damping follows the group's stiffness and mass",
             )
 
 

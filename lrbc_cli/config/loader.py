@@ -41,7 +41,6 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     document = read_document(Path(path))
     for override in overrides:
         document = Document(document.file, _override(document, override))
-    _refuse_later_features(document)
     return _build(document)
 
 
@@ -55,11 +54,6 @@ def _build(document: Document) -> Campaign:
     campaign._document = document
     check_references(campaign)
     return campaign
-
-
-def _refuse_later_features(document: Document) -> None:
-    if document.root.child("calibration") is not None:
-        raise document.error("this version has no calibration yet", "calibration", hint="remove the block 'calibration'")
 
 
 def _override(document: Document, text: str) -> Node:

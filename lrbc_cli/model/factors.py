@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.model.fem import FeModel
+
 FIELDS = ("structure", "acoustic")
 
 #: The operators of a model in the order in which coefficients are given.
@@ -135,6 +137,29 @@ class Recipe:
             return replace(share, coefficient=replace(share, exponents=powers).value(factors))
 
         return replace(self, pieces=tuple(replace(piece, shares=tuple(map(moved, piece.shares))) for piece in self.pieces))
+
+
+def with_factors(model: FeModel, recipe: Recipe, factors: Mapping[str, float]) -> tuple[FeModel, Recipe]:
+    """The model with these factors, and the recipe about it: its factors multiply those that are contained.
+
+    Parameters
+    ----------
+    model : FeModel
+    recipe : Recipe
+    factors : mapping
+        Those that are not named stay.
+
+    Returns
+    -------
+    FeModel, Recipe
+    """
+    K, C, M = recipe.assemble(model.K, model.C, model.M, model.is_acoustic, model.extras, factors)
+    extras: dict[str, dict[str, sp.csc_array]] = {name: {} for name in model.extras}
+    for name, group in model.extras.items():
+        for (operator, field), scale in recipe.group_scales(name, factors).items():
+            share = scale * block(group[operator], model.is_acoustic, field)
+            extras[name][operator] = (extras[name][operator] + share).tocsc() if operator in extras[name] else share.tocsc()
+    return replace(model, K=K, C=C, M=M, extras=extras), recipe.at(factors)
 
 
 def block(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], field: str) -> sp.csc_array:

@@ -21,6 +21,7 @@ from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, check_orthonormal, energy_weight, new_directions
+from lrbc_cli.reduction.certify import port_errors, quantity_groups
 from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
 from lrbc_cli.reduction.estimate import Estimator
 from lrbc_cli.reduction.full import full_operators, full_ports
@@ -39,9 +40,6 @@ ALGORITHM_VERSION = 4
 
 #: Expansion points before the estimate takes over.
 FIRST_POINTS = 2
-
-#: A line this much (100 dB) below that of the reference state is silent.
-SILENT = 1e-5
 
 
 class _Clock:
@@ -172,30 +170,11 @@ class Reducer:
     def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
         """Measured relative error of y at a factorised line, by kind of parameter vector."""
         exact = self.exact[frequency]
-        approximate = model.ports(exact.s, workers=1)
-        out = {}
-        for kind, vectors in certificate_vectors(self.model.terms, self.scale, exact.s).items():
-            out[kind] = max(self.relative_error(approximate.evaluate(D)[0], exact.evaluate(D)[0], exact.H00[0]) for D in vectors)
-        return out
-
-    def relative_error(self, y: Complexes, exact: Complexes, reference: Complexes) -> float:
-        """Error of one line relative to its norm, the worst over quantities (pressures apart from motions).
-
-        Where the terms silence a line (clamping the loaded point, say) it counts against ``SILENT`` of the reference state instead: below
-        that the full solution itself is a difference of numbers that cancel.
-        """
-        worst = 0.0
-        for group in self.quantity_groups():
-            norm = max(float(np.linalg.norm(exact[group])), SILENT * float(np.linalg.norm(reference[group])))
-            error = float(np.linalg.norm(y[group] - exact[group]))
-            worst = max(worst, error / norm if norm else (0.0 if error == 0.0 else np.inf))
-        return worst
+        return port_errors(self.model, self.scale, exact, model.ports(exact.s, workers=1))
 
     def quantity_groups(self) -> list[NDArray[np.int64]]:
         """Responses that share a physical quantity."""
-        acoustic = np.asarray(abs(self.model.L) @ self.model.is_acoustic.astype(float)) > 0
-        key = np.where(acoustic, -1, self.model.output_power)
-        return [np.flatnonzero(key == value) for value in np.unique(key)]
+        return quantity_groups(self.model)
 
     # -- the loop ---------------------------------------------------------------------------------------------------
 

@@ -219,7 +219,7 @@ class FactorFit:
 
     @property
     def logarithms(self) -> dict[str, float]:
-        """Ln of each factor, of the exported model."""
+        """Natural logarithm of each factor, of the exported model."""
         size, problem = self.problem.parameters.size, self.problem
         return {
             name: float(value + np.log(problem.base.get(name, 1.0)))

@@ -9,8 +9,8 @@ import pytest
 from campaigns import Folder
 from test_campaign_identify import identify, measure, values
 
-from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.campaign.weights import line_weights
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf

@@ -1,0 +1,311 @@
+"""Calibration of a campaign: factors on the reduced model, its error measured at them, a new reduced model where that is too large."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
+from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
+from lrbc_cli.campaign.identify import parameterise, select_lines
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.results import frf_rows, write_campaign
+from lrbc_cli.campaign.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.factors import with_factors
+from lrbc_cli.reduction.certify import lines_between, measured_errors
+from lrbc_cli.reduction.outcome import HeldOut
+from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
+from lrbc_cli.updating.misfit import mean_misfit
+
+log = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Reduced models at most: each is built at the factors found on the one before.
+MAX_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Round:
+    """One reduced model, and what was found on it.
+
+    Attributes
+    ----------
+    misfit_db : float
+        Over all lines of the responses used.
+    factors : dict
+    held_out : tuple of HeldOut
+        Errors of the reduced model at these factors.
+    size : int
+    """
+
+    misfit_db: float
+    factors: dict[str, float]
+    held_out: tuple[HeldOut, ...]
+    size: int
+
+    @property
+    def error(self) -> float:
+        """Largest of the errors."""
+        return max(line.worst for line in self.held_out)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A calibration.
+
+    Attributes
+    ----------
+    fit : FactorFit
+    rounds : tuple of Round
+    measurement : Measurement
+    selected : int array
+    initial, updated : (F, R) complex arrays
+        FRFs of the model before and after, on all measured lines.
+    reached : bool
+        Whether the error at the factors is within the tolerance.
+    notes : tuple of str
+    seconds : dict
+    """
+
+    fit: FactorFit
+    rounds: tuple[Round, ...]
+    measurement: Measurement = field(repr=False)
+    selected: NDArray[np.int64] = field(repr=False)
+    initial: Complexes = field(repr=False)
+    updated: Complexes = field(repr=False)
+    reached: bool
+    notes: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+def run_calibration(
+    inputs: Inputs, folder: Path, *, force: bool = False, accept: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> tuple[dict[str, Any], bool]:
+    """Calibrate, or keep what still fits; writes ``calibration.json`` and ``calibration/frf.csv``.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        As exported: without an earlier calibration.
+    folder : Path
+        Of the cache.
+    force : bool
+        Calibrate again even where nothing changed.
+    accept : bool
+        Accept a reduced model that misses its tolerance.
+    progress : callable
+
+    Returns
+    -------
+    dict
+        The content of ``calibration.json``.
+    bool
+        Whether it was kept.
+
+    Raises
+    ------
+    ConfigError
+        Where the campaign has no calibration.
+    DataError
+        Where the measurement is unusable.
+    NumericalError
+        Where the optimisation fails; an earlier calibration stays.
+    """
+    settings = require_calibration(inputs)
+    stored, _ = fitting(inputs)
+    output = inputs.campaign.output
+    if stored is not None and not force and (output / "calibration" / "frf.csv").is_file():
+        return stored, True
+    parts = key_parts(inputs)
+    outcome = calibrate(inputs, folder, accept=accept, progress=progress)
+    tree = calibration_tree(inputs, outcome, parts, settings.job)
+    write_csv(output / "calibration" / "frf.csv", *frf_rows(inputs, outcome))
+    write_json(output / FILE, tree)
+    # The results that are there stay those of the jobs, but the report has to know the campaign.
+    if not (output / "campaign.json").is_file():
+        write_campaign(output, inputs)
+    return tree, False
+
+
+def require_calibration(inputs: Inputs) -> Any:
+    """The block of the campaign file.
+
+    Raises
+    ------
+    ConfigError
+        Where there is none.
+    """
+    settings = inputs.campaign.calibration
+    if settings is None:
+        raise inputs.campaign.error(
+            "this campaign has no block 'calibration'",
+            expected="calibration: {job: NAME, factors: [...]}",
+            hint="`lrbc init` writes a commented example; the names of factors are in the README",
+        )
+    return settings
+
+
+def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+    """Find the factors, measure the error of the reduced model at them, and go on with a new one where it is too large.
+
+    See ``run_calibration``.
+    """
+    settings = require_calibration(inputs)
+    campaign, clock = inputs.campaign, time.perf_counter()
+    job = campaign.jobs[settings.job]
+    measurement = read_measurement(inputs, job, settings.job)
+    for warning in measurement.warnings:
+        log.warning("job %s: %s", settings.job, warning)
+    seconds = {"reduction": 0.0, "fit": 0.0, "certificate": 0.0}
+
+    def lap(stage: str) -> None:
+        nonlocal clock
+        now = time.perf_counter()
+        seconds[stage] += now - clock
+        clock = now
+
+    start = clock
+    stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
+    lap("reduction")
+    s = 2j * np.pi * measurement.frequency_hz
+    parameters, _ = parameterise(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), s)
+    selected = select_lines(inputs, measurement, settings.job)
+    weights, notes = line_weights(inputs, measurement, job, selected)
+    used = inputs.used
+
+    def problem_on(now: Inputs, stage: ReductionStage, base: Mapping[str, float]) -> FactorProblem:
+        return FactorProblem(
+            affine_model(now, stage),
+            base,
+            settings.names,
+            parameters,
+            settings.boundary == "held",
+            measurement.frequency_hz,
+            measurement.values[:, used],
+            used,
+            selected,
+            residual_options(campaign.update),
+            weights,
+        )
+
+    problem = problem_on(inputs, stage, {})
+    everything = np.arange(len(inputs.responses))
+    initial = problem.frf(s, everything).frf(problem.start)
+    theta: Floats | None = None
+    rounds: list[Round] = []
+    now = inputs
+    while True:
+        fit = fit_factors(problem, theta, max_iterations=campaign.update.max_iterations)
+        if fit.solution.status == "failed":
+            raise NumericalError(f"the calibration from job {settings.job} fails: {fit.solution.reason}")
+        lap("fit")
+        updated = problem.frf(s, everything).frf(fit.solution.theta)
+        misfit = float(np.nanmean(mean_misfit(updated, measurement.values)[used]))
+        at = with_factors(inputs.model, inputs.recipe, fit.factors)
+        relative = problem.frf(s).factors(fit.solution.theta)
+        held_out = _errors(replace(now, model=at[0]), stage, problem.model.at(relative), progress)
+        rounds.append(Round(misfit, fit.factors, held_out, stage.reduction.model.size))
+        lap("certificate")
+        progress(f"round {len(rounds)}: misfit {misfit:.2f} dB, error of the reduced model at these factors {rounds[-1].error:.1e}")
+        reached = rounds[-1].error <= campaign.reduction.tolerance
+        if reached or len(rounds) == MAX_ROUNDS or (len(rounds) > 1 and rounds[-1].error >= rounds[-2].error):
+            break
+        now = replace(inputs, model=at[0], recipe=at[1])
+        stage = obtain_reduction(now, folder, accept=accept, progress=progress)
+        lap("reduction")
+        problem = problem_on(now, stage, fit.factors)
+        theta = fit.moved(problem)
+    seconds["total"] = time.perf_counter() - start
+    notes = (*measurement.warnings, *notes, *fit.notes)
+    return Outcome(fit, tuple(rounds), measurement, selected, initial, updated, reached, notes, seconds)
+
+
+def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Callable[[str], None]) -> tuple[HeldOut, ...]:
+    settings = inputs.campaign.reduction
+    points = [step.frequency_hz for step in stage.reduction.trace if step.order]
+    lines = lines_between(settings.band, points, settings.held_out)
+
+    def tell(done: int, count: int) -> None:
+        progress(f"error at the factors found: full line {done} of {count}")
+
+    return measured_errors(inputs.model, inputs.input_of, reduced, settings.band, lines, backend=settings.backend, progress=tell)
+
+
+def calibration_tree(inputs: Inputs, outcome: Outcome, parts: dict[str, str], job: str) -> dict[str, Any]:
+    """The content of ``calibration.json``."""
+    fit, problem = outcome.fit, outcome.fit.problem
+    status, reason = fit.solution.status, fit.solution.reason
+    if not outcome.reached:
+        status, reason = "stopped", f"the reduced model misses its tolerance at these factors ({outcome.rounds[-1].error:.1e})"
+    before, after = (mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))
+
+    def mean(values: Floats, rows: NDArray[np.int64]) -> float | None:
+        finite = values[rows][np.isfinite(values[rows])]
+        return float(finite.mean()) if finite.size else None
+
+    factors = {}
+    for name, value in fit.factors.items():
+        low, high = fit.interval(name)
+        factors[name] = {"value": value, "std": value * fit.spread[name], "lower95": low, "upper95": high, "initial": 1.0}
+    boundary: dict[str, Any] = {}
+    for group, (values, at) in zip(problem.parameters.groups, problem.parameters.slices, strict=True):
+        boundary[group.name] = {"log10": fit.solution.theta[values]}
+        if at is not None:
+            boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
+    return {
+        "format": CALIBRATION_FORMAT,
+        "version": RESULT_VERSION,
+        "job": job,
+        "key": key_of(parts),
+        "parts": parts,
+        "used": True,
+        "status": status,
+        "reason": reason,
+        "factors": factors,
+        "boundary": boundary,
+        "boundary_held": problem.hold,
+        "misfit_db": {
+            "initial": mean(before, inputs.used),
+            "final": mean(after, inputs.used),
+            "held_out_initial": mean(before, inputs.held_out),
+            "held_out_final": mean(after, inputs.held_out),
+            "responses": {
+                response.name: {"initial": before[i], "final": after[i], "used": bool(i in inputs.used)}
+                for i, response in enumerate(inputs.responses)
+            },
+        },
+        "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor},
+        "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
+        "stages": [
+            {"width_hz": stage.width_hz, "before_db": stage.before_db, "after_db": stage.after_db, "evaluations": stage.evaluations}
+            for stage in fit.stages
+        ],
+        "reduction": {
+            "worst": outcome.rounds[-1].error,
+            "tolerance": inputs.campaign.reduction.tolerance,
+            "size": outcome.rounds[-1].size,
+            "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in outcome.rounds[-1].held_out],
+        },
+        "lines": {"frequency_hz": outcome.measurement.frequency_hz[outcome.selected], "count": int(outcome.selected.size)},
+        "frf": "calibration/frf.csv",
+        "seconds": outcome.seconds["total"],
+        "seconds_by_stage": outcome.seconds,
+        "notes": list(outcome.notes),
+        "provenance": {
+            "versions": versions(),
+            "inputs": inputs.hashes | outcome.measurement.hashes,
+            "configuration": inputs.campaign.resolved(),
+        },
+    }

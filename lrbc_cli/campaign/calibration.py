@@ -1,0 +1,162 @@
+"""The stored calibration: what it rests on, whether it still fits, and the model with its factors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from lrbc_cli.campaign import cache
+from lrbc_cli.campaign.documents import read_json
+from lrbc_cli.campaign.factors import CalibrationUse
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.model.factors import with_factors
+
+CALIBRATION_FORMAT = "lrbc-calibration"
+FILE = "calibration.json"
+
+#: Increased whenever the same input would give other factors.
+CALIBRATION_VERSION = 1
+
+#: What of the update's settings a calibration follows.
+SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
+
+#: Names of the key's parts in messages.
+PARTS = {
+    "model": "the matrices, the damping, the excitation or the responses",
+    "terms": "the parameter groups",
+    "band": "the band or the tolerance",
+    "measurement": "the measurement",
+    "settings": "the settings of calibration or update",
+    "version": "the version of the calibration",
+}
+
+
+def key_parts(inputs: Inputs) -> dict[str, str]:
+    """Digest of what a calibration rests on, by what it is: of the model as exported, never of calibrated operators, paths or time stamps.
+
+    Raises
+    ------
+    DataError
+        Where the measurement cannot be read.
+    """
+    campaign = inputs.campaign
+    calibration = campaign.calibration
+    assert calibration is not None
+    resolved = campaign.resolved()
+    job = campaign.jobs[calibration.job]
+    reduced = cache.key_parts(inputs)
+    about = {k: v for k, v in resolved["jobs"][calibration.job].items() if k not in ("frf", "coherence", "repeats", "removed")}
+    groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
+    files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
+    return {
+        "model": cache._digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
+        "terms": cache._digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups]),
+        "band": cache._digest(reduced["band"], reduced["tolerance"]),
+        "measurement": cache._digest(
+            [file_hash(file) for file in files],
+            about,
+            {name: value.get("record") for name, value in resolved["responses"].items()},
+            [[response.name, response.quantity] for response in inputs.responses],
+        ),
+        "settings": cache._digest(
+            {name: resolved["update"][name] for name in SETTINGS}, sorted(calibration.names), calibration.boundary, calibration.job
+        ),
+        "version": cache._digest(CALIBRATION_VERSION),
+    }
+
+
+def key_of(parts: Mapping[str, str]) -> str:
+    """One key from its parts."""
+    return cache._digest(sorted(parts.items()))[:32]
+
+
+def read_calibration(path: Path) -> dict[str, Any] | None:
+    """Read ``calibration.json``; None where there is none.
+
+    Raises
+    ------
+    DataError
+        Where it is damaged.
+    """
+    try:
+        tree = read_json(path, CALIBRATION_FORMAT)
+    except DataError as error:
+        raise _damaged(path, error.problem) from error
+    if tree is None:
+        return None
+    factors, parts = tree.get("factors"), tree.get("parts")
+    for key in ("key", "job", "status"):
+        if not isinstance(tree.get(key), str):
+            raise _damaged(path, f"{key} is missing")
+    if not isinstance(parts, dict) or not isinstance(factors, dict) or not factors:
+        raise _damaged(path, "factors or parts are missing")
+    for name, entry in factors.items():
+        value = entry.get("value") if isinstance(entry, dict) else None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
+            raise _damaged(path, f"factors.{name}.value is no positive number")
+    return tree
+
+
+def _damaged(path: Path, problem: str) -> DataError:
+    return DataError(f"this calibration is damaged: {problem}", file=path, hint="run lrbc calibrate to write it anew")
+
+
+def fitting(inputs: Inputs) -> tuple[dict[str, Any] | None, str]:
+    """The stored calibration where it fits these inputs (as exported), or why there is none that does."""
+    try:
+        tree = read_calibration(inputs.campaign.output / FILE)
+    except DataError as error:
+        return None, f"unusable ({error.problem})"
+    if tree is None:
+        return None, "none yet"
+    try:
+        parts = key_parts(inputs)
+    except DataError as error:
+        return None, f"not comparable ({error.problem})"
+    if tree["key"] != key_of(parts):
+        changed = [words for name, words in PARTS.items() if tree["parts"].get(name) != parts[name]]
+        return None, f"changed since: {'; '.join(changed) or 'its file'}"
+    unknown = [name for name in tree["factors"] if name not in inputs.recipe.names]
+    if unknown:
+        return None, f"unusable (unknown factor {unknown[0]})"
+    return tree, "nothing changed"
+
+
+def apply_calibration(inputs: Inputs, use: bool = True) -> Inputs:
+    """Put the factors of the stored calibration into the model, exactly when its key fits.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        As exported.
+    use : bool
+        False for ``--no-calibration``.
+
+    Returns
+    -------
+    Inputs
+        ``calibration`` says what became of it; None where the campaign has neither the block nor the file.
+    """
+    campaign = inputs.campaign
+    if campaign.calibration is None:
+        try:
+            there = (campaign.output / FILE).is_file()
+        except OSError:
+            there = False
+        return replace(inputs, calibration=CalibrationUse(False, "ignored: the campaign file has no 'calibration'")) if there else inputs
+    if not use:
+        return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
+    tree, reason = fitting(inputs)
+    if tree is None:
+        text = "none yet; `lrbc calibrate` identifies it" if reason == "none yet" else f"ignored: {reason}; run `lrbc calibrate`"
+        return replace(inputs, calibration=CalibrationUse(False, text, stale=reason != "none yet"))
+    factors = {name: float(entry["value"]) for name, entry in tree["factors"].items()}
+    model, recipe = with_factors(inputs.model, inputs.recipe, factors)
+    limits = "" if tree["status"] == "converged" else f"; {tree['status']}: {tree.get('reason', '')}"
+    text = f"used ({tree['job']}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
+    return replace(inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, tree["key"], factors))

@@ -1,0 +1,83 @@
+"""Global factors of a campaign's model: matrices of its further groups, and what became of a stored calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.campaign.reader import ModelReader
+from lrbc_cli.config import Campaign
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.factors import Recipe
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """What became of a stored calibration.
+
+    Attributes
+    ----------
+    used : bool
+    text : str
+        In words, for a person.
+    key : str or None
+        Of what was stored.
+    factors : dict
+        Those in the model; empty where it is not used.
+    stale : bool
+        Stored, but not fitting: worth a warning.
+    """
+
+    used: bool
+    text: str
+    key: str | None = None
+    factors: dict[str, float] = field(default_factory=dict)
+    stale: bool = False
+
+
+def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> dict[str, dict[str, sp.csc_array]]:
+    """Matrices of the further groups of the calibration."""
+    calibration = reader.campaign.calibration
+    found: dict[str, dict[str, sp.csc_array]] = {}
+    for name, group in ({} if calibration is None else calibration.groups).items():
+        found[name] = {}
+        for operator, ref in group.matrices.items():
+            matrix = reader.matrix(ref, f"{operator} of group {name}", reader.n)
+            whole = operators[operator]
+            if matrix.nnz == 0 or (np.iscomplexobj(matrix.data) and not np.iscomplexobj(whole.data)):
+                raise DataError(
+                    f"the {operator} of group {name} is {'empty' if matrix.nnz == 0 else 'complex, that of the model is not'}",
+                    file=ref.path,
+                    place=ref.group,
+                    expected="a share of the model's matrix",
+                )
+            # Only entries that the model's matrix has can be a share of it; a few may have cancelled.
+            outside = abs(matrix).sum() - abs(matrix).multiply(abs(whole).sign()).sum()
+            if outside > 1e-6 * abs(matrix).sum():
+                raise DataError(
+                    f"the {operator} of group {name} is no share of the model's: it has entries where the model has none",
+                    file=ref.path,
+                    place=ref.group,
+                    expected=f"a part of the model's {operator} matrix, in the same order of DOFs",
+                    hint="export the group from the same model; the model's matrix has to contain it once",
+                )
+            found[name][operator] = matrix
+    return found
+
+
+def require_fields(campaign: Campaign, recipe: Recipe) -> None:
+    """Refuse factors of a field that the model does not have."""
+    if campaign.calibration is None:
+        return
+    for index, name in enumerate(campaign.calibration.factors):
+        if name not in recipe.names:
+            raise campaign.error(
+                f"the factor '{name}' scales nothing in this model",
+                "calibration",
+                "factors",
+                index,
+                expected=f"one of {', '.join(recipe.names)}",
+                hint="acoustic DOFs are those of component PRES in the DOF table",
+            )

@@ -1,0 +1,78 @@
+"""The command ``lrbc calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lrbc_cli.campaign.cache import key_parts, look_up
+from lrbc_cli.campaign.calibrate import require_calibration, run_calibration
+from lrbc_cli.campaign.calibration import FILE, fitting
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.options import campaign_options
+
+
+@click.command()
+@campaign_options
+@click.option("--force", is_flag=True, help="Calibrate again even where nothing changed.")
+@click.option("--dry-run", is_flag=True, help="Say whether it would run, and why; change nothing.")
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def calibrate(
+    config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, force: bool, dry_run: bool, accept_tolerance: bool
+) -> None:
+    """Identify the global factors of the reference model; `reduce`, `update`, `simulate` and `check` use them while they fit."""
+    inputs = load(config, overrides, calibration=None)
+    settings = require_calibration(inputs)
+    folder = cache_folder(cache)
+    if dry_run:
+        stored, reason = fitting(inputs)
+        decision = look_up(folder, key_parts(inputs))
+        runs = force or stored is None
+        if as_json:
+            say_json(
+                {
+                    "run": runs,
+                    "reason": "--force" if force and stored else reason,
+                    "job": settings.job,
+                    "factors": list(settings.names),
+                    "boundary": settings.boundary,
+                    "cache": {"hit": decision.hit, "reason": decision.reason},
+                }
+            )
+        else:
+            click.echo(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({'--force' if force and stored else reason})")
+            click.echo(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
+            click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+        return
+    tree, kept = run_calibration(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
+    if as_json:
+        say_json(tree)
+    else:
+        click.echo("\n".join(describe(tree, kept)))
+        click.echo(f"{inputs.campaign.output / FILE}")
+
+
+def describe(tree: dict[str, Any], kept: bool) -> list[str]:
+    """The calibration in a few lines."""
+    misfit, reduction = tree["misfit_db"], tree["reduction"]
+
+    def change(part: str) -> str:
+        before, after = misfit[f"{part}initial"], misfit[f"{part}final"]
+        return "none" if after is None else f"{before:.2f} -> {after:.2f} dB"
+
+    lines = [
+        f"calibration from {tree['job']}: {tree['status']} ({tree['reason']}){', kept: nothing changed' if kept else ''}",
+        f"mean misfit over all lines: responses used {change('')}, held out {change('held_out_')}",
+    ]
+    width = max(len(name) for name in tree["factors"])
+    for name, entry in tree["factors"].items():
+        lines.append(f"  {name:<{width}}  {entry['value']:.5g}  95 % {entry['lower95']:.5g} to {entry['upper95']:.5g}")
+    rounds = len(tree["rounds"])
+    lines.append(
+        f"error of the reduced model at these factors: at most {reduction['worst']:.1e} (tolerance {reduction['tolerance']:.0e}) at "
+        f"{len(reduction['held_out'])} full lines; {rounds} round{'s' if rounds > 1 else ''}, {tree['seconds']:.1f} s"
+    )
+    lines += [f"note: {note}" for note in tree["notes"]]
+    return lines

@@ -1,0 +1,81 @@
+"""Models of the calibration: which global factors are identified, and from which job."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from lrbc_cli.config.fields import MatrixRef, Name, NameMap, Strict, check_unique, problem
+
+FIELDS = ("structure", "acoustic")
+
+#: Factors of every model, by what they scale.
+SCALES = ("stiffness", "mass", "alpha", "beta", "damping")
+
+SOUND_SPEED = "sound_speed"
+
+#: All names of factors but those of groups.
+FACTOR_NAMES = (*(f"{scale}.{field}" for field in FIELDS for scale in SCALES), SOUND_SPEED)
+
+
+class FactorGroup(Strict):
+    """A share of the model with a factor of its own: matrices that the model's matrices contain once."""
+
+    stiffness: MatrixRef | None = Field(default=None, description="Its share of K, given like model.stiffness.")
+    damping: MatrixRef | None = Field(default=None, description="Its share of C, where the model's damping is a matrix.")
+    mass: MatrixRef | None = Field(default=None, description="Its share of M.")
+
+    @property
+    def matrices(self) -> dict[str, MatrixRef]:
+        """Those that are given, by operator."""
+        given = {"stiffness": self.stiffness, "damping": self.damping, "mass": self.mass}
+        return {operator: ref for operator, ref in given.items() if ref is not None}
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> FactorGroup:
+        if not self.matrices:
+            raise problem("a group without a matrix", expected="stiffness:, damping: or mass:", found="none of these keys")
+        return self
+
+
+class CalibrationConfig(Strict):
+    """Global factors of the reference model, identified by `lrbc calibrate` from one job before boundaries are updated."""
+
+    job: Name = Field(description="The job to identify them from, as a rule the reference job: all bolts tight.")
+    factors: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
+        default=(),
+        description="Factors to identify: stiffness, mass, alpha and beta (proportional damping) or damping (a damping matrix), each "
+        ".structure or .acoustic, and sound_speed; 1 is the model as exported. Every group is identified too.",
+    )
+    groups: NameMap[FactorGroup] = Field(
+        default={},
+        validate_default=True,
+        description="Further groups by name: {stiffness:, damping:, mass:}, matrices that those of the model contain once.",
+    )
+    boundary: Literal["identify", "held"] = Field(
+        default="identify", description="identify: the boundary parameters beside the factors; held: they stay at their start values."
+    )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All factors that are sought, groups last."""
+        return (*(name for name in self.factors if name not in self.groups), *self.groups)
+
+    @model_validator(mode="after")
+    def _something(self) -> CalibrationConfig:
+        for name in self.groups:
+            if name in FACTOR_NAMES:
+                raise problem("a group named like a factor", "groups", name, hint="choose another name")
+        if not self.names:
+            raise problem("a calibration without factors", "factors", expected="at least one factor or group")
+        if SOUND_SPEED in self.factors and "mass.acoustic" in self.factors:
+            raise problem(
+                "two factors of one effect",
+                "factors",
+                self.factors.index(SOUND_SPEED),
+                expected="sound_speed or mass.acoustic",
+                found="both: the acoustic mass goes with 1/sound_speed²",
+                hint="remove one of them",
+            )
+        return self

@@ -1,0 +1,111 @@
+"""Measured errors of a reduced model: full solves at lines outside the basis, for parameter vectors from free to clamped."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.full import full_ports
+from lrbc_cli.reduction.outcome import HeldOut
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: A line this much (100 dB) below that of the reference state is silent.
+SILENT = 1e-5
+
+
+def quantity_groups(model: FeModel) -> list[NDArray[np.int64]]:
+    """Responses that share a physical quantity."""
+    acoustic = np.asarray(abs(model.L) @ model.is_acoustic.astype(float)) > 0
+    key = np.where(acoustic, -1, model.output_power)
+    return [np.flatnonzero(key == value) for value in np.unique(key)]
+
+
+def relative_error(groups: Sequence[NDArray[np.int64]], y: Complexes, exact: Complexes, reference: Complexes) -> float:
+    """Error of one line relative to its norm, the worst over quantities (pressures apart from motions).
+
+    Where the terms silence a line (clamping the loaded point, say) it counts against ``SILENT`` of the reference state instead: below
+    that the full solution itself is a difference of numbers that cancel.
+    """
+    worst = 0.0
+    for group in groups:
+        norm = max(float(np.linalg.norm(exact[group])), SILENT * float(np.linalg.norm(reference[group])))
+        error = float(np.linalg.norm(y[group] - exact[group]))
+        worst = max(worst, error / norm if norm else (0.0 if error == 0.0 else np.inf))
+    return worst
+
+
+def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: PortFrf) -> dict[str, float]:
+    """Relative error of y at one line by kind of parameter vector.
+
+    Parameters
+    ----------
+    model : FeModel
+    scale : (nt,) float array
+        From ``local_scale``.
+    exact, approximate : PortFrf
+        At the same single line.
+    """
+    groups = quantity_groups(model)
+    out = {}
+    for kind, vectors in certificate_vectors(model.terms, scale, exact.s).items():
+        out[kind] = max(relative_error(groups, approximate.evaluate(D)[0], exact.evaluate(D)[0], exact.H00[0]) for D in vectors)
+    return out
+
+
+def lines_between(band_hz: tuple[float, float], points: Sequence[float], count: int) -> Floats:
+    """(count,) lines spread over the band, each as far from the given points as its share of the band allows."""
+    ends = np.linspace(*band_hz, count + 1)
+    found = []
+    for low, high in itertools.pairwise(ends):
+        grid = np.linspace(low, high, 43)[1:-1]
+        away = np.abs(grid[:, None] - np.array([*points, np.inf])[None, :]).min(axis=1)
+        found.append(grid[int(np.argmax(away))])
+    return np.array(found)
+
+
+def measured_errors(
+    model: FeModel,
+    input_of: NDArray[np.int64],
+    reduced: ReducedModel,
+    band_hz: tuple[float, float],
+    lines_hz: Floats,
+    *,
+    backend: str = "auto",
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> tuple[HeldOut, ...]:
+    """Errors of a reduced model against full solves of a model, which may have other factors than the one it was built from.
+
+    Parameters
+    ----------
+    model : FeModel
+    input_of : (n_out,) int array
+    reduced : ReducedModel
+    band_hz : (float, float)
+    lines_hz : (m,) float array
+    backend : str
+    progress : callable
+        Gets the lines done and their number.
+
+    Returns
+    -------
+    tuple of HeldOut
+    """
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * band_hz[1])
+    s = 2j * np.pi * lines_hz
+    exact = full_ports(model, input_of, s, band_hz, backend=backend, progress=progress)
+    approximate = reduced.ports(s, workers=1)
+    rows = np.arange(input_of.size)
+    return tuple(
+        HeldOut(float(f), port_errors(model, scale, exact.select(at, rows), approximate.select(at, rows)))
+        for f, at in zip(lines_hz, np.arange(lines_hz.size)[:, None], strict=True)
+    )
