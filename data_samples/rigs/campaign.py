@@ -11,6 +11,9 @@ from rigs.design import Design
 from rigs.drift import Scatter
 from rigs.nominal import bolt_table, build, write
 
+#: Global factors of the model that are calibrated.
+FACTORS = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
+
 
 def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
     """Removed bolts by job.
@@ -152,6 +155,10 @@ def campaign_text(
         "  regularisation: auto",
         "  method: gauss-newton",
         *([f"  nuisances: {{{nuisances}}}"] if nuisances else []),
+        "",
+        "calibration:",
+        f"  job: {reference}",
+        f"  factors: [{', '.join(FACTORS)}]",
         "",
         "jobs:                                     # `removed` is for the report only",
     ]

@@ -7,7 +7,7 @@ A FOLDER holds ``truth.json`` and either ``campaign.yaml`` and ``frf/``, as ``da
 jobs of --config (the SoundBox), as ``data_samples/soundbox/generate/measurements.py`` writes them, which --generate does first.
 --virtual writes campaigns of a design (``steel:11,12``), --tight such with all bolts tight (``soundbox:1-50``), re-torque scatter of 30 %,
 2 K and 3 mm of hammer offset between jobs; all need the extra ``samples``. Without any of these the SoundBox sample is used.
-Exit code 1 where a figure misses its limit.
+A campaign with a block ``calibration`` is calibrated first, unless --no-calibration. Exit code 1 where a figure misses its limit.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from pathlib import Path
 
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
+from lrbc_cli.campaign.calibrate import run_calibration
+from lrbc_cli.campaign.calibration import apply_calibration
 from lrbc_cli.campaign.inputs import read_inputs
 from lrbc_cli.campaign.run import run_jobs
 from lrbc_cli.config import load_campaign
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, NumericalError
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "soundbox.yaml"
@@ -57,6 +59,8 @@ class Task:
         Campaign file for folders without one.
     output, cache : Path
     overrides : tuple of str
+    calibrate : bool
+        Where its file says how.
     """
 
     name: str
@@ -65,6 +69,19 @@ class Task:
     output: Path
     cache: Path
     overrides: tuple[str, ...]
+    calibrate: bool
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What became of the calibration of a campaign; misfits of the responses used and held out [dB]."""
+
+    status: str
+    misfit: float | None
+    held_out: float | None
+    factors: dict[str, float]
+    rounds: int
+    seconds: float
 
 
 def campaign_of(task: Task) -> tuple[Path, list[str]]:
@@ -78,16 +95,25 @@ def campaign_of(task: Task) -> tuple[Path, list[str]]:
     return config, overrides
 
 
-def run_campaign(task: Task) -> list[JobScore]:
+def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     """Run a campaign and compare it with its truth.
 
     Raises
     ------
     LrbcError
-        Where nothing can be compared: its inputs or its reference job fail.
+        Where nothing can be compared: its inputs, its calibration or its reference job fail.
     """
     config, own = campaign_of(task)
     inputs = read_inputs(load_campaign(config, [*own, *task.overrides]))
+    calibration = None
+    if task.calibrate and inputs.campaign.calibration is not None:
+        tree, _ = run_calibration(inputs, task.cache, force=True)
+        factors = {name: entry["value"] for name, entry in tree["factors"].items()}
+        misfit = tree["misfit_db"]
+        calibration = Calibration(tree["status"], misfit["final"], misfit["held_out_final"], factors, len(tree["rounds"]), tree["seconds"])
+    inputs = apply_calibration(inputs, task.calibrate)
+    if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
+        raise NumericalError("the calibration that was just made is not used")
     outcome, _ = run_jobs(inputs, task.cache, force=True)
     update = inputs.campaign.update
     reference = str(update.reference)
@@ -100,14 +126,15 @@ def run_campaign(task: Task) -> list[JobScore]:
         failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
         tree = failure or outcome.results[job]
         scores.append(score_job(task.name, tree, outcome.results[reference], truth[job]["removed"], role))
-    return scores
+    return scores, calibration
 
 
-def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[str, str]]:
-    """Run campaigns, each in a process of its own with one thread; what failed as a whole by its name."""
+def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[str, Calibration], dict[str, str]]:
+    """Run campaigns, each in a process of its own with one thread; calibrations, and what failed as a whole, by its name."""
     for variable in THREADS:
         os.environ[variable] = "1"
     scores: list[JobScore] = []
+    calibrations: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
     start = time.perf_counter()
     context = multiprocessing.get_context("spawn")
@@ -115,15 +142,17 @@ def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[s
         pending = [(task, pool.submit(run_campaign, task)) for task in tasks]
         for done, (task, future) in enumerate(pending, 1):
             try:
-                found = future.result()
+                found, calibration = future.result()
             except LrbcError as error:
                 failures[task.name] = error.message
                 print(f"{task.name}: {error.message}", file=sys.stderr)
                 continue
             scores += found
+            if calibration is not None:
+                calibrations[task.name] = calibration
             wrong = sum(b.wrong for job in found if job.role == "judged" for b in job.bolts)
             print(f"{done}/{len(tasks)} {task.name}: {wrong} wrong, {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-    return scores, failures
+    return scores, calibrations, failures
 
 
 def shown(value: float | None) -> str:
@@ -191,6 +220,17 @@ def campaign_table(by_campaign: dict[str, list[Figure]]) -> str:
     for name, found in by_campaign.items():
         keyed = {figure.key: figure for figure in found}
         lines.append(f"| {name} | " + " | ".join(cell(keyed[key]) for key in HEADINGS) + " |")
+    return "\n".join(lines)
+
+
+def calibration_table(calibrations: dict[str, Calibration]) -> str:
+    """One row a campaign."""
+    names = list(dict.fromkeys(name for c in calibrations.values() for name in c.factors))
+    heading = ["campaign", "status", "dB used", "dB held out", *names, "rounds", "s"]
+    lines = ["| " + " | ".join(heading) + " |", "|" + " --- |" * len(heading)]
+    for name, c in calibrations.items():
+        cells = [name, c.status, shown(c.misfit), shown(c.held_out), *(f"{c.factors[n]:.4f}" if n in c.factors else "" for n in names)]
+        lines.append("| " + " | ".join([*cells, str(c.rounds), shown(c.seconds)]) + " |")
     return "\n".join(lines)
 
 
@@ -302,6 +342,7 @@ def main() -> int:
     parser.add_argument("--sample", action="store_true", help="the SoundBox sample beside the others")
     parser.add_argument("--config", type=Path, default=CONFIG, help="campaign file of folders without one")
     parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
+    parser.add_argument("--no-calibration", action="store_true", help="the model as exported")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
     parser.add_argument("--cache", type=Path, help="keep reduced models here; default: built anew")
     parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
@@ -316,9 +357,10 @@ def main() -> int:
             campaigns.insert(0, ("sample", SAMPLE / "frf"))
         cache = arguments.cache or work / "cache"
         tasks = [
-            Task(name, folder, arguments.config, work / "results" / name, cache, tuple(arguments.override)) for name, folder in campaigns
+            Task(name, folder, arguments.config, work / "results" / name, cache, tuple(arguments.override), not arguments.no_calibration)
+            for name, folder in campaigns
         ]
-        jobs, failures = run_all(tasks, arguments.workers)
+        jobs, calibrations, failures = run_all(tasks, arguments.workers)
     pooled = figures(jobs)
     by_campaign = {task.name: figures([job for job in jobs if job.campaign == task.name]) for task in tasks if task.name not in failures}
     parts = [
@@ -328,6 +370,8 @@ def main() -> int:
         f"Single loose bolts put elsewhere:\n\n{lost_places(jobs)}",
         job_table(jobs),
     ]
+    if calibrations:
+        parts.append(f"Calibrations:\n\n{calibration_table(calibrations)}")
     if failures:
         parts.append("Campaigns that failed:\n\n" + "\n".join(f"- {name}: {reason}" for name, reason in failures.items()))
     text = "\n\n".join(parts) + "\n"
@@ -339,6 +383,7 @@ def main() -> int:
             "overrides": arguments.override,
             "pooled": [asdict(figure) | {"holds": figure.holds} for figure in pooled],
             "campaigns": {name: [asdict(f) | {"holds": f.holds} for f in found] for name, found in by_campaign.items()},
+            "calibrations": {name: asdict(calibration) for name, calibration in calibrations.items()},
             "jobs": [asdict(job) for job in jobs],
             "failures": failures,
         }

@@ -298,15 +298,8 @@ def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 
-def figures(jobs: Sequence[JobScore], misfit_limits: bool = True) -> list[Figure]:
-    """All figures over these jobs, of one campaign or pooled.
-
-    Parameters
-    ----------
-    jobs : sequence of JobScore
-    misfit_limits : bool
-        The misfits have limits: after a calibration.
-    """
+def figures(jobs: Sequence[JobScore]) -> list[Figure]:
+    """All figures over these jobs, of one campaign or pooled."""
     judged = [job for job in jobs if job.role == "judged"]
     some = [b for job in judged if job.removed for b in job.bolts]
     every = [b for job in judged for b in job.bolts]
@@ -365,8 +358,8 @@ def figures(jobs: Sequence[JobScore], misfit_limits: bool = True) -> list[Figure
     add("caught", "removed interior bolts judged loose", _share(caught, len(gone)), None, loose=caught, bolts=len(gone))
     used = [job.misfit for job in jobs]
     held = [job.held_out for job in jobs]
-    add("misfit_used", "mean misfit, responses used [dB]", _mean(used), 1.0 if misfit_limits else None, False, jobs=len(used))
-    add("misfit_held_out", "mean misfit, held out [dB]", _mean(held), 1.3 if misfit_limits else None, False, jobs=len(held))
+    add("misfit_used", "mean misfit, responses used [dB]", _mean(used), 1.0, False, jobs=len(used))
+    add("misfit_held_out", "mean misfit, held out [dB]", _mean(held), 1.3, False, jobs=len(held))
     seconds = [job.seconds for job in jobs if job.seconds is not None]
     add("seconds", "longest identification [s]", max(seconds) if seconds else None, 3.0, False, jobs=len(seconds))
     contrasts = [job.contrast for job in jobs if job.contrast is not None]
