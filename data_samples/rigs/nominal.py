@@ -33,6 +33,8 @@ class Model:
     ----------
     stiffness, mass : csr_array
         Unsymmetric (u, p) matrices in SI units.
+    stiffness_x : csr_array
+        What of the stiffness goes with E_x of the plate.
     node : (n,) int array
         Node number of each DOF.
     component : (n,) str array
@@ -45,6 +47,7 @@ class Model:
 
     stiffness: sp.csr_array
     mass: sp.csr_array
+    stiffness_x: sp.csr_array
     node: IntArray
     component: np.ndarray
     xyz: Array
@@ -161,12 +164,13 @@ def build(design: Design) -> Model:
 
     free = free_plate_dofs(design)
     sign = sp.diags_array(np.tile(COMPONENT_SIGN, (cells_x + 1) * (cells_y + 1))[free])
-    ks, ms = (sp.csr_array(sign @ m[free][:, free] @ sign) for m in plate_matrices(cells_x, cells_y, hx, hy, materials))
+    ks, ms, kx = (sp.csr_array(sign @ m[free][:, free] @ sign) for m in plate_matrices(cells_x, cells_y, hx, hy, materials))
     coupling = quantise(sp.csr_array(sign @ coupling_matrix(design, basis)[free][:, order]))
 
     stiffness = sp.csr_array(sp.block_array([[ks, coupling], [None, ka]], format="csr"))
     mass = sp.csr_array(sp.block_array([[ms, None], [-coupling.T, ma]], format="csr"))
-    for matrix in (stiffness, mass):
+    share = sp.csr_array(sp.block_diag([kx, sp.csr_array(ka.shape)], format="csr"))
+    for matrix in (stiffness, mass, share):
         matrix.eliminate_zeros()
         matrix.sort_indices()
 
@@ -176,6 +180,7 @@ def build(design: Design) -> Model:
     return Model(
         stiffness,
         mass,
+        share,
         np.concatenate([free // 4 + 1, plate_nodes + 1 + np.arange(basis.N)]),
         np.concatenate([np.array(COMPONENTS)[free % 4], np.full(basis.N, "PRES")]),
         np.concatenate([plate_xyz, basis.doflocs.T[order]]),
@@ -212,6 +217,7 @@ def write(design: Design, model: Model, folder: Path) -> None:
     with h5py.File(folder / "model.h5", "w", track_order=False) as file:
         write_csr(file, "K", model.stiffness)
         write_csr(file, "M", model.mass)
+        write_csr(file, "K_x", model.stiffness_x)
     lines = ["dof,node,component,x,y,z"]
     for dof, (node, component, xyz) in enumerate(zip(model.node, model.component, model.xyz, strict=True)):
         lines.append(f"{dof},{node},{component}," + ",".join(_number(v) for v in xyz))

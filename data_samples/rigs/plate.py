@@ -35,13 +35,14 @@ def line_matrix(count: int, h: float, left: int, right: int) -> sp.csr_array:
     return sp.csr_array(sp.coo_array((np.tile(element.ravel(), count), (rows, cols)), shape=(size, size)))
 
 
-def plate_matrices(nx: int, ny: int, hx: float, hy: float, materials: Materials) -> tuple[sp.csr_array, sp.csr_array]:
-    """Stiffness and mass of the free plate.
+def plate_matrices(nx: int, ny: int, hx: float, hy: float, materials: Materials) -> tuple[sp.csr_array, sp.csr_array, sp.csr_array]:
+    """Stiffness and mass of the free plate, and the share of E_x in the stiffness.
 
     Returns
     -------
-    stiffness, mass : csr_array
-        DOF ``4 (i (ny + 1) + j) + 2 a + b`` belongs to node (i, j) and the derivative of order (a, b).
+    stiffness, mass, share : csr_array
+        ``share = d stiffness / d ln E_x``: the bending along x, half of the coupling of the curvatures and half of the twist, which go with
+        the geometric mean of E_x and E_y; the rest is the share of E_y. DOF ``4 (i (ny + 1) + j) + 2 a + b`` belongs to node (i, j) and the derivative of order (a, b).
     """
     dx, dy, d1, dxy = materials.bending
     x = {(a, b): line_matrix(nx, hx, a, b) for a, b in ((0, 0), (1, 1), (2, 2), (2, 0))}
@@ -53,7 +54,11 @@ def plate_matrices(nx: int, ny: int, hx: float, hy: float, materials: Materials)
         + d1 * (coupling + coupling.T)
         + 4 * dxy * sp.kron(x[1, 1], y[1, 1], format="csr")
     )
+    share = dx * sp.kron(x[2, 2], y[0, 0], format="csr") + 0.5 * (
+        d1 * (coupling + coupling.T) + 4 * dxy * sp.kron(x[1, 1], y[1, 1], format="csr")
+    )
     mass = materials.surface_mass * sp.kron(x[0, 0], y[0, 0], format="csr")
     # Kronecker order is (i, a, j, b): bring it to (i, j, a, b).
     order = np.arange(4 * (nx + 1) * (ny + 1)).reshape(nx + 1, 2, ny + 1, 2).transpose(0, 2, 1, 3).ravel()
-    return sp.csr_array(stiffness[order][:, order]), sp.csr_array(mass[order][:, order])
+    bending, inertia, along_x = (sp.csr_array(matrix[order][:, order]) for matrix in (stiffness, mass, share))
+    return bending, inertia, along_x

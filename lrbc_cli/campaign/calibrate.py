@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
-from lrbc_cli.campaign.identify import parameterise, select_lines
+from lrbc_cli.campaign.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import frf_rows, write_campaign

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.extended import Extra
@@ -25,6 +26,20 @@ def speed_std(nuisances: NuisanceConfig) -> float | None:
     if nuisances.temperature is not None:
         return 0.5 * nuisances.temperature / (nuisances.room + KELVIN)
     return nuisances.sound_speed
+
+
+def check_air(campaign: Campaign, acoustic: bool) -> None:
+    """Raise a ConfigError where the speed of sound is to vary in a model without air."""
+    for key in ("temperature", "sound_speed"):
+        if getattr(campaign.update.nuisances, key) is not None and not acoustic:
+            raise campaign.error(
+                "no air in this model whose speed of sound could vary",
+                "update",
+                "nuisances",
+                key,
+                expected="DOFs of component PRES",
+                hint="remove it",
+            )
 
 
 def drift_extras(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Extra, ...]:

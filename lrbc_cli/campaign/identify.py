@@ -127,8 +127,9 @@ def curve_notes(curve: LCurve) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One way to compare, carried through; ``plain`` is the cost without what drifted."""
+    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
 
+    measured: Complexes
     plain: Misfit
     misfit: Misfit
     solution: Solution
@@ -143,7 +144,9 @@ class _Job:
     def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None) -> None:
         self.inputs, self.source, self.name = inputs, source, name
         self.settings = inputs.campaign.update
+        begin = time.perf_counter()
         self.measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
+        self.seconds_read = time.perf_counter() - begin
         for warning in self.measurement.warnings:
             log.warning("job %s: %s", name, warning)
         self.s = 2j * np.pi * self.measurement.frequency_hz
@@ -187,15 +190,20 @@ class _Job:
         if wanted and self.against_reference and bolts is not None:
             found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
             if (found.bolts >= 0).any():
-                return found
-        return node_shapes(self.parameters, settings.prior_std)
+                return self._scaled(found)
+        return self._scaled(node_shapes(self.parameters, settings.prior_std))
+
+    def _scaled(self, shapes: Shapes) -> Shapes:
+        """Standard deviations as they are, or over `prior_std`, where the weight is given in dB² per decade²."""
+        settings = self.settings
+        return shapes if settings.regularisation == "auto" else replace(shapes, std=shapes.std / settings.prior_std)
 
     def _rows(self) -> Floats:
         """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
         settings, about = self.settings, self.settings.penalty
         automatic = settings.regularisation == "auto"
         if self.shapes.by_bolt:
-            return self.shapes.penalty() if automatic else replace(self.shapes, std=self.shapes.std / settings.prior_std).penalty()
+            return self.shapes.penalty()
         if automatic and not self.against_reference and about == PenaltyConfig():
             # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
             return penalty_rows(self.parameters, LEVEL_STD**-2, settings.prior_std**-2)
@@ -232,7 +240,7 @@ class _Job:
         settings, bounds = self.settings, self.parameters.bounds
         automatic = settings.regularisation == "auto"
         eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
-        misfit = Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(settings), self.weights)
+        misfit = self._misfit(measured, eta)
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, further = None, {}
         begin = self.prior if span is not None else self.start
@@ -256,7 +264,10 @@ class _Job:
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        return _Fit(misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+        return _Fit(measured, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+
+    def _misfit(self, measured: Complexes, eta: float) -> Misfit:
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), self.weights)
 
     def _bfgs(self, misfit: Misfit, start: Floats, bounds: Floats) -> Solution:
         settings = self.settings
@@ -318,7 +329,10 @@ class _Job:
             iterations=fit.solution.iterations + found.iterations,
             evaluations=evaluations,
         )
-        return _Fit(fit.plain, misfit, solution, knowledge, fit.curve, evaluations)
+        # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
+        own = solution.theta
+        measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
+        return _Fit(measured, self._misfit(measured, misfit.eta), misfit, solution, knowledge, fit.curve, evaluations)
 
     def best(self) -> tuple[_Fit, bool]:
         """The comparison that leaves the smaller residuals, and whether it is the relative one.
@@ -430,7 +444,12 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         relative,
         solution.history[0].cost,
         fit.evaluations * fit.misfit.lines,
-        {"port": ports - start, "optimise": optimised - ports, "total": time.perf_counter() - start},
+        {
+            "read": job.seconds_read,
+            "port": ports - start - job.seconds_read,
+            "optimise": optimised - ports,
+            "total": time.perf_counter() - start,
+        },
         fit.misfit.eta,
         fit.curve,
     )

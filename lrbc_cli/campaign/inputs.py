@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.drift import check_air
 from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, require_fields
 from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
@@ -428,6 +429,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
     coefficients = None
     if isinstance(damping, ProportionalDamping):
         coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+    check_air(campaign, bool(acoustic.any()))
     fields = (not acoustic.all(), bool(acoustic.any()))
     recipe = make_recipe(coefficients, fields[1], fields[0], {name: list(group) for name, group in extras.items()})
     require_fields(campaign, recipe)

@@ -126,6 +126,11 @@ def verdicts(
     if not edges:
         return []
     found = judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
+    missing = reference is None and update.reference not in (None, result.name)
+    if missing and update.prior != "initial":
+        # Changes were wanted: a contrast between bolts is no answer.
+        note = f"no result of {update.reference} to compare with"
+        found = [replace(v, verdict="undecided", note=v.note if v.far else note) for v in found]
     if reference is not None and update.reference != result.name:
         rule = Rule(update.loose_change, update.confidence, scatter)
         found = [weigh(verdict, *_change(result, i, verdict, where, reference), rule) for i, verdict in enumerate(found)]

@@ -237,7 +237,9 @@ def run_jobs(
     def one(name: str) -> dict[str, Any]:
         before = tight_state(output, outcome, reference, stage) if reference is not None and reference != name else None
         result = identify(inputs, source, name, before)
-        return write_result(output, inputs, stage, result, plans[name].identity, before, scatter())
+        # A baseline does not know the others: its result must not rest on which of them is done.
+        tight = 0.0 if name in campaign.update.baselines else scatter()
+        return write_result(output, inputs, stage, result, plans[name].identity, before, tight)
 
     def scatter() -> float:
         return scatter_of(outcome.results[name] for name in campaign.update.baselines if name in outcome.results)

@@ -77,6 +77,16 @@ def _check_names(campaign: Campaign) -> None:
             expected="bolts: file, and update.reference: the job with all bolts tight",
             found="no bolts" if campaign.bolts is None else "no reference",
         )
+    drift = [key for key, value in update.nuisances if value is not None and key != "room"]
+    if drift and (update.reference is None or update.prior == "initial"):
+        raise campaign.error(
+            "drift since a reference job that results are not compared with",
+            "update",
+            "nuisances",
+            drift[0],
+            expected="update.reference: the job with all bolts tight, and no prior: initial",
+            hint="name it, or remove `nuisances`",
+        )
     for index, name in enumerate(update.baselines):
         _known(campaign, name, campaign.jobs, "job", "update", "baselines", index)
         if update.reference is None or name == update.reference:

@@ -124,7 +124,8 @@ def follow_noise(
     for round_ in range(NOISE_ROUNDS):
         if sparse:
             z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
-            misfit = misfit.with_rows(sparse_weights(z, shapes.std)[:, None] * rows)
+            # Unknowns without a prior have no row.
+            misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
         before = noise.variance
         misfit = misfit.with_eta(max(before, 1e-6))
         found = descend(misfit, solution.theta, bounds, shapes.T, tolerance=tolerance)
@@ -186,6 +187,10 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     J = solution.evaluation.jacobian
     normal = J.T @ J
     size = prior.size
+    # Theta does not tell apart bolts in one place, or more bolts than terms: of such differences the prior says all there is.
+    blind = np.eye(shapes.T.shape[1]) - np.linalg.pinv(shapes.T) @ shapes.T
+    blind *= np.where(np.isfinite(shapes.std), 1.0 / shapes.std, 0.0)[:, None]
+    normal[: blind.shape[0], : blind.shape[0]] += misfit.eta * blind.T @ blind
     # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
     floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
     covariance = np.asarray(noise.variance * np.linalg.inv(normal + floor * np.eye(normal.shape[0])))

@@ -1,0 +1,144 @@
+"""Changes at bolts as shapes along edges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
+from lrbc_cli.updating.shapes import DAMPING_STD, Shapes, bolt_shapes, node_shapes
+
+Y = np.linspace(0.0, 0.5, 21)
+STD = 0.35
+
+
+def group(name: str = "edge", x: float = 0.0, first: int = 0, kind: str = "stiffness", damping: bool = False, places: bool = True):
+    terms = first + np.arange(Y.size)
+    xyz = np.column_stack([np.full(Y.size, x), Y, 0 * Y])
+    return ParameterGroup(
+        name,
+        kind,
+        terms,
+        np.arange(Y.size),
+        np.full(Y.size, 4.0),
+        np.tile([0.0, 7.0], (Y.size, 1)),
+        np.eye(Y.size),
+        damping=EdgeDamping(1e-6) if damping else None,
+        xyz=xyz if places else None,
+        arc_length=Y if places else None,
+    )
+
+
+def along(*y: float, x: float = -0.01) -> np.ndarray:
+    return np.array([[x, value, 0.0] for value in y])
+
+
+def of(shapes: Shapes, size: int = Y.size) -> np.ndarray:
+    """(size, bolts) hats of the bolts."""
+    return shapes.T[:size, shapes.bolts]
+
+
+BOLTS = (0.05, 0.15, 0.25, 0.35, 0.45)
+
+
+def test_every_value_for_itself() -> None:
+    parameters = Parameterisation((group(damping=True),))
+    found = node_shapes(parameters, STD)
+    np.testing.assert_array_equal(found.T, np.eye(Y.size + 1))
+    assert np.isinf(found.std[-1])
+    np.testing.assert_array_equal(found.std[:-1], STD)
+    assert not found.by_bolt
+    assert found.bolts.size == 0
+
+
+class TestHats:
+    def test_they_add_up_to_one(self) -> None:
+        found = bolt_shapes(Parameterisation((group(),)), along(*BOLTS), STD)
+        assert found.by_bolt
+        hats = of(found)
+        np.testing.assert_allclose(hats.sum(axis=1), 1.0)
+        assert hats.min() >= 0.0
+
+    def test_each_is_one_at_its_bolt_and_nothing_at_the_others(self) -> None:
+        hats = of(bolt_shapes(Parameterisation((group(),)), along(*BOLTS), STD))
+        at = [int(np.argmin(np.abs(Y - b))) for b in BOLTS]
+        np.testing.assert_allclose(hats[at], np.eye(5), atol=1e-12)
+        # Between two bolts linear: halfway half.
+        np.testing.assert_allclose(hats[int(np.argmin(np.abs(Y - 0.2)))], [0, 0.5, 0.5, 0, 0], atol=1e-12)
+        # Beyond the outer bolts the edge goes with them.
+        np.testing.assert_allclose(hats[[0, -1]], np.eye(5)[[0, 4]], atol=1e-12)
+
+    def test_the_order_of_the_bolts_does_not_matter(self) -> None:
+        order = np.array([3, 0, 4, 1, 2])
+        bolts = along(*BOLTS)
+        one, other = (of(bolt_shapes(Parameterisation((group(),)), b, STD)) for b in (bolts, bolts[order]))
+        np.testing.assert_allclose(other, one[:, order])
+
+    def test_a_bolt_that_no_term_feels_has_no_column(self) -> None:
+        found = bolt_shapes(Parameterisation((group(),)), along(*BOLTS, 0.52, 0.60, -0.02, -0.2), STD)
+        np.testing.assert_array_equal(found.bolts[[6, 8]], -1)
+        assert (found.bolts[[0, 1, 2, 3, 4]] >= 0).all()
+        # Just beyond the end it shares the last terms with its neighbour.
+        assert found.bolts[5] >= 0
+        np.testing.assert_allclose(found.T.sum(axis=1), 1.0)
+
+    def test_a_single_bolt_moves_the_whole_edge(self) -> None:
+        found = bolt_shapes(Parameterisation((group(),)), along(0.11), STD)
+        np.testing.assert_array_equal(found.T, np.ones((Y.size, 1)))
+
+    def test_bolts_in_one_place_share(self) -> None:
+        found = bolt_shapes(Parameterisation((group(),)), along(0.05, 0.25, 0.25, 0.45), STD)
+        hats = of(found)
+        np.testing.assert_allclose(hats.sum(axis=1), 1.0)
+        np.testing.assert_allclose(hats[:, 1], hats[:, 2])
+        assert hats.max(axis=0) == pytest.approx([1.0, 0.5, 0.5, 1.0])
+
+
+class TestGroups:
+    def test_several_edges(self) -> None:
+        """Each bolt belongs to the nearest edge; an edge without bolts, a damping group and one without places stay values."""
+        groups = (
+            group("left"),
+            group("right", 0.4, Y.size, damping=True),
+            group("far", 9.0, 2 * Y.size),
+            group("pads", 0.4, 3 * Y.size, kind="damping"),
+            group("nowhere", 0.0, 4 * Y.size, places=False),
+        )
+        parameters = Parameterisation(groups)
+        bolts = np.vstack([along(*BOLTS), along(0.1, 0.4, x=0.41)])
+        found = bolt_shapes(parameters, bolts, STD)
+        slices = dict(zip([g.name for g in groups], parameters.slices, strict=True))
+        left, right = slices["left"][0], slices["right"][0]
+        np.testing.assert_allclose(found.T[left, :][:, found.bolts[:5]].sum(axis=1), 1.0)
+        np.testing.assert_allclose(found.T[right, :][:, found.bolts[5:]].sum(axis=1), 1.0)
+        assert not found.T[left, :][:, found.bolts[5:]].any()
+        assert not found.T[right, :][:, found.bolts[:5]].any()
+        for name in ("far", "pads", "nowhere"):
+            block = found.T[slices[name][0], :]
+            np.testing.assert_array_equal(block[:, block.any(axis=0)], np.eye(Y.size))
+        at = slices["right"][1]
+        column = int(np.flatnonzero(found.T[at])[0])
+        assert found.T[:, column].sum() == 1.0
+        assert found.std[column] == DAMPING_STD
+        np.testing.assert_array_equal(np.delete(found.std, column), STD)
+        assert found.T.shape[1] == 7 + 1 + 3 * Y.size
+
+
+class TestPenalty:
+    @pytest.mark.parametrize("bolts", [BOLTS, (0.25,), (0.05, 0.6), (0.0, 0.5)])
+    def test_standard_deviations_of_what_the_shapes_span(self, bolts: tuple[float, ...]) -> None:
+        found = bolt_shapes(Parameterisation((group(damping=True),)), along(*bolts), STD)
+        z = np.random.default_rng(0).normal(size=found.T.shape[1])
+        np.testing.assert_allclose(found.penalty() @ (found.T @ z), z / found.std, atol=1e-10)
+
+    def test_no_prior_no_row(self) -> None:
+        rows = node_shapes(Parameterisation((group(damping=True),)), STD).penalty()
+        np.testing.assert_allclose(rows[:-1, :-1], np.eye(Y.size) / STD, atol=1e-12)
+        assert not rows[-1].any()
+
+    def test_bolts_in_one_place_count_as_their_mean(self) -> None:
+        """Two changes of variance v in one place: the edge there moves by their mean, of variance v/2."""
+        found = bolt_shapes(Parameterisation((group(),)), along(0.05, 0.25, 0.25, 0.45), STD)
+        move = found.T[:, found.bolts[1]] * 2.0
+        cost = float(np.sum((found.penalty() @ move) ** 2))
+        assert cost == pytest.approx(1.0 / (STD**2 / 2))
