@@ -17,7 +17,7 @@ import re
 import time
 from pathlib import Path
 
-from rigs.campaign import ensure_model, parse_jobs, write_campaign
+from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.designs import DESIGNS
 from rigs.drift import Scatter
 from rigs.figures import report
@@ -46,6 +46,7 @@ def main() -> None:
         "--retorque", type=spread, metavar="S", help="standard deviation of the log stiffness of tight bolts, job to job (0.08)"
     )
     add_drift(parser)
+    parser.add_argument("--baselines", action="store_true", help="the second job, all bolts tight, is a baseline and not judged")
     parser.add_argument("--model", type=Path, help="folder that holds the nominal model, or gets it")
     parser.add_argument(
         "--figures", type=Path, nargs="?", const=Path(), metavar="FRF", help="print figures of the design and stop; FRF: measurements"
@@ -60,12 +61,14 @@ def main() -> None:
         parser.error("--out is needed")
     out: Path = arguments.out
     model: Path = arguments.model or out / "model"
+    scatter = Scatter(arguments.kelvin, arguments.hammer, arguments.gain)
     try:
         jobs = parse_jobs(design, arguments.jobs)
+        # Refuses a baseline that is none before anything is computed.
+        campaign_text(design, design.name, "model", jobs, scatter, baselines=arguments.baselines)
         ensure_model(design, model)
     except ValueError as error:
         parser.error(str(error))
-    scatter = Scatter(arguments.kelvin, arguments.hammer, arguments.gain)
     start = time.perf_counter()
     laboratory = Laboratory(design)
     print(f"{design.name}: rig assembled, {time.perf_counter() - start:.0f} s")
@@ -74,7 +77,7 @@ def main() -> None:
         folder = out / f"seed-{seed}" if len(arguments.seed) > 1 else out
         folder.mkdir(parents=True, exist_ok=True)
         laboratory.campaign(seed, jobs, folder / "frf", folder / "truth.json", retorque=arguments.retorque, scatter=scatter)
-        write_campaign(design, folder, model, jobs)
+        write_campaign(design, folder, model, jobs, scatter, baselines=arguments.baselines)
         print(f"{folder}: {len(jobs)} jobs, {time.perf_counter() - start:.1f} s")
 
 

@@ -1,4 +1,4 @@
-"""The campaign file of a design, with the settings of ``configs/soundbox.yaml``."""
+"""The campaign file of a design."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rigs.design import Design
+from rigs.drift import Scatter
 from rigs.nominal import bolt_table, build, write
+
+#: Global factors of the model that are calibrated.
+FACTORS = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
 
 
 def parse_jobs(design: Design, text: str | None) -> dict[str, list[str]]:
@@ -60,7 +64,21 @@ def ensure_model(design: Design, folder: Path) -> None:
         raise ValueError(f"{folder} holds a model that is not that of {design.name}")
 
 
-def campaign_text(design: Design, name: str, model: str, jobs: Mapping[str, Sequence[str]]) -> str:
+def nuisances_text(scatter: Scatter) -> str:
+    """The settings that let an update follow what drifts between jobs; empty where nothing does."""
+    known = {"temperature": scatter.kelvin, "hammer": scatter.hammer, "gain": scatter.gain}
+    return ", ".join(f"{key}: {value:g}" for key, value in known.items() if value)
+
+
+def campaign_text(
+    design: Design,
+    name: str,
+    model: str,
+    jobs: Mapping[str, Sequence[str]],
+    scatter: Scatter | None = None,
+    *,
+    baselines: bool = False,
+) -> str:
     """The campaign file.
 
     Parameters
@@ -71,8 +89,21 @@ def campaign_text(design: Design, name: str, model: str, jobs: Mapping[str, Sequ
     model : str
         Folder of the model, relative to the file.
     jobs : mapping of str to names of bolts
-        What is removed; the first with none is the reference. Measurements lie in ``frf/``.
+        What is removed; the first job is the reference. Measurements lie in ``frf/``.
+    scatter : Scatter or None
+        What drifts between the jobs: the update is told its standard deviations, never what was drawn.
+    baselines : bool
+        The second job is a further tight state, for the scatter between tight states.
+
+    Raises
+    ------
+    ValueError
+        Where the baseline has bolts removed or no other job is left.
     """
+    reference, *others = jobs
+    if baselines and (len(others) < 2 or jobs[others[0]]):
+        raise ValueError(f"a baseline needs a second job with all bolts tight, and a third one: found {', '.join(jobs)}")
+    nuisances = nuisances_text(scatter or Scatter())
     (x0, y0, z), (_, y1) = design.plate_origin, design.plate_end
     (alpha_s, beta_s), (alpha_a, beta_a) = design.structure_damping, design.acoustic_damping
 
@@ -115,11 +146,19 @@ def campaign_text(design: Design, name: str, model: str, jobs: Mapping[str, Sequ
         "reduction: {band: [20.0, 400.0], tolerance: 1.0e-3}",
         "",
         "update:",
-        f"  reference: {next(iter(jobs))}",
+        f"  reference: {reference}",
+        *([f"  baselines: [{others[0]}]"] if baselines else []),
         f"  responses: [{', '.join(design.used)}]",
         "  lines: resonances",
-        "  regularisation: 10.0",
+        "  loss: soft",
+        "  loss_scale: 1.0",
+        "  regularisation: auto",
         "  method: gauss-newton",
+        *([f"  nuisances: {{{nuisances}}}"] if nuisances else []),
+        "",
+        "calibration:",
+        f"  job: {reference}",
+        f"  factors: [{', '.join(FACTORS)}]",
         "",
         "jobs:                                     # `removed` is for the report only",
     ]
@@ -129,11 +168,19 @@ def campaign_text(design: Design, name: str, model: str, jobs: Mapping[str, Sequ
     return "\n".join(lines) + "\n"
 
 
-def write_campaign(design: Design, folder: Path, model: Path, jobs: Mapping[str, Sequence[str]]) -> None:
-    """Write ``campaign.yaml`` into a folder."""
+def write_campaign(
+    design: Design,
+    folder: Path,
+    model: Path,
+    jobs: Mapping[str, Sequence[str]],
+    scatter: Scatter | None = None,
+    *,
+    baselines: bool = False,
+) -> None:
+    """Write ``campaign.yaml`` into a folder; see ``campaign_text``."""
     try:
         where = Path(os.path.relpath(model.resolve(), folder.resolve())).as_posix()
     except ValueError:  # another drive
         where = model.resolve().as_posix()
-    text = campaign_text(design, f"{design.name}-{folder.resolve().name}", where, jobs)
+    text = campaign_text(design, f"{design.name}-{folder.resolve().name}", where, jobs, scatter, baselines=baselines)
     (folder / "campaign.yaml").write_text(text, encoding="utf-8", newline="\n")

@@ -1,222 +1,335 @@
-"""Are the right places found? Contrast, misfit and ranking on rigs that the identification knows nothing about.
+"""Are the right bolts found? Ranking, alarms, places, verdicts and misfit on rigs that the identification knows nothing about.
 
-    python tests/benchmarks/blind.py [FOLDER]... [--generate SEED]... [--override KEY.PATH=VALUE]... [--json FILE] [--markdown FILE]
+    python tests/benchmarks/blind.py [FOLDER]... [--generate SEED]... [--virtual DESIGN:SEEDS]... [--tight DESIGN:SEEDS]...
+        [--override KEY.PATH=VALUE]... [--workers N] [--json FILE] [--markdown FILE]
 
-Each FOLDER holds ``JOB.uff`` for the jobs of the campaign file and ``truth.json``, as written by
-``data_samples/soundbox/generate/measurements.py --seed N --out FOLDER``; ``--generate`` makes such folders for these seeds first
-(extra ``samples``). Without either the sample's own folder is used. Exit code 1 where a job misses a limit.
+A FOLDER holds ``truth.json`` and either ``campaign.yaml`` and ``frf/``, as ``data_samples/virtual.py`` writes them, or ``JOB.uff`` for the
+jobs of --config (the SoundBox), as ``data_samples/soundbox/generate/measurements.py`` writes them, which --generate does first.
+--virtual writes campaigns of a design (``steel:11,12``), --tight such with all bolts tight (``soundbox:1-50``), re-torque scatter of 30 %,
+2 K and 3 mm of hammer offset between jobs; all need the extra ``samples``. Without any of these the SoundBox sample is used.
+A campaign with a block ``calibration`` is calibrated first, unless --no-calibration. Exit code 1 where a figure misses its limit.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
+from lrbc_cli.campaign.calibrate import run_calibration
+from lrbc_cli.campaign.calibration import apply_calibration
 from lrbc_cli.campaign.inputs import read_inputs
 from lrbc_cli.campaign.run import run_jobs
 from lrbc_cli.config import load_campaign
-from lrbc_cli.updating.verdicts import Edge, foot, pitch_of
-
-Floats = NDArray[np.float64]
+from lrbc_cli.errors import LrbcError, NumericalError
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "soundbox.yaml"
 SAMPLE = ROOT / "data_samples" / "soundbox"
 
-#: Limits of the figures: decades between tight and removed, mean dB over all lines of the band for the responses used.
-LEAST_CONTRAST, LARGEST_MISFIT = 1.0, 2.5
+#: What drifts in the fully tightened campaigns.
+TIGHT = ("--jobs", "tight:4", "--retorque", "0.3", "--kelvin", "2", "--hammer", "0.003")
+
+#: Campaigns run side by side, one thread each.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
-class Row:
-    """Figures of one job.
+class Task:
+    """One campaign to run, as a process of its own is told.
 
     Attributes
     ----------
-    folder, job : str
-    status : str
-    removed : float or None
-        Mean log10 stiffness within half a pitch of the removed bolts.
-    tight : float or None
-        The same of the tight bolts of this job, or of the removed bolts' places in the tight state where no tight bolt has a term near it.
-    against : str
-        ``tight`` or ``reference``: which of the two.
-    contrast : float or None
-        tight - removed [decades].
-    contrast_reference : float or None
-        Contrast to the same places in the tight state.
-    misfit_initial, misfit, held_out : float
-        Mean absolute difference [dB] over all lines of the band: responses used (start, end), the others.
-    auc, auc_covered : float or None
-        Probability that a removed bolt has changed more than a tight one: all bolts, and those with a term within half a pitch.
-    damping_exponent : float or None
-    evaluations : int
-    seconds : float
-    missed : list of str
-        Limits that do not hold.
+    name : str
+    folder : Path
+        With ``truth.json``.
+    config : Path
+        Campaign file for folders without one.
+    output, cache : Path
+    overrides : tuple of str
+    calibrate : bool
+        Where its file says how.
     """
 
-    folder: str
-    job: str
+    name: str
+    folder: Path
+    config: Path
+    output: Path
+    cache: Path
+    overrides: tuple[str, ...]
+    calibrate: bool
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What became of the calibration of a campaign; misfits of the responses used and held out [dB]."""
+
     status: str
-    removed: float | None
-    tight: float | None
-    against: str
-    contrast: float | None
-    contrast_reference: float | None
-    misfit_initial: float
-    misfit: float
-    held_out: float
-    auc: float | None
-    auc_covered: float | None
-    damping_exponent: float | None
-    evaluations: int
+    misfit: float | None
+    held_out: float | None
+    factors: dict[str, float]
+    rounds: int
     seconds: float
-    missed: list[str] = field(default_factory=list)
 
 
-def nodes_near(edge: Edge, bolts: dict[str, Floats], names: Sequence[str]) -> NDArray[np.int64]:
-    """Terms within half a pitch, along the edge, of any of the named bolts."""
-    half = 0.5 * pitch_of(np.array(list(bolts.values())))
-    away = [np.abs(edge.arc_length - foot(edge, bolts[name])[0]) for name in names]
-    return np.flatnonzero(np.min(away, axis=0) <= half * (1 + 1e-9)) if away else np.zeros(0, dtype=np.int64)
+def campaign_of(task: Task) -> tuple[Path, list[str]]:
+    """Campaign file of a task, and overrides that hide from it which bolts are removed."""
+    own = task.folder / "campaign.yaml"
+    config = own if own.is_file() else task.config
+    overrides = [f"output={json.dumps(task.output.resolve().as_posix())}"]
+    for name, job in load_campaign(config).jobs.items():
+        frf = job.frf if own.is_file() else task.folder / f"{name}.uff"
+        overrides.append(f"jobs.{name}={json.dumps({'frf': frf.resolve().as_posix()})}")
+    return config, overrides
 
 
-def ranking(changes: dict[str, float], removed: Sequence[str]) -> float | None:
-    """Area under the ROC curve of the ranking by change, removed against tight; None where one kind is missing."""
-    low = [value for name, value in changes.items() if name in removed]
-    high = [value for name, value in changes.items() if name not in removed]
-    if not low or not high:
-        return None
-    wins = [1.0 if a < b else (0.5 if a == b else 0.0) for a in low for b in high]
-    return float(np.mean(wins))
+def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
+    """Run a campaign and compare it with its truth.
+
+    Raises
+    ------
+    LrbcError
+        Where nothing can be compared: its inputs, its calibration or its reference job fail.
+    """
+    config, own = campaign_of(task)
+    inputs = read_inputs(load_campaign(config, [*own, *task.overrides]))
+    calibration = None
+    if task.calibrate and inputs.campaign.calibration is not None:
+        tree, _ = run_calibration(inputs, task.cache, force=True)
+        factors = {name: entry["value"] for name, entry in tree["factors"].items()}
+        misfit = tree["misfit_db"]
+        calibration = Calibration(tree["status"], misfit["final"], misfit["held_out_final"], factors, len(tree["rounds"]), tree["seconds"])
+    inputs = apply_calibration(inputs, task.calibrate)
+    if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
+        raise NumericalError("the calibration that was just made is not used")
+    outcome, _ = run_jobs(inputs, task.cache, force=True)
+    update = inputs.campaign.update
+    reference = str(update.reference)
+    if reference in outcome.errors:
+        raise outcome.errors[reference]
+    truth = json.loads((task.folder / "truth.json").read_text(encoding="utf-8"))["jobs"]
+    scores = []
+    for job in inputs.campaign.jobs:
+        role = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
+        failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
+        tree = failure or outcome.results[job]
+        scores.append(score_job(task.name, tree, outcome.results[reference], truth[job]["removed"], role))
+    return scores, calibration
 
 
-def figures(folder: str, tree: dict[str, Any], reference: dict[str, Any], removed: list[str]) -> Row:
-    """Figures of one job from its result and that of the tight state."""
-    (name,) = [key for key, group in tree["parameters"].items() if group["kind"] == "stiffness"]
-    group, before = tree["parameters"][name], reference["parameters"][name]
-    bolts = {b["name"]: np.array(b["position"], dtype=float) for b in tree["bolts"]}
-    log10, log10_tight = (np.array(g["log10_effective"], dtype=float) for g in (group, before))
-    edge = Edge(np.array(group["positions"]), np.array(group["arc_length"]), log10, np.inf, None)
-    gone = nodes_near(edge, bolts, removed)
-    left = np.setdiff1d(nodes_near(edge, bolts, [b for b in bolts if b not in removed]), gone)
-    low = tight = contrast = contrast_reference = None
-    against = "tight"
-    if gone.size:
-        low = float(log10[gone].mean())
-        places = float(log10_tight[gone].mean())
-        tight, against = (float(log10[left].mean()), "tight") if left.size else (places, "reference")
-        contrast, contrast_reference = tight - low, places - low
-    elif left.size:
-        tight = float(log10[left].mean())
-    changes = {b["name"]: float(b["change"]) for b in tree["bolts"]}
-    covered = {b: changes[b] for b in bolts if nodes_near(edge, bolts, [b]).size}
-    misfit = tree["misfit_db"]
-    missed = []
-    if contrast is not None and contrast <= LEAST_CONTRAST:
-        missed.append("contrast")
-    if misfit["final"] > LARGEST_MISFIT:
-        missed.append("misfit")
-    return Row(
-        folder,
-        tree["job"],
-        tree["status"],
-        low,
-        tight,
-        against,
-        contrast,
-        contrast_reference,
-        float(misfit["initial"]),
-        float(misfit["final"]),
-        float(misfit["held_out_final"]),
-        ranking(changes, removed),
-        ranking(covered, removed),
-        group.get("damping_exponent"),
-        int(tree["evaluations"]),
-        float(tree["seconds"]["total"]),
-        missed,
-    )
+def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[str, Calibration], dict[str, str]]:
+    """Run campaigns, each in a process of its own with one thread; calibrations, and what failed as a whole, by its name."""
+    for variable in THREADS:
+        os.environ[variable] = "1"
+    scores: list[JobScore] = []
+    calibrations: dict[str, Calibration] = {}
+    failures: dict[str, str] = {}
+    start = time.perf_counter()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
+        pending = [(task, pool.submit(run_campaign, task)) for task in tasks]
+        for done, (task, future) in enumerate(pending, 1):
+            try:
+                found, calibration = future.result()
+            except LrbcError as error:
+                failures[task.name] = error.message
+                print(f"{task.name}: {error.message}", file=sys.stderr)
+                continue
+            scores += found
+            if calibration is not None:
+                calibrations[task.name] = calibration
+            wrong = sum(b.wrong for job in found if job.role == "judged" for b in job.bolts)
+            print(f"{done}/{len(tasks)} {task.name}: {wrong} wrong, {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+    return scores, calibrations, failures
 
 
-def identify_folder(config: Path, folder: Path, output: Path, cache: Path, overrides: Sequence[str]) -> list[Row]:
-    """Run the campaign on the measurements of a folder; the identification does not see which bolts are removed."""
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    own = [f"output={json.dumps(output.as_posix())}"]
-    for job in load_campaign(config).jobs:
-        own.append(f"jobs.{job}={json.dumps({'frf': (folder / f'{job}.uff').resolve().as_posix()})}")
-    inputs = read_inputs(load_campaign(config, [*own, *overrides]))
-    outcome, _ = run_jobs(inputs, cache)
-    for job, error in outcome.errors.items():
-        print(f"{folder}: {job} failed: {error.message}", file=sys.stderr)
-    reference = outcome.results[str(inputs.campaign.update.reference)]
-    return [figures(folder.name, tree, reference, truth["jobs"][job]["removed"]) for job, tree in sorted(outcome.results.items())]
+def shown(value: float | None) -> str:
+    """A number as in the tables."""
+    return "" if value is None else f"{value:.3g}" if abs(value) < 10 else f"{value:.1f}"
 
 
-COLUMNS = {
-    "folder": "rig",
-    "job": "job",
-    "removed": "removed",
-    "tight": "tight",
-    "contrast": "contrast",
-    "contrast_reference": "to tight state",
-    "misfit_initial": "dB start",
-    "misfit": "dB used",
-    "held_out": "dB others",
-    "auc": "AUC",
-    "auc_covered": "AUC covered",
-    "damping_exponent": "p_damp",
-    "evaluations": "evaluations",
-    "seconds": "s",
-    "missed": "missed",
-}
-
-
-def table(rows: Sequence[Row]) -> str:
-    """The rows as a Markdown table."""
-
-    def cell(row: Row, key: str) -> str:
-        value = getattr(row, key)
-        if key == "tight" and row.against == "reference" and value is not None:
-            return f"({value:.2f})"
-        if isinstance(value, float):
-            return f"{value:.2f}"
-        if isinstance(value, list):
-            return ", ".join(value)
-        return "" if value is None else str(value)
-
-    lines = ["| " + " | ".join(COLUMNS.values()) + " |", "|" + " --- |" * len(COLUMNS)]
-    lines += ["| " + " | ".join(cell(row, key) for key in COLUMNS) + " |" for row in rows]
+def pooled_table(pooled: Sequence[Figure], by_campaign: dict[str, list[Figure]]) -> str:
+    """Every figure over all campaigns, the worst campaign beside it."""
+    lines = ["| figure | limit | pooled | counts | holds | worst campaign | campaigns that hold |", "|" + " --- |" * 7]
+    for i, figure in enumerate(pooled):
+        own = {name: found[i] for name, found in by_campaign.items() if found[i].value is not None}
+        worst = ""
+        if figure.limit is not None and len(own) > 1:
+            pick = min if figure.at_least else max
+            name = pick(own, key=lambda name: own[name].value or 0.0)
+            worst = f"{name}: {shown(own[name].value)}"
+        holding = [f.holds for f in own.values() if f.holds is not None]
+        limit = "" if figure.limit is None else f"{'at least' if figure.at_least else 'at most'} {figure.limit:g}"
+        cells = [
+            figure.title,
+            limit,
+            shown(figure.value),
+            ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in figure.counts.items()),
+            {None: "", True: "yes", False: "**no**"}[figure.holds],
+            worst,
+            f"{sum(holding)} of {len(holding)}" if holding else "",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def summary(rows: Sequence[Row]) -> str:
-    """Worst figures, and which jobs miss which limit."""
-    contrasts = [row.contrast for row in rows if row.contrast is not None]
-    aucs = [row.auc for row in rows if row.auc is not None]
-    covered = [row.auc_covered for row in rows if row.auc_covered is not None]
-    missed = [f"{row.folder}/{row.job} ({', '.join(row.missed)})" for row in rows if row.missed]
-    return "\n".join(
-        [
-            f"{len(rows)} jobs; least contrast {min(contrasts):.2f} decades (limit {LEAST_CONTRAST:g}), "
-            f"largest misfit {max(row.misfit for row in rows):.2f} dB (limit {LARGEST_MISFIT:g}), "
-            f"mean misfit {np.mean([row.misfit for row in rows]):.2f} dB used, {np.mean([row.held_out for row in rows]):.2f} dB others; "
-            f"mean AUC {np.mean(aucs):.2f} all bolts, {np.mean(covered):.2f} bolts with a term near",
-            "missed: " + ("; ".join(missed) if missed else "none"),
-        ]
-    )
+#: Short headings of the figures in the table of campaigns.
+HEADINGS = {
+    "auc_near_probability": "AUC P near",
+    "auc_near_change": "by change",
+    "auc_interior_probability": "AUC P interior",
+    "auc_interior_change": "by change",
+    "alarms": "alarms",
+    "located_probability": "located P",
+    "located_change": "by change",
+    "wrong": "wrong",
+    "decided": "decided",
+    "caught": "caught",
+    "misfit_used": "dB used",
+    "misfit_held_out": "dB held out",
+    "seconds": "s",
+    "contrast": "contrast",
+    "tight_change": "tight rms",
+    "tight_ratio": "in std",
+    "lost": "lost",
+}
+
+
+def campaign_table(by_campaign: dict[str, list[Figure]]) -> str:
+    """One row a campaign; shares with their counts, a star where a limit is missed."""
+
+    def cell(figure: Figure) -> str:
+        text = shown(figure.value)
+        if text and figure.key in ("wrong", "decided", "caught", "located_probability", "located_change"):
+            text = "{}/{}".format(*list(figure.counts.values())[:2])
+        return text + ("*" if figure.holds is False else "")
+
+    lines = ["| campaign | " + " | ".join(HEADINGS.values()) + " |", "|" + " --- |" * (len(HEADINGS) + 1)]
+    for name, found in by_campaign.items():
+        keyed = {figure.key: figure for figure in found}
+        lines.append(f"| {name} | " + " | ".join(cell(keyed[key]) for key in HEADINGS) + " |")
+    return "\n".join(lines)
+
+
+def calibration_table(calibrations: dict[str, Calibration]) -> str:
+    """One row a campaign."""
+    names = list(dict.fromkeys(name for c in calibrations.values() for name in c.factors))
+    heading = ["campaign", "status", "dB used", "dB held out", *names, "rounds", "s"]
+    lines = ["| " + " | ".join(heading) + " |", "|" + " --- |" * len(heading)]
+    for name, c in calibrations.items():
+        cells = [name, c.status, shown(c.misfit), shown(c.held_out), *(f"{c.factors[n]:.4f}" if n in c.factors else "" for n in names)]
+        lines.append("| " + " | ".join([*cells, str(c.rounds), shown(c.seconds)]) + " |")
+    return "\n".join(lines)
+
+
+def job_table(jobs: Sequence[JobScore]) -> str:
+    """One row a job."""
+    heading = [
+        "campaign",
+        "job",
+        "status",
+        "removed",
+        "dB start",
+        "dB used",
+        "dB held out",
+        "sigma [dB]",
+        "correlation",
+        "compared",
+        "AUC near",
+        "AUC interior",
+    ]
+    heading += ["contrast", "loose", "undecided", "wrong", "evaluations", "s"]
+    lines = ["| " + " | ".join(heading) + " |", "|" + " --- |" * len(heading)]
+    for job in jobs:
+        cells = [job.campaign, job.job, job.status if job.role == "judged" else f"{job.status}, {job.role}", str(len(job.removed) or "")]
+        cells += [shown(v) for v in (job.misfit_initial, job.misfit, job.held_out, job.sigma, job.factor)]
+        cells.append("" if job.role == "reference" else "relative" if job.relative else "direct")
+        for inside in (False, True):
+            cells.append(shown(roc_auc([b for b in job.bolts if (b.interior if inside else b.near)], "probability")[0]))
+        cells.append(shown(job.contrast))
+        cells += [str(sum(b.verdict == word for b in job.bolts)) for word in ("loose", "undecided")]
+        cells += [str(sum(b.wrong for b in job.bolts)), str(job.evaluations), shown(job.seconds)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def wrong_table(jobs: Sequence[JobScore]) -> str:
+    """Every wrong verdict of a judged job."""
+    lines = ["| campaign | job | bolt | truth | verdict | change | std | probability loose | interior |", "|" + " --- |" * 9]
+    for job in jobs:
+        for bolt in job.bolts if job.role == "judged" else ():
+            if bolt.wrong:
+                truth = "removed" if bolt.removed else "tight"
+                numbers = [f"{v:.3f}" if v is not None else "" for v in (bolt.change, bolt.std, bolt.probability)]
+                cells = [bolt.campaign, bolt.job, bolt.bolt, truth, bolt.verdict, *numbers, "yes" if bolt.interior else ""]
+                lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) if len(lines) > 2 else "none"
+
+
+def lost_places(jobs: Sequence[JobScore]) -> str:
+    """Single loose bolts that were put elsewhere."""
+    found = []
+    for by in ("probability", "change"):
+        for job in jobs:
+            if job.role == "judged":
+                found += [
+                    f"- by {by}: {p.campaign}/{p.job} {p.bolt} put at {p.found}, {1e3 * p.distance:.0f} mm away"
+                    for p in locate(job, by)
+                    if not p.located
+                ]
+    return "\n".join(found) or "none"
+
+
+def generated(arguments: argparse.Namespace, work: Path) -> list[tuple[str, Path]]:
+    """Write the measurements that were asked for; names and folders."""
+    found: list[tuple[str, Path]] = []
+
+    def write(script: Path, *options: str) -> None:
+        subprocess.run([sys.executable, str(script), *options], check=True, env=dict(os.environ), stdout=sys.stderr)
+
+    for seed in arguments.generate:
+        folder = work / f"seed-{seed}"
+        write(SAMPLE / "generate" / "measurements.py", "--seed", str(seed), "--out", str(folder))
+        found.append((folder.name, folder))
+    virtual = ROOT / "data_samples" / "virtual.py"
+    for kind, wanted, options in (("virtual", arguments.virtual, ()), ("tight", arguments.tight, TIGHT)):
+        for design, seeds in wanted:
+            for seed in seeds:
+                out = work / kind / design
+                folder = out / f"seed-{seed}"
+                write(virtual, design, "--seed", str(seed), "--out", str(folder), "--model", str(out / "model"), *options)
+                found.append((f"{design}-{kind}-{seed}" if options else f"{design}-{seed}", folder))
+    return found
+
+
+def designs(text: str) -> tuple[str, list[int]]:
+    """A design and seeds from ``steel:11,12`` or ``soundbox:1-50``."""
+    found = re.fullmatch(r"(\w+):((?:\d+(?:-\d+)?)(?:,\d+(?:-\d+)?)*)", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"'{text}' is no DESIGN:SEEDS as steel:11,12 or soundbox:1-50")
+    seeds: list[int] = []
+    for part in found[2].split(","):
+        first, _, last = part.partition("-")
+        seeds += range(int(first), int(last or first) + 1)
+    return found[1], seeds
+
+
+def names_of(folders: Sequence[Path]) -> list[tuple[str, Path]]:
+    """Names that tell folders apart: the last part of their paths, or the last two."""
+    short = [folder.resolve().name for folder in folders]
+    return [(name if short.count(name) == 1 else f"{f.resolve().parent.name}-{name}", f) for name, f in zip(short, folders, strict=True)]
 
 
 def main() -> int:
@@ -224,9 +337,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--generate", type=int, action="append", default=[], metavar="SEED")
-    parser.add_argument("--config", type=Path, default=CONFIG)
+    parser.add_argument("--virtual", type=designs, action="append", default=[], metavar="DESIGN:SEEDS")
+    parser.add_argument("--tight", type=designs, action="append", default=[], metavar="DESIGN:SEEDS")
+    parser.add_argument("--sample", action="store_true", help="the SoundBox sample beside the others")
+    parser.add_argument("--config", type=Path, default=CONFIG, help="campaign file of folders without one")
     parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
-    parser.add_argument("--cache", type=Path, help="keep the reduced model here; default: built anew")
+    parser.add_argument("--no-calibration", action="store_true", help="the model as exported")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
+    parser.add_argument("--cache", type=Path, help="keep reduced models here; default: built anew")
     parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--markdown", type=Path, metavar="FILE")
@@ -234,24 +352,43 @@ def main() -> int:
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="lrbc-blind-") as scratch:
         work: Path = arguments.out or Path(scratch)
-        folders = list(arguments.folders)
-        for seed in arguments.generate:
-            folder = work / f"seed-{seed}"
-            generator = SAMPLE / "generate" / "measurements.py"
-            subprocess.run([sys.executable, str(generator), "--seed", str(seed), "--out", str(folder)], check=True, env=dict(os.environ))
-            folders.append(folder)
-        rows: list[Row] = []
-        for at, folder in enumerate(folders or [SAMPLE / "frf"]):
-            output = work / f"results-{at}-{folder.name}"
-            rows += identify_folder(arguments.config, folder, output, arguments.cache or work / "cache", arguments.override)
-    text = f"{table(rows)}\n\n{summary(rows)}\n"
+        campaigns = [*names_of(arguments.folders), *generated(arguments, work)]
+        if arguments.sample or not campaigns:
+            campaigns.insert(0, ("sample", SAMPLE / "frf"))
+        cache = arguments.cache or work / "cache"
+        tasks = [
+            Task(name, folder, arguments.config, work / "results" / name, cache, tuple(arguments.override), not arguments.no_calibration)
+            for name, folder in campaigns
+        ]
+        jobs, calibrations, failures = run_all(tasks, arguments.workers)
+    pooled = figures(jobs)
+    by_campaign = {task.name: figures([job for job in jobs if job.campaign == task.name]) for task in tasks if task.name not in failures}
+    parts = [
+        pooled_table(pooled, by_campaign),
+        campaign_table(by_campaign),
+        f"Wrong verdicts:\n\n{wrong_table(jobs)}",
+        f"Single loose bolts put elsewhere:\n\n{lost_places(jobs)}",
+        job_table(jobs),
+    ]
+    if calibrations:
+        parts.append(f"Calibrations:\n\n{calibration_table(calibrations)}")
+    if failures:
+        parts.append("Campaigns that failed:\n\n" + "\n".join(f"- {name}: {reason}" for name, reason in failures.items()))
+    text = "\n\n".join(parts) + "\n"
     print(f"{text}\n{time.perf_counter() - start:.0f} s in all")
     if arguments.markdown:
         arguments.markdown.write_text(text, encoding="utf-8", newline="\n")
     if arguments.json:
-        document = {"limits": {"contrast": LEAST_CONTRAST, "misfit_db": LARGEST_MISFIT}, "rows": [asdict(row) for row in rows]}
+        document = {
+            "overrides": arguments.override,
+            "pooled": [asdict(figure) | {"holds": figure.holds} for figure in pooled],
+            "campaigns": {name: [asdict(f) | {"holds": f.holds} for f in found] for name, found in by_campaign.items()},
+            "calibrations": {name: asdict(calibration) for name, calibration in calibrations.items()},
+            "jobs": [asdict(job) for job in jobs],
+            "failures": failures,
+        }
         arguments.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8", newline="\n")
-    return 1 if any(row.missed for row in rows) else 0
+    return 1 if failures or any(figure.holds is False for figure in pooled) else 0
 
 
 if __name__ == "__main__":
