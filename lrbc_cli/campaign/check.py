@@ -69,6 +69,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     if use is not None:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
+    out.sections["before measuring"] = ["lrbc plan tells from the model alone which bolts these responses can see, and ranks them"]
     model = inputs.model
     out.tree = {
         "campaign": inputs.campaign.name,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
@@ -42,8 +43,8 @@ def check_air(campaign: Campaign, acoustic: bool) -> None:
             )
 
 
-def drift_extras(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Extra, ...]:
-    """The unknowns that the settings ask for, for the responses used."""
+def drift_extras(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Extra, ...]:
+    """The unknowns that the settings ask for, for these responses (those used where None)."""
     found: list[Extra] = []
 
     def add(kind: str, name: str, index: int, std: float) -> None:
@@ -53,7 +54,7 @@ def drift_extras(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Extra, ...]
     if speed is not None and SOUND_SPEED in inputs.recipe.names:
         add("factor", SOUND_SPEED, 0, speed)
     if nuisances.gain is not None:
-        for i, response in enumerate(inputs.used):
+        for i, response in enumerate(inputs.used if responses is None else responses):
             add("gain", inputs.responses[response].name, i, nuisances.gain)
     if nuisances.hammer is not None and inputs.shifts is not None:
         for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):

@@ -11,7 +11,18 @@ from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
 
 #: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
-RESERVED_JOBS = ("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "calibration", "verdicts.png", "report.html")
+RESERVED_JOBS = (
+    "campaign.csv",
+    "campaign.json",
+    "reduction.json",
+    "calibration.json",
+    "calibration",
+    "plan.json",
+    "plan.csv",
+    "plan.png",
+    "verdicts.png",
+    "report.html",
+)
 
 
 def check_references(campaign: Campaign) -> None:

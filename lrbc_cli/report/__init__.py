@@ -1,6 +1,7 @@
 """Figures, tables and the HTML page; reads result files only, never computes physics."""
 
+from lrbc_cli.report.plan import draw_plan, plan_text
 from lrbc_cli.report.summary import summary_text
 from lrbc_cli.report.write import write_report
 
-__all__ = ["summary_text", "write_report"]
+__all__ = ["draw_plan", "plan_text", "summary_text", "write_report"]

@@ -23,6 +23,7 @@ from lrbc_cli.report.correlation import correlation_parts
 from lrbc_cli.report.figures import convergence_charts
 from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
+from lrbc_cli.report.plan import Plan, plan_parts
 from lrbc_cli.report.provenance import provenance
 from lrbc_cli.report.reduction import Reduction
 from lrbc_cli.report.remarks import UNEXPLAINED, remarks_parts
@@ -60,6 +61,7 @@ class Content:
     fdac: Mapping[str, Chart] = field(default_factory=dict)
     calibration: Calibration | None = None
     l_curves: Sequence[Chart] = ()
+    plan: Plan | None = None
 
 
 def render(content: Content, written: datetime | None = None) -> str:
@@ -114,6 +116,8 @@ def _sections(content: Content) -> Iterable[_Section | None]:
     yield _part("correlation", "Correlation", correlation_parts(content.campaign, done, content.fdac))
     if content.calibration is not None:
         yield _part("calibration", "Calibration of the reference model", calibration_parts(content.calibration, content.campaign))
+    if content.plan is not None:
+        yield _part("plan", "Plan: what can be seen", plan_parts(content.plan))
     yield _damping(done)
     yield _cost(content)
     yield _convergence(done)

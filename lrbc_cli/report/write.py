@@ -17,6 +17,7 @@ from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
+from lrbc_cli.report.plan import plan_chart, read_plan
 from lrbc_cli.report.reduction import read_reduction
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
 from lrbc_cli.report.strip import map_chart, strip_chart
@@ -69,6 +70,9 @@ def write_report(
     fdac: dict[str, Chart] = {}
     frfs: list[FrfFigure] = []
     tasks: list[_Task] = [] if strip is None else [(strip, output / "verdicts.png")]
+    plan = read_plan(output)
+    if plan is not None:
+        tasks.append((plan_chart(plan), output / "plan.png"))
     l_curves: list[Chart] = []
     for job in done:
         profile = profile_chart(job, scales)
@@ -97,7 +101,7 @@ def write_report(
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration, l_curves))
+    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration, l_curves, plan))
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")

@@ -1,0 +1,463 @@
+"""What the planned microphones and hammer points can see, from the model alone: nothing has to be measured for it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
+from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.simulate import job_values, parse_lines
+from lrbc_cli.campaign.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.weights import residual_options
+from lrbc_cli.config.settings import EveryLine, ListedLines
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.confidence import NORMAL_95, Rule
+from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.information import (
+    BLIND,
+    FACTOR,
+    LOOSENING,
+    SEEN,
+    SIGMA_DB,
+    Experiment,
+    Outlook,
+    bits_of,
+    distance_for,
+    distances,
+    expectation,
+    experiment,
+    greedy,
+    outlook,
+    verdict,
+)
+from lrbc_cli.updating.lines import resonance_lines
+from lrbc_cli.updating.misfit import Sensitive, penalty_rows
+from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.verdicts import Edge, foot
+
+Floats = NDArray[np.float64]
+
+PLAN_FORMAT = "lrbc-plan"
+STATES = ("initial", "clamped", "free")
+
+#: Lines of 1 Hz, but not fewer nor more than these over the band.
+LINES = (200, 2000)
+
+#: Why nothing can be said of a bolt.
+_NOT_FELT = "no term feels it: beyond the ends of the edge"
+_HELD = "the bounds of the values leave no room for a change"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A bolt, or a value along an edge where there are no bolts; its group, arc length of its foot there and unknown (-1: none)."""
+
+    name: str
+    position: Floats | None
+    group: str | None
+    arc_length: float | None
+    column: int
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for.
+
+    Attributes
+    ----------
+    state : str or None
+        ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's result where there is one, else the start values.
+    noise : float or None
+        Standard deviation of a line [dB].
+    by : str
+        ``auto``, ``bolts`` or ``values``.
+    """
+
+    state: str | None = None
+    noise: float | None = None
+    by: str = "auto"
+
+
+def make_plan(
+    inputs: Inputs, folder: Path, request: Request, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Say what the responses of a campaign can tell of its bolts.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+    request : Request
+    accept : bool
+        Accept a reduced model that misses its tolerance.
+    progress : callable
+
+    Returns
+    -------
+    dict
+        The content of ``plan.json``.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the state or the lines cannot be had, or nothing can be loosened.
+    """
+    begin = time.perf_counter()
+    stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
+    ready = time.perf_counter()
+    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
+    update = inputs.campaign.update
+    grid = _grid(inputs)
+    s = 2j * np.pi * grid
+    parameters, _ = parameterise(inputs, source, s)
+    state, theta, noise, origin = _state(inputs, parameters, request)
+    shapes, by = _shapes(inputs, parameters, request.by)
+    targets = _targets(inputs, parameters, shapes, by)
+    selected = _lines(inputs, grid, source.model(s, parameters, responses=inputs.used).frf(theta))
+    every = np.arange(len(inputs.responses))
+    extras = drift_extras(inputs, update.nuisances, every)
+    model: Sensitive
+    if extras:
+        model = ExtendedFrf(affine_model(inputs, stage), s[selected], parameters, extras, every)
+    else:
+        model = source.model(s, parameters, selected)
+    T, prior, bounds = _unknowns(inputs, parameters, shapes, extras, by)
+    found = experiment(
+        model,
+        np.concatenate([theta, np.zeros(len(extras))]),
+        T,
+        prior,
+        np.array([target.column for target in targets], dtype=np.int64),
+        bounds,
+        change=LOOSENING if state == "free" else -LOOSENING,
+        variance=noise.variance,
+        options=residual_options(update),
+        quantity=[response.quantity for response in inputs.responses],
+        planned=inputs.used,
+    )
+    tree = {
+        "format": PLAN_FORMAT,
+        "version": RESULT_VERSION,
+        "campaign": inputs.campaign.name,
+        "state": state,
+        "noise": {"sigma_db": noise.sigma, "correlation_factor": noise.factor, "source": origin},
+        "change": LOOSENING if state == "free" else -LOOSENING,
+        "unknowns": by,
+        "prior_std": update.prior_std,
+        "confidence": update.confidence,
+        "loose_change": update.loose_change,
+        "limits": {
+            word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
+            for word, value in (("seen", SEEN), ("blind", BLIND))
+        },
+        "lines": {"count": int(selected.size), "frequency_hz": grid[selected]},
+        "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in extras],
+        **_judged(inputs, found, targets),
+        "notes": _notes(inputs, by),
+        "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
+        "provenance": {
+            "versions": versions(),
+            "inputs": inputs.hashes,
+            "configuration": inputs.campaign.resolved(),
+            "certificate": {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst},
+        },
+    }
+    return tree
+
+
+def _grid(inputs: Inputs) -> Floats:
+    """Lines of the band, as they would be measured: 1 Hz apart, or those that the settings list."""
+    lines, band = inputs.campaign.update.lines, inputs.campaign.reduction.band
+    if isinstance(lines, ListedLines):
+        listed = np.unique(np.array(lines.frequencies, dtype=float))
+        outside = (listed < band[0] * (1 - 1e-9)) | (listed > band[1] * (1 + 1e-9))
+        if outside.any():
+            raise inputs.campaign.error(
+                "a listed line lies outside the band of the reduced model",
+                "update",
+                "lines",
+                "list",
+                expected=f"{band[0]:g} to {band[1]:g} Hz",
+                found=", ".join(f"{f:g} Hz" for f in listed[outside][:5]),
+            )
+        return listed
+    width = band[1] - band[0]
+    if LINES[0] <= width <= LINES[1]:
+        return parse_lines(None, band)
+    return np.linspace(*band, int(np.clip(width, *LINES)))
+
+
+def _lines(inputs: Inputs, grid: Floats, y: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.int64]:
+    """Those of the grid that an identification would use; resonances are the model's own."""
+    lines = inputs.campaign.update.lines
+    if isinstance(lines, EveryLine):
+        return np.arange(0, grid.size, lines.every)
+    return np.arange(grid.size) if isinstance(lines, ListedLines) or lines == "all" else resonance_lines(grid, y)
+
+
+def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tuple[str, Floats, Noise, str]:
+    """Name and theta of the state about which is asked; the noise, and where it is from."""
+    campaign = inputs.campaign
+    reference = campaign.update.reference
+    job = request.state.removeprefix("job:") if request.state is not None and request.state.startswith("job:") else None
+    theta = parameters.initial
+    bounds = parameters.bounds
+    tree: Mapping[str, Any] | None = None
+    if job is not None:
+        theta = job_values(inputs, job, parameters)
+        tree = read_json(campaign.output / job / "result.json", RESULT_FORMAT)
+        state = f"job:{job}"
+    elif request.state is None or request.state in STATES:
+        tree = read_json(campaign.output / reference / "result.json", RESULT_FORMAT) if reference is not None else None
+        known = stored_theta(parameters, tree)
+        tree = None if known is None else tree
+        state = request.state or ("initial" if known is None else f"job:{reference}")
+        if request.state is None and known is not None:
+            theta = known
+        job = reference
+    else:
+        raise ConfigError(
+            "no such state", place=f"--state {request.state}", expected="initial, clamped, free or job:NAME", found=request.state
+        )
+    if state in ("clamped", "free"):
+        for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+            if group.kind == "stiffness":
+                theta[values] = bounds[values, 1 if state == "clamped" else 0]
+    theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
+    known_noise = tree.get("noise") if tree is not None else None
+    noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
+    if known_noise and known_noise.get("sigma_db") and known_noise.get("correlation_factor"):
+        noise, origin = Noise(float(known_noise["sigma_db"]), float(known_noise["correlation_factor"])), f"job {job}"
+    if request.noise is not None:
+        noise, origin = Noise(request.noise, noise.factor), "--noise"
+    return state, theta, noise, origin
+
+
+def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
+    std = inputs.campaign.update.prior_std
+    if by != "values" and inputs.bolts is not None:
+        found = bolt_shapes(parameters, inputs.bolts.xyz, std)
+        if (found.bolts >= 0).any():
+            return found, "bolts"
+    if by == "bolts":
+        raise ConfigError(
+            "there are no bolts along an edge",
+            file=inputs.campaign.path,
+            place="--by bolts",
+            expected="bolts: file, and a stiffness group with positions",
+            hint="use --by values",
+        )
+    return node_shapes(parameters, std), "values"
+
+
+def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: str) -> list[Target]:
+    groups = [(g, at) for g, (at, _) in zip(parameters.groups, parameters.slices, strict=True) if g.kind == "stiffness"]
+    if by == "values":
+        targets = [
+            Target(
+                f"{group.name}[{k}]",
+                None if group.xyz is None else group.xyz[k],
+                group.name,
+                None if group.arc_length is None else float(group.arc_length[k]),
+                values.start + k,
+            )
+            for group, values in groups
+            for k in range(group.count)
+        ]
+        if not targets:
+            raise inputs.campaign.error("no stiffness that could be loosened", "parameters", expected="a group of kind stiffness")
+        return targets
+    assert inputs.bolts is not None
+    targets = []
+    for name, xyz, column in zip(inputs.bolts.name, inputs.bolts.xyz, shapes.bolts, strict=True):
+        feet = [
+            (*foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz), group.name)
+            for group, _ in groups
+            if group.xyz is not None and group.arc_length is not None
+        ]
+        at, _, owner = min(feet, key=lambda entry: entry[1])
+        targets.append(Target(name, xyz, owner, at, int(column)))
+    return targets
+
+
+def _unknowns(
+    inputs: Inputs, parameters: Parameterisation, shapes: Shapes, extras: tuple[Extra, ...], by: str
+) -> tuple[Floats, Floats, Floats]:
+    """Map from the unknowns to theta, their precision beforehand, and the bounds of theta."""
+    size, m, k = parameters.size, shapes.T.shape[1], len(extras)
+    T = np.zeros((size + k, m + k))
+    T[:size, :m], T[size:, m:] = shapes.T, np.eye(k)
+    prior = np.zeros((m + k, m + k))
+    if by == "bolts":
+        prior[:m, :m] = np.diag(1.0 / shapes.std**2)
+    else:
+        about = inputs.campaign.update.penalty
+        rows = penalty_rows(parameters, about.value, about.slope, about.curvature) / inputs.campaign.update.prior_std
+        prior[:m, :m] = rows.T @ rows
+    prior[m:, m:] = np.diag([1.0 / extra.std**2 for extra in extras])
+    return T, prior, np.vstack([parameters.bounds, np.array([extra.bounds for extra in extras]).reshape(-1, 2)])
+
+
+def _notes(inputs: Inputs, by: str) -> list[str]:
+    notes = []
+    update = inputs.campaign.update
+    if update.weights != "none":
+        notes.append(f"weights: {update.weights} is not known before the measurement: all lines count as if they were clean")
+    if by == "values":
+        notes.append("no bolts: every value along the edges stands for itself")
+    return notes
+
+
+def _judged(inputs: Inputs, found: Experiment, targets: list[Target]) -> dict[str, Any]:
+    """Bolts, responses and excitations of ``plan.json``."""
+    update, used = inputs.campaign.update, inputs.used
+    every = np.arange(found.responses)
+    now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
+    expected, loose = expectation(found, Rule(update.loose_change, update.confidence))
+    bolts = []
+    for n, target in enumerate(targets):
+        felt = target.column >= 0
+        note = None if felt and found.change[n] else (_HELD if felt else _NOT_FELT)
+        bolts.append(
+            {
+                "name": target.name,
+                "position": target.position,
+                "group": target.group,
+                "arc_length": target.arc_length,
+                "verdict": verdict(now.correct[n]),
+                "d_prime": now.distance[n],
+                "probability_correct": now.correct[n],
+                "std": now.std[n],
+                "lower95": -NORMAL_95 * now.std[n],
+                "upper95": NORMAL_95 * now.std[n],
+                "variance_removed": now.removed[n],
+                "change": found.change[n],
+                "expected_change": expected[n],
+                "expected_probability_loose": loose[n],
+                "all_responses": {"verdict": verdict(best.correct[n]), "d_prime": best.distance[n], "std": best.std[n]},
+                "note": note,
+            }
+        )
+    # Bolts that no set of these responses can see would hide what a response does for the others.
+    seen = np.array([verdict(value) != "blind" for value in best.correct])
+    tree: dict[str, Any] = {"bolts": bolts, "planned": _sum(now, seen, targets), "all_responses": _sum(best, seen, targets)}
+    tree["responses"] = _responses(inputs, found, now, seen, targets)
+    chosen: list[dict[str, Any]] = []
+    for r, distance in greedy(found):
+        chosen.append({"name": inputs.responses[r].name, "bits": bits_of(distance), "worst": _worst(distance, seen, targets)})
+    tree["order"] = chosen
+    tree["excitations"] = [
+        _set(inputs, found, now, seen, targets, name, np.flatnonzero(inputs.input_of == load))
+        for load, name in enumerate(inputs.excitations)
+        if len(inputs.excitations) > 1
+    ]
+    return tree
+
+
+def _sum(what: Outlook, seen: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any]:
+    words = [verdict(value) for value in what.correct]
+    counts = {word: words.count(word) for word in ("seen", "weak", "blind")}
+    return counts | {"bits": what.bits, "worst": _worst(what.distance, seen, targets)}
+
+
+def _worst(distance: Floats, among: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any] | None:
+    at = np.flatnonzero(among)
+    if not at.size:
+        return None
+    n = int(at[np.argmin(distance[at])])
+    return {"bolt": targets[n].name, "d_prime": distance[n]}
+
+
+def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: NDArray[np.bool_], targets: list[Target]) -> list[dict[str, Any]]:
+    """What each response adds to the planned ones, or what they lose without it; candidates and planned ones each by that."""
+    used = inputs.used
+    rows = []
+    for r, response in enumerate(inputs.responses):
+        planned = bool(r in used)
+        changed = distances(found, used[used != r] if planned else np.append(used, r))
+        rows.append(
+            {
+                "name": response.name,
+                "planned": planned,
+                "excitation": inputs.excitations[response.input],
+                "quantity": response.quantity,
+                "gain_bits": now.bits - bits_of(changed) if planned else bits_of(changed) - now.bits,
+                "alone_bits": bits_of(distances(found, [r])),
+                "worst": _worst(changed, seen, targets),
+            }
+        )
+    return sorted(rows, key=lambda row: (row["planned"], -row["gain_bits"]))
+
+
+def _set(
+    inputs: Inputs,
+    found: Experiment,
+    now: Outlook,
+    seen: NDArray[np.bool_],
+    targets: list[Target],
+    name: str,
+    members: NDArray[np.int64],
+) -> dict[str, Any]:
+    """What the planned responses of one excitation tell alone, and what is lost without them."""
+    used = inputs.used
+    own = np.intersect1d(used, members)
+    alone = distances(found, own)
+    return {
+        "name": name,
+        "responses": [inputs.responses[r].name for r in own],
+        "alone_bits": bits_of(alone),
+        "gain_bits": now.bits - bits_of(distances(found, np.setdiff1d(used, members))),
+        "all_bits": bits_of(distances(found, members)),
+        "worst": _worst(alone, seen, targets),
+    }
+
+
+COLUMNS = (
+    "name",
+    "group",
+    "x",
+    "y",
+    "z",
+    "arc_length_m",
+    "verdict",
+    "d_prime",
+    "probability_correct",
+    "std",
+    "lower95",
+    "upper95",
+    "variance_removed",
+    "change",
+    "expected_change",
+    "expected_probability_loose",
+    "d_prime_all_responses",
+    "note",
+)
+
+
+def write_plan(output: Path, tree: Mapping[str, Any]) -> None:
+    """Write ``plan.csv`` and ``plan.json``.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    rows = []
+    for bolt in tree["bolts"]:
+        position = [None] * 3 if bolt["position"] is None else list(bolt["position"])
+        plain = [bolt[key] for key in COLUMNS[6:16]]
+        rows.append([bolt["name"], bolt["group"], *position, bolt["arc_length"], *plain, bolt["all_responses"]["d_prime"], bolt["note"]])
+    write_csv(output / "plan.csv", COLUMNS, rows)
+    write_json(output / "plan.json", tree)

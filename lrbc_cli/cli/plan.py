@@ -1,0 +1,44 @@
+"""The command ``lrbc plan``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lrbc_cli.campaign.plan import Request, make_plan, write_plan
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.report import draw_plan, plan_text
+
+
+@click.command()
+@campaign_options
+@click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="DB", help="Standard deviation of a line in dB.")
+@click.option("--state", metavar="STATE", help="initial, clamped, free or job:NAME; absent: the reference job's result, else initial.")
+@click.option(
+    "--by", type=click.Choice(["auto", "bolts", "values"]), default="auto", show_default=True, help="What is loosened, one at a time."
+)
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def plan(
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    noise: float | None,
+    state: str | None,
+    by: str,
+    accept_tolerance: bool,
+) -> None:
+    """Tell from the model alone which bolts the responses can see, and rank the responses; no measurement is needed."""
+    inputs = load(config, overrides)
+    output = inputs.campaign.output
+    tree: dict[str, Any] = make_plan(inputs, cache_folder(cache), Request(state, noise, by), accept=accept_tolerance, progress=progress())
+    write_plan(output, tree)
+    draw_plan(output)
+    if as_json:
+        say_json(tree)
+    else:
+        click.echo(plan_text(output))
+        click.echo(f"plan in {output}: plan.json, plan.csv, plan.png")

@@ -1,0 +1,400 @@
+"""The plan of a measurement: what ``plan.json`` says, its figure, its table in the terminal and its part of the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lrbc_cli.report import format as fmt
+from lrbc_cli.report.chart import Axis, Chart, Item, Level, Marks, Panel, Tiles, Word, linear_axis, number
+from lrbc_cli.report.html import Cell, Markup, figure, table, tag
+from lrbc_cli.report.layout import BOTTOM, RIGHT, SMALL, TOP
+from lrbc_cli.report.reading import Node, read_document
+from lrbc_cli.report.svg import legend, svg
+
+VERDICTS = ("seen", "weak", "blind")
+
+#: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
+_BOLTS, _BAR, _BARS = 190.0, 15.0, 40
+_GLYPH = 0.6
+#: Bars are cut at this many times the limit of what is seen.
+_CUT = 5.0
+
+
+@dataclass(frozen=True)
+class Bolt:
+    """What the planned responses can tell of one bolt; NaN where nothing is known."""
+
+    name: str
+    group: str | None
+    arc_length: float | None
+    verdict: str
+    distance: float
+    correct: float
+    std: float
+    removed: float
+    expected: float
+    loose: float
+    best: float
+    note: str | None
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a response, or all of one excitation, is worth [bits]; the smallest d' with it added, or with it left out."""
+
+    name: str
+    planned: bool
+    gain: float
+    alone: float
+    worst: tuple[str, float] | None
+    members: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The whole document; ``limits`` are the d' at which a bolt is seen, and below which it is blind."""
+
+    campaign: str
+    state: str
+    sigma: float
+    factor: float
+    source: str
+    change: float
+    confidence: float
+    limits: tuple[float, float]
+    chances: tuple[float, float]
+    lines: int
+    bolts: tuple[Bolt, ...]
+    counts: dict[str, int]
+    worst: tuple[str, float] | None
+    responses: tuple[Worth, ...]
+    order: tuple[tuple[str, float], ...]
+    excitations: tuple[Worth, ...]
+    notes: tuple[str, ...]
+
+
+def read_plan(output: Path) -> Plan | None:
+    """Read ``plan.json``; None where there is none.
+
+    Raises
+    ------
+    DataError
+        Where it is damaged.
+    """
+    file = output / "plan.json"
+    if not file.exists():
+        return None
+    node = read_document(file, "lrbc-plan")
+    noise, limits, planned = node.node("noise"), node.node("limits"), node.node("planned")
+    seen, blind = limits.node("seen"), limits.node("blind")
+    return Plan(
+        campaign=node.text("campaign"),
+        state=node.text("state"),
+        sigma=noise.number("sigma_db"),
+        factor=noise.number("correlation_factor"),
+        source=noise.text("source"),
+        change=node.number("change"),
+        confidence=node.number("confidence"),
+        limits=(seen.number("d_prime"), blind.number("d_prime")),
+        chances=(seen.number("probability"), blind.number("probability")),
+        lines=int(node.node("lines").number("count")),
+        bolts=tuple(_bolt(entry) for entry in node.nodes("bolts")),
+        counts={word: int(planned.number(word)) for word in VERDICTS},
+        worst=_worst(planned),
+        responses=tuple(_worth(entry, entry.flag("planned")) for entry in node.nodes("responses")),
+        order=tuple((entry.text("name"), entry.number("bits")) for entry in node.nodes("order")),
+        excitations=tuple(_worth(entry, True) for entry in node.nodes("excitations")),
+        notes=node.texts("notes"),
+    )
+
+
+def _bolt(node: Node) -> Bolt:
+    return Bolt(
+        node.text("name"),
+        node.maybe_text("group"),
+        node.maybe_number("arc_length"),
+        node.choice("verdict", VERDICTS),
+        node.number("d_prime"),
+        node.number("probability_correct"),
+        node.number("std"),
+        node.number("variance_removed"),
+        node.number("expected_change"),
+        node.number("expected_probability_loose"),
+        node.node("all_responses").number("d_prime"),
+        node.maybe_text("note"),
+    )
+
+
+def _worth(node: Node, planned: bool) -> Worth:
+    members = node.texts("responses") if node.has("responses") else ()
+    return Worth(node.text("name"), planned, node.number("gain_bits"), node.number("alone_bits"), _worst(node), members)
+
+
+def _worst(node: Node) -> tuple[str, float] | None:
+    found = node.maybe_node("worst")
+    return (found.text("bolt"), found.number("d_prime")) if found.has("bolt") else None
+
+
+def _along(plan: Plan) -> list[list[Bolt]]:
+    """Bolts edge by edge, in order along each."""
+    edges: dict[str | None, list[Bolt]] = {}
+    for bolt in plan.bolts:
+        edges.setdefault(bolt.group, []).append(bolt)
+    return [sorted(bolts, key=lambda bolt: math.inf if bolt.arc_length is None else bolt.arc_length) for bolts in edges.values()]
+
+
+def plan_chart(plan: Plan) -> Chart:
+    """Return d' of every bolt along the edges, and below it what every response is worth."""
+    shown = plan.responses[:_BARS]
+    left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
+    count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
+    width = float(np.clip(left + RIGHT + 30.0 * count, 560.0, 900.0))
+    ranked = 20.0 + _BAR * max(len(shown), 1)
+    panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
+    subtitle = (
+        f"{_state(plan.state)} · {number(plan.sigma, 3)} dB a line · {plan.counts['seen']} seen, {plan.counts['weak']} weak, "
+        f"{plan.counts['blind']} blind with {sum(entry.planned for entry in plan.responses)} planned responses"
+    )
+    alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
+    return Chart(f"What can be seen · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
+
+
+def _cut(name: str, limit: int = 24) -> str:
+    return name if len(name) <= limit else name[: limit - 1] + "…"
+
+
+def _state(state: str) -> str:
+    words = {"initial": "about the start values", "clamped": "about the upper bounds", "free": "about the lower bounds"}
+    return words.get(state, f"about the result of {state.removeprefix('job:')}")
+
+
+def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
+    highest = max([1.25 * plan.limits[0], *(1.12 * value for bolt in plan.bolts for value in (bolt.distance, bolt.best))])
+    high = min(highest, _CUT * plan.limits[0])
+    boxes: dict[str, list[tuple[tuple[float, ...], str]]] = {word: [] for word in VERDICTS}
+    words: list[Item] = []
+    rings: list[tuple[float, float]] = []
+    ticks: list[tuple[float, str]] = []
+    at = 0.0
+    edges = _along(plan)
+    for edge in edges:
+        every = max(1, math.ceil((_GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
+        for index, bolt in enumerate(edge):
+            top = min(bolt.distance, high)
+            text = f"{bolt.name}, {bolt.verdict}: d' {number(bolt.distance, 3)}, correct verdict {fmt.probability(bolt.correct)}"
+            # A blind bolt keeps a visible foot.
+            boxes[bolt.verdict].append(((at + 0.17, at + 0.83, 0.0, max(top, 0.012 * high)), text))
+            if bolt.best > bolt.distance + 0.005 * high:
+                rings.append((at + 0.5, min(bolt.best, high)))
+            if cell >= 18.0:
+                size = 7.0
+                inside = top > 0.12 * high
+                words.append(
+                    Word(
+                        f"on-{bolt.verdict}" if inside else "text",
+                        at + 0.5,
+                        top - 0.05 * high if inside else top + 0.05 * high,
+                        f"{bolt.distance:.{1 if bolt.distance < 99.95 else 0}f}",
+                        size,
+                    )
+                )
+            if index % every == 0:
+                ticks.append((at + 0.5, bolt.name))
+            at += 1.0
+        at += 0.5
+    labels = {
+        "seen": f"seen: verdict correct with {100 * plan.chances[0]:.0f} % or more",
+        "weak": "weak",
+        "blind": f"blind: below {100 * plan.chances[1]:.0f} %",
+    }
+    items: list[Item] = [
+        Tiles(f"plan-{word}", np.array([box for box, _ in found]).reshape(-1, 4), labels[word], tuple(text for _, text in found))
+        for word, found in boxes.items()
+    ]
+    items += [Level("plan-limit", plan.limits[0]), Level("plan-limit", plan.limits[1])]
+    # What the lines stand for, beyond the last bolt where nothing covers it.
+    words += [
+        Word("text", at - 0.5, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end")
+        for limit, chance in zip(plan.limits, plan.chances, strict=True)
+    ]
+    if rings:
+        items.append(Marks("plan-all", np.array([x for x, _ in rings]), np.array([y for _, y in rings]), "with all responses"))
+    axis = Axis("", 0.0, at - 0.5, tuple(ticks))
+    return Panel(axis, linear_axis("d' of a loosened bolt", 0.0, high, 5), (*items, *words), weight)
+
+
+def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
+    top = max([entry.gain for entry in shown] + [1e-3])
+    boxes: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
+    words: list[Item] = []
+    for row, entry in enumerate(shown):
+        end = max(entry.gain, 0.0)
+        boxes[entry.planned].append((0.0, max(end, 0.002 * top), row + 0.82, row + 0.18))
+        words.append(Word("text", end + 0.012 * top, row + 0.5, f"{entry.gain:.2f}", 7.5, anchor="start"))
+    items: list[Item] = [
+        Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "candidate: what it would add" if boxes[False] else ""),
+        Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "planned: what is lost without it" if boxes[True] else ""),
+    ]
+    x_axis = linear_axis("information about the bolts [bits]", 0.0, 1.12 * top, 6)
+    y_axis = Axis("", float(max(len(shown), 1)), 0.0, tuple((row + 0.5, _cut(entry.name)) for row, entry in enumerate(shown)))
+    return Panel(x_axis, y_axis, (*items, *words), weight)
+
+
+def draw_plan(output: Path) -> Path | None:
+    """Draw ``plan.png`` from ``plan.json``; None where there is none.
+
+    Raises
+    ------
+    DataError
+        Where the plan is damaged, or the figure cannot be written.
+    """
+    # matplotlib takes a second to import.
+    from lrbc_cli.report.png import draw
+
+    plan = read_plan(output)
+    if plan is None:
+        return None
+    file = output / "plan.png"
+    draw(plan_chart(plan), file)
+    return file
+
+
+def plan_text(output: Path) -> str:
+    """Return the plan as tables in plain ASCII; nothing where there is none."""
+    plan = read_plan(output)
+    if plan is None:
+        return ""
+    planned = [entry.name for entry in plan.responses if entry.planned]
+    moved = "loosened" if plan.change < 0 else "tightened"
+    lines = [
+        f"{_state(plan.state)}, {plan.lines} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
+        f"noise {plan.sigma:.2g} dB a line, correlation factor {plan.factor:.2g} ({plan.source})",
+        "",
+    ]
+    head = ["bolt", "verdict", "d'", "correct", "d' all", "std", "95 % interval", "found", "p(loose)"]
+    rows = [
+        [
+            bolt.name,
+            bolt.verdict,
+            _plain(bolt.distance, 1),
+            _plain(bolt.correct, 2),
+            _plain(bolt.best, 1),
+            _plain(bolt.std, 2),
+            "" if math.isnan(bolt.std) else f"+-{1.96 * bolt.std:.2f}",
+            _plain(bolt.expected, 2) if bolt.note is None else "",
+            _plain(bolt.loose, 2),
+        ]
+        for bolt in plan.bolts
+    ]
+    lines += _columns(head, rows, left=2)
+    notes: dict[str, list[str]] = {}
+    for bolt in plan.bolts:
+        if bolt.note is not None:
+            notes.setdefault(bolt.note, []).append(bolt.name)
+    lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
+    lines.append(f"{plan.counts['seen']} seen, {plan.counts['weak']} weak, {plan.counts['blind']} blind with {', '.join(planned)}")
+    lines += ["", *_worths("response", plan.responses, plan.worst)]
+    if plan.excitations:
+        lines += ["", *_worths("excitation", plan.excitations, None)]
+    best = ", ".join(f"{name} ({bits:.1f})" for name, bits in plan.order[:8])
+    lines += ["", f"chosen one after another (bits in all): {best}"]
+    lines += [f"note: {note}" for note in plan.notes]
+    return "\n".join(lines)
+
+
+def _plain(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
+
+
+def _worths(title: str, entries: Sequence[Worth], before: tuple[str, float] | None) -> list[str]:
+    rows = []
+    for entry in entries:
+        word = ("loses" if entry.planned else "adds") if title == "response" else f"of {len(entry.members)} planned"
+        change = "" if entry.worst is None else f"{entry.worst[0]} {entry.worst[1]:.1f}"
+        if title == "response" and before is not None and change:
+            change += f" (now {before[0]} {before[1]:.1f})"
+        rows.append(
+            [
+                entry.name,
+                "planned" if entry.planned and title == "response" else "",
+                word,
+                f"{entry.gain:.2f}",
+                f"{entry.alone:.1f}",
+                change,
+            ]
+        )
+    worst = "worst bolt then, d'" if title == "response" else "worst bolt alone, d'"
+    return _columns([title, "", "", "bits", "alone", worst], rows, left=3, last=True)
+
+
+def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last: bool = False) -> list[str]:
+    widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+    text = []
+    for row in [head, *rows]:
+        cells = [
+            cell.ljust(width) if k < left or (last and k == len(head) - 1) else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            if width
+        ]
+        text.append("  ".join(cells).rstrip())
+    return text
+
+
+def plan_parts(plan: Plan) -> list[Markup | None]:
+    """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
+    chart = plan_chart(plan)
+    text = (
+        f"From the model alone, {_state(plan.state)}, with {number(plan.sigma, 3)} dB of noise a line (correlation factor "
+        f"{number(plan.factor, 3)}, {plan.source}) on {plan.lines} lines: each bolt in turn is "
+        f"{'loosened' if plan.change < 0 else 'tightened'} by {number(abs(plan.change), 3)} decades. d' tells how many standard "
+        "deviations the FRFs then lie from what the other unknowns can imitate; a verdict with "
+        f"{100 * plan.confidence:.0f} % confidence is then correct with the probability of the table, and missing or wrong otherwise. "
+        "The standard deviation is that of the change in the present state, prior included."
+    )
+    rows: list[list[str | Cell]] = [
+        [
+            bolt.name,
+            bolt.verdict,
+            fmt.fixed(bolt.distance, 1),
+            fmt.probability(bolt.correct),
+            fmt.fixed(bolt.best, 1),
+            fmt.fixed(bolt.std, 2),
+            fmt.probability(bolt.removed),
+            fmt.fixed(bolt.expected, 2) if bolt.note is None else fmt.MISSING,
+            fmt.MISSING if math.isnan(bolt.loose) else fmt.probability(bolt.loose),
+            bolt.note or "",
+        ]
+        for bolt in plan.bolts
+    ]
+    head = ["Bolt", "", "d'", "Correct verdict", "d' with all responses", "Std [decades]", "Prior variance removed"]
+    head += ["Change found where loosened", "Probability stated then", "Note"]
+    worth: list[list[str | Cell]] = [
+        [
+            entry.name,
+            "planned" if entry.planned else "candidate",
+            fmt.signed(-entry.gain if entry.planned else entry.gain, 2),
+            fmt.fixed(entry.alone, 1),
+            fmt.MISSING if entry.worst is None else f"{entry.worst[0]}, d' {fmt.fixed(entry.worst[1], 1)}",
+        ]
+        for entry in plan.responses
+    ]
+    titles = ["Response", "", "Bits when added, or left out", "Bits alone", "Worst bolt then"]
+    parts: list[Markup | None] = [
+        tag("p", text),
+        legend(chart),
+        figure(svg(chart), chart.title, chart.subtitle),
+        table("What the planned responses can tell of each bolt", head, rows, text_columns=2),
+        table("What each response is worth", titles, worth, text_columns=2),
+    ]
+    if plan.excitations:
+        points: list[list[str | Cell]] = [
+            [entry.name, ", ".join(entry.members), fmt.signed(-entry.gain, 2), fmt.fixed(entry.alone, 1)] for entry in plan.excitations
+        ]
+        parts.append(table("Excitations", ["Excitation", "Planned responses", "Bits without it", "Bits alone"], points, text_columns=2))
+    parts += [tag("p", note, class_="meta") for note in plan.notes]
+    return parts

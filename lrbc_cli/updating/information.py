@@ -1,0 +1,359 @@
+"""What measurements can tell of the changes at bolts before there are any: Fisher information, and how clearly a loosened bolt shows.
+
+Every response contributes a sum of its own, so that a set of responses is judged by adding what its members contribute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.updating.confidence import Rule
+from lrbc_cli.updating.misfit import Sensitive
+from lrbc_cli.updating.residuals import DataResidual, ResidualOptions
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: Change of the log10 values by which a bolt is loosened, or tightened where all are free [decades]: less than a removed bolt changes.
+LOOSENING = 1.5
+
+#: Standard deviation of a line where none is known [dB], noise and model error of a calibrated model, and its correlation factor: see
+#: ``Noise``. Identifications of the virtual rigs have factors from 1.5 to 2.4.
+SIGMA_DB, FACTOR = 1.0, 2.0
+
+#: Values this far below the strongest of their quantity drown in the noise of the measuring chain [dB].
+RANGE_DB = 80.0
+
+#: A bolt is seen where the probability of a correct verdict is at least the first, and blind where it is below the second.
+SEEN, BLIND = 0.8, 0.2
+
+#: Changes smaller than this are none [decades]: the value stands at its bound.
+LEAST_CHANGE = 1e-6
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What each of R responses contributes, of K unknowns and N bolts.
+
+    Attributes
+    ----------
+    prior : (K, K) float array
+        Precision of the unknowns before the measurement.
+    columns : (N,) int array
+        Unknown of each bolt; -1 where none feels it.
+    change : (N,) float array
+        Its finite change [decades]; 0 where the bounds allow none.
+    tangent : (R, K, K) float array
+        Fisher information ``JᵀJ/s²`` about the state.
+    secant : (R, K, K) float array
+        The same with the columns of the bolts replaced by slopes over their finite changes: about a saturated state a tangent hides
+        what neighbours can imitate.
+    loosened : (N, K, K) float array
+        Fisher information of the planned responses together, about the state with this bolt changed.
+    product : (N, R, K) float array
+        ``Jᵀd/s²`` with the secant J and the differences d that the finite change makes.
+    square : (N, R) float array
+        ``dᵀd/s²``.
+    """
+
+    prior: Floats
+    columns: Indices
+    change: Floats
+    tangent: Floats
+    secant: Floats
+    loosened: Floats
+    product: Floats
+    square: Floats
+
+    @property
+    def responses(self) -> int:
+        """Their number R."""
+        return int(self.square.shape[1])
+
+
+def fading(y: NDArray[np.complexfloating], quantity: Sequence[str]) -> Floats:
+    """Weights of lines that come near the noise of the measuring chain.
+
+    A floor ``f`` of noise power adds its share to the variance of the level, so that a line counts by ``1/sqrt(1 + f/|y|²)``.
+
+    Parameters
+    ----------
+    y : (F, R) complex array
+    quantity : sequence of str
+        Of each response; the floor lies ``RANGE_DB`` below the strongest value of a quantity.
+
+    Returns
+    -------
+    (F, R) float array
+        0 where y is.
+    """
+    power = np.abs(y) ** 2
+    kinds = np.array(quantity)
+    floor = np.zeros(power.shape[1])
+    for kind in dict.fromkeys(quantity):
+        floor[kinds == kind] = power[:, kinds == kind].max() * 10.0 ** (-RANGE_DB / 10.0)
+    return np.asarray(np.sqrt(np.divide(power, power + floor, out=np.zeros_like(power), where=power > 0)))
+
+
+def experiment(
+    model: Sensitive,
+    theta: Floats,
+    T: Floats,
+    prior: Floats,
+    columns: Indices,
+    bounds: Floats,
+    *,
+    change: float,
+    variance: float,
+    options: ResidualOptions,
+    quantity: Sequence[str],
+    planned: Indices,
+) -> Experiment:
+    """Evaluate the model about the state and about the state with each bolt changed.
+
+    Parameters
+    ----------
+    model : Sensitive
+        FRFs of all responses at the lines that are to be compared.
+    theta : (size,) float array
+        The state, inside the bounds.
+    T : (size, K) float array
+        ``theta + T u`` for the unknowns u, nuisances among them.
+    prior : (K, K) float array
+        Their precision.
+    columns : (N,) int array
+        See ``Experiment``.
+    bounds : (size, 2) float array
+        A change stops there.
+    change : float
+        Of the unknown of a bolt [decades].
+    variance : float
+        ``s²`` of a residual, correlation included [dB²].
+    options : ResidualOptions
+        How differences are formed.
+    quantity : sequence of str
+        Of each response.
+    planned : int array
+        The responses that an identification will use.
+
+    Returns
+    -------
+    Experiment
+    """
+    N, K = columns.size, T.shape[1]
+    y, J = _evaluate(model, theta, options)
+    R = y.shape[1]
+    weights = fading(y, quantity)
+    data = [_data(y[:, [r]], options, weights[:, [r]] / np.sqrt(variance)) for r in range(R)]
+
+    def parts(values: NDArray[np.complexfloating], slopes: Floats) -> list[tuple[Floats, Floats]]:
+        """Scaled residuals and Jacobian of each response."""
+        found = []
+        for r, residual in enumerate(data):
+            if residual is None:
+                found.append((np.zeros(0), np.zeros((0, K))))
+            else:
+                own, rows, _ = residual(values[:, [r]], slopes[:, [r]])
+                found.append((own, rows @ T))
+        return found
+
+    tight = [rows for _, rows in parts(y, J)]
+    loosened, square = np.zeros((N, K, K)), np.zeros((N, R))
+    differences: list[list[Floats] | None] = [None] * N
+    moved = np.zeros(N)
+    for n, column in enumerate(columns):
+        if column < 0:
+            continue
+        there = np.clip(theta + change * T[:, column], bounds[:, 0], bounds[:, 1])
+        # The bounds may stop some of the values: the mean of what is left, as the shape weighs them.
+        shape = T[:, column]
+        moved[n] = float(shape @ (there - theta)) / float(shape @ shape)
+        if abs(moved[n]) < LEAST_CHANGE:
+            moved[n] = 0.0
+            continue
+        found = parts(*_evaluate(model, there, options))
+        differences[n] = [d for d, _ in found]
+        loosened[n] = sum(found[r][1].T @ found[r][1] for r in planned)
+        square[n] = [d @ d for d, _ in found]
+    chords = [rows.copy() for rows in tight]
+    for n, d in enumerate(differences):
+        if d is not None:
+            for r in range(R):
+                chords[r][:, columns[n]] = d[r] / moved[n]
+    product = np.zeros((N, R, K))
+    for n, d in enumerate(differences):
+        if d is not None:
+            product[n] = [chords[r].T @ d[r] for r in range(R)]
+    information = np.array([rows.T @ rows for rows in tight])
+    return Experiment(prior, columns, moved, information, np.array([c.T @ c for c in chords]), loosened, product, square)
+
+
+def _evaluate(model: Sensitive, theta: Floats, options: ResidualOptions) -> tuple[NDArray[np.complexfloating], Floats]:
+    # A response that is silent at a line has no level there: such lines do not count.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y, J = model.sensitivities(theta, options.kind != "db")
+    return y, np.where(np.isfinite(J), J, 0.0)
+
+
+def _data(y: NDArray[np.complexfloating], options: ResidualOptions, weights: Floats) -> DataResidual | None:
+    try:
+        return DataResidual(y, options, weights)
+    except DataError:
+        return None
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What a set of responses can tell of N bolts.
+
+    Attributes
+    ----------
+    std : (N,) float array
+        Standard deviation of the change at a bolt after the measurement, about the state, prior included [decades].
+    removed : (N,) float array
+        Share of the prior variance that the measurement removes, 0 to 1.
+    distance : (N,) float array
+        d': how many standard deviations a changed bolt lies from the state, after the other unknowns have explained what they can.
+    correct : (N,) float array
+        Probability of a verdict that is correct, the other probabilities being of a wrong one or of none: see ``chance``.
+    """
+
+    std: Floats
+    removed: Floats
+    distance: Floats
+    correct: Floats
+
+    @property
+    def bits(self) -> float:
+        """See ``bits_of``."""
+        return bits_of(self.distance)
+
+
+def chance(distance: Floats, confidence: float) -> Floats:
+    """Probability of a correct verdict by the likelihood ratio of changed against unchanged.
+
+    The logarithm of the ratio is normal with mean ``±d'²/2`` and variance ``d'²``; a verdict is given where it says either with at least
+    this confidence, both being equally likely beforehand: ``Phi(d'/2 - ln(c/(1-c))/d')``, the same whether the bolt is changed or not.
+    """
+    away = np.maximum(distance, 1e-12)
+    return np.asarray(norm.cdf(0.5 * away - np.log(confidence / (1.0 - confidence)) / away))
+
+
+def distance_for(probability: float, confidence: float) -> float:
+    """The d' at which ``chance`` is this: ``q + sqrt(q² + 2 ln(c/(1-c)))`` with ``Phi(q)`` the probability."""
+    q = float(norm.ppf(probability))
+    return float(q + np.sqrt(q**2 + 2.0 * np.log(confidence / (1.0 - confidence))))
+
+
+def bits_of(distance: Floats) -> float:
+    """``sum ½ log2(1 + d'²)``: by how much the variances of the bolts' changes fall, each expected to be as large as its finite change."""
+    return float(0.5 * np.sum(np.log2(1.0 + distance**2)))
+
+
+def distances(of: Experiment, responses: Sequence[int] | Indices) -> Floats:
+    """Give d' of every bolt for a set of responses: ``Outlook.distance``."""
+    at = np.asarray(responses, dtype=np.int64)
+    whole = of.prior + of.secant[at].sum(axis=0)
+    found = np.zeros(of.columns.size)
+    for n in np.flatnonzero(of.change):
+        others = np.arange(whole.shape[0]) != of.columns[n]
+        b = of.product[n, at].sum(axis=0)[others]
+        # Least sum of squares where the bolt stays and the others give way, as far as their prior lets them.
+        left = of.square[n, at].sum() - b @ _inverse(whole[np.ix_(others, others)]) @ b
+        found[n] = np.sqrt(max(float(left), 0.0))
+    return found
+
+
+def outlook(of: Experiment, responses: Sequence[int] | Indices, confidence: float) -> Outlook:
+    """Judge a set of responses.
+
+    Parameters
+    ----------
+    of : Experiment
+    responses : sequence of int
+        Which of them are measured; none says what the prior says.
+    confidence : float
+        Probability that a verdict needs.
+
+    Returns
+    -------
+    Outlook
+        Bolts that no unknown feels: no information at all, standard deviation NaN.
+    """
+    at = np.asarray(responses, dtype=np.int64)
+    before, after = _inverse(of.prior), _inverse(of.prior + of.tangent[at].sum(axis=0))
+    std, removed = np.full(of.columns.size, np.nan), np.zeros(of.columns.size)
+    felt = of.columns >= 0
+    c = of.columns[felt]
+    std[felt] = np.sqrt(np.maximum(after[c, c], 0.0))
+    removed[felt] = np.clip(1.0 - after[c, c] / before[c, c], 0.0, 1.0)
+    distance = distances(of, at)
+    return Outlook(std, removed, distance, chance(distance, confidence))
+
+
+def expectation(of: Experiment, rule: Rule) -> tuple[Floats, Floats]:
+    """What an identification from the planned responses finds at each bolt where that bolt is changed, linearised there.
+
+    Parameters
+    ----------
+    of : Experiment
+    rule : Rule
+        When an identification calls a bolt loose.
+
+    Returns
+    -------
+    expected : (N,) float array
+        Mean of the change that is found: the prior draws it to zero [decades].
+    loose : (N,) float array
+        Probability of being loose that is stated then; NaN where the bolt is not loosened.
+    """
+    expected, loose = np.zeros(of.columns.size), np.full(of.columns.size, np.nan)
+    for n in np.flatnonzero(of.change):
+        c = of.columns[n]
+        there = _inverse(of.prior + of.loosened[n])
+        expected[n] = of.change[n] * (1.0 - there[c] @ of.prior[:, c])
+        if of.change[n] < 0:
+            spread = float(np.hypot(np.sqrt(max(there[c, c], 0.0)), rule.scatter))
+            loose[n] = norm.cdf((rule.limit - expected[n]) / max(spread, 1e-12))
+    return expected, loose
+
+
+def _inverse(precision: Floats) -> Floats:
+    # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
+    if not precision.size:
+        return precision
+    floor = 1e-12 * max(float(np.diag(precision).max()), np.finfo(float).tiny)
+    return np.asarray(np.linalg.inv(precision + floor * np.eye(precision.shape[0])))
+
+
+def verdict(correct: float) -> str:
+    """``seen``, ``weak`` or ``blind``."""
+    return "seen" if correct >= SEEN else ("weak" if correct >= BLIND else "blind")
+
+
+def greedy(of: Experiment, most: int = 24) -> list[tuple[int, Floats]]:
+    """Responses in the order in which each adds most bits to those before it.
+
+    Parameters
+    ----------
+    of : Experiment
+    most : int
+        How many at the most.
+
+    Returns
+    -------
+    list of (response, d' of every bolt with it and those before it)
+    """
+    left, found = list(range(of.responses)), list[tuple[int, Floats]]()
+    while left and len(found) < most:
+        before = [r for r, _ in found]
+        trials = [(r, distances(of, [*before, r])) for r in left]
+        found.append(max(trials, key=lambda trial: bits_of(trial[1])))
+        left.remove(found[-1][0])
+    return found
