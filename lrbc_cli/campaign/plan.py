@@ -240,6 +240,8 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if known_noise and known_noise.get("sigma_db") and known_noise.get("correlation_factor"):
         noise, origin = Noise(float(known_noise["sigma_db"]), float(known_noise["correlation_factor"])), f"job {job}"
+    if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):
+        raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
     if request.noise is not None:
         noise, origin = Noise(request.noise, noise.factor), "--noise"
     return state, theta, noise, origin

@@ -192,17 +192,12 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
             if bolt.best > bolt.distance + 0.005 * high:
                 rings.append((at + 0.5, min(bolt.best, high)))
             if cell >= 18.0:
-                size = 7.0
                 inside = top > 0.12 * high
-                words.append(
-                    Word(
-                        f"on-{bolt.verdict}" if inside else "text",
-                        at + 0.5,
-                        top - 0.05 * high if inside else top + 0.05 * high,
-                        f"{bolt.distance:.{1 if bolt.distance < 99.95 else 0}f}",
-                        size,
-                    )
-                )
+                # Above a ring that would cover it.
+                above = min(bolt.best, high) if bolt.best < bolt.distance + 0.09 * high else top
+                level = top - 0.05 * high if inside else above + 0.05 * high
+                role = f"on-{bolt.verdict}" if inside else "text"
+                words.append(Word(role, at + 0.5, level, f"{bolt.distance:.{1 if bolt.distance < 99.95 else 0}f}", 7.0))
             if index % every == 0:
                 ticks.append((at + 0.5, bolt.name))
             at += 1.0
