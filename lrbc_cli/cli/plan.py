@@ -9,12 +9,13 @@ import click
 
 from lrbc_cli.campaign.plan import Request, make_plan, write_plan
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.report import draw_plan, plan_text
 
 
 @click.command()
 @campaign_options
+@calibration_option
 @click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="DB", help="Standard deviation of a line in dB.")
 @click.option("--state", metavar="STATE", help="initial, clamped, free or job:NAME; absent: the reference job's result, else initial.")
 @click.option(
@@ -26,13 +27,14 @@ def plan(
     overrides: tuple[str, ...],
     cache: Path | None,
     as_json: bool,
+    calibration: bool,
     noise: float | None,
     state: str | None,
     by: str,
     accept_tolerance: bool,
 ) -> None:
     """Tell from the model alone which bolts the responses can see, and rank the responses; no measurement is needed."""
-    inputs = load(config, overrides)
+    inputs = load(config, overrides, calibration=calibration)
     output = inputs.campaign.output
     tree: dict[str, Any] = make_plan(inputs, cache_folder(cache), Request(state, noise, by), accept=accept_tolerance, progress=progress())
     write_plan(output, tree)

@@ -89,7 +89,8 @@ def _check_names(campaign: Campaign) -> None:
             found="no bolts" if campaign.bolts is None else "no reference",
         )
     drift = [key for key, value in update.nuisances if value is not None and key != "room"]
-    if drift and (update.reference is None or update.prior == "initial"):
+    # Before anything is measured there is no reference job to name, and the plan counts with the drift already.
+    if drift and ((update.reference is None and campaign.jobs) or update.prior == "initial"):
         raise campaign.error(
             "drift since a reference job that results are not compared with",
             "update",

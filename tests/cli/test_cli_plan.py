@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 from typing import Any
 
@@ -87,7 +88,7 @@ def test_gains_are_differences_of_plans(bare: Folder) -> None:
 
 def test_noise_hides_bolts(bare: Folder) -> None:
     found = [planned(bare, "--noise", level) for level in ("0.2", "2", "20")]
-    for quiet, loud in zip(found, found[1:], strict=False):
+    for quiet, loud in itertools.pairwise(found):
         assert loud["noise"]["source"] == "--noise"
         for name, bolt in rows(loud).items():
             assert bolt["d_prime"] < rows(quiet)[name]["d_prime"]
@@ -128,9 +129,7 @@ def test_values_where_there_are_no_bolts(bare: Folder) -> None:
     assert by_value["unknowns"] == "values"
     assert list(rows(by_value)) == [f"springs[{k}]" for k in range(6)]
     # One spring stands at each bolt: both ask the same.
-    np.testing.assert_allclose(
-        [bolt["d_prime"] for bolt in by_value["bolts"]], [bolt["d_prime"] for bolt in by_bolt["bolts"]], rtol=1e-6
-    )
+    np.testing.assert_allclose([bolt["d_prime"] for bolt in by_value["bolts"]], [bolt["d_prime"] for bolt in by_bolt["bolts"]], rtol=1e-6)
     tree = bare.tree()
     del tree["bolts"]
     bare.write(tree)
