@@ -127,8 +127,8 @@ class _Job:
 
     def _shapes(self) -> Shapes:
         settings, bolts = self.settings, self.inputs.bolts
-        # A penalty on slopes along the edge speaks of values.
-        plain = settings.penalty.slope == 0 and settings.penalty.curvature == 0
+        # A penalty of one's own speaks of values along the edge.
+        plain = settings.penalty == PenaltyConfig()
         wanted = settings.unknowns == "bolts" or (settings.unknowns == "auto" and plain)
         if wanted and self.against_reference and bolts is not None:
             found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
@@ -165,7 +165,12 @@ class _Job:
         reference = self.settings.reference
         if not self.against_reference or reference is None:
             return None
-        tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+        try:
+            tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+        except DataError as error:
+            # Its earlier result still serves.
+            self.notes.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
+            return None
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
