@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.identify import Identification
+from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.updating.correlation import Correlation, PeakTable, correlate
 

@@ -5,29 +5,28 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import FrfSource, affine_model
-from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_theta
+from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.weights import line_weights, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
-from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
 from lrbc_cli.updating.lcurve import LCurve, l_curve
-from lrbc_cli.updating.levels import Level, gauss_newton_by_levels
+from lrbc_cli.updating.levels import DRAWS, Level, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
-from lrbc_cli.updating.saturation import Saturation
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
 from lrbc_cli.updating.verdicts import pitch_of
 
@@ -53,67 +52,6 @@ LEVEL_STD = 1.0
 MOST_CORRECTION_DB = 6.0
 
 
-@dataclass(frozen=True)
-class Identification:
-    """Result of one job.
-
-    Attributes
-    ----------
-    name : str
-    solution : Solution
-        Its theta is that of ``parameters``.
-    parameters : Parameterisation
-    saturations : dict
-        By stiffness group.
-    measurement : Measurement
-    selected : int array
-        Lines that entered the cost.
-    initial, updated : (F, R) complex arrays
-        FRFs of the model on all measured lines, what drifted included in the latter.
-    misfit_initial, misfit_final : (R,) float arrays
-        Mean absolute dB difference over all lines of the band.
-    notes : tuple of str
-        On weights, on the choice of the regularisation, on what was compared.
-    posterior : Posterior
-    opens : two (size,) bool arrays
-        Whether the data object to each value being free, or clamped; True where they do not.
-    prior : (size,) float array
-    against_reference : bool
-        The unknowns are changes against the reference job.
-    relative : bool
-        The measurement was corrected by what the model lacks in the reference state.
-    cost_initial : float
-    line_evaluations : int
-    seconds : dict
-    regularisation : float
-        Weight of the penalty [dB² per decade²].
-    l_curve : LCurve or None
-        Where the weight was chosen by it.
-    """
-
-    name: str
-    solution: Solution
-    parameters: Parameterisation
-    saturations: dict[str, Saturation]
-    measurement: Measurement = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
-    initial: Complexes = field(repr=False)
-    updated: Complexes = field(repr=False)
-    misfit_initial: Floats = field(repr=False)
-    misfit_final: Floats = field(repr=False)
-    notes: tuple[str, ...]
-    posterior: Posterior = field(repr=False)
-    opens: tuple[NDArray[np.bool_], NDArray[np.bool_]] = field(repr=False)
-    prior: Floats = field(repr=False)
-    against_reference: bool = False
-    relative: bool = False
-    cost_initial: float = 0.0
-    line_evaluations: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
-    regularisation: float = 0.0
-    l_curve: LCurve | None = None
-
-
 def curve_notes(curve: LCurve) -> tuple[str, ...]:
     """A warning where an L-curve has no corner."""
     if curve.corner is not None:
@@ -136,6 +74,11 @@ class _Fit:
     knowledge: Posterior
     curve: LCurve | None
     evaluations: int
+
+    def after(self, evaluations: int) -> _Fit:
+        """The same, with what was evaluated on another way."""
+        solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
+        return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
 
 
 class _Job:
@@ -184,8 +127,8 @@ class _Job:
 
     def _shapes(self) -> Shapes:
         settings, bolts = self.settings, self.inputs.bolts
-        # A penalty on slopes along the edge speaks of values.
-        plain = settings.penalty.slope == 0 and settings.penalty.curvature == 0
+        # A penalty of one's own speaks of values along the edge.
+        plain = settings.penalty == PenaltyConfig()
         wanted = settings.unknowns == "bolts" or (settings.unknowns == "auto" and plain)
         if wanted and self.against_reference and bolts is not None:
             found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
@@ -222,7 +165,12 @@ class _Job:
         reference = self.settings.reference
         if not self.against_reference or reference is None:
             return None
-        tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+        try:
+            tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+        except DataError as error:
+            # Its earlier result still serves.
+            self.notes.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
+            return None
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
@@ -242,7 +190,8 @@ class _Job:
         eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
         misfit = self._misfit(measured, eta)
         span = self.shapes.T if self.shapes.by_bolt else None
-        curve, further = None, {}
+        curve, draws = None, 0
+        further: dict[str, Floats] = {}
         begin = self.prior if span is not None else self.start
         if settings.regularisation == "l-curve":
             curve = l_curve(misfit, begin, bounds, span=span)
@@ -252,6 +201,9 @@ class _Job:
             solution = self._bfgs(misfit, begin, bounds)
         else:
             tolerance = settings.tolerance or 1e-4
+            if span is not None:
+                further |= prior_draws(misfit, self.shapes, bounds)
+                draws = DRAWS
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=tolerance, max_iterations=settings.max_iterations, further=further, span=span
             )
@@ -264,7 +216,8 @@ class _Job:
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        return _Fit(measured, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+        found = _Fit(measured, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+        return found.after(draws)
 
     def _misfit(self, measured: Complexes, eta: float) -> Misfit:
         return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), self.weights)
@@ -327,12 +280,14 @@ class _Job:
             starts=fit.solution.starts,
             history=history,
             iterations=fit.solution.iterations + found.iterations,
-            evaluations=evaluations,
+            evaluations=fit.solution.evaluations + evaluations - fit.evaluations,
         )
         # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
-        return _Fit(measured, self._misfit(measured, misfit.eta), misfit, solution, knowledge, fit.curve, evaluations)
+        return _Fit(
+            measured, self._misfit(measured, misfit.eta if fit.plain.eta else 0.0), misfit, solution, knowledge, fit.curve, evaluations
+        )
 
     def best(self) -> tuple[_Fit, bool]:
         """The comparison that leaves the smaller residuals, and whether it is the relative one.
@@ -354,7 +309,20 @@ class _Job:
         relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance)
         others = sum(fit.evaluations for fit in fits.values()) - fits[relative].evaluations
         others += sum(ends[k].evaluations - fits[k].evaluations for k in ends if k != relative)
-        return replace(ends[relative], evaluations=ends[relative].evaluations + others), relative
+        return ends[relative].after(others), relative
+
+    def about_reference(self, fit: _Fit, reference: Mapping[str, Any] | None, relative: bool) -> _Fit:
+        """The same with the uncertainty of the reference state."""
+        if not self.against_reference:
+            return fit
+        state, knowledge = stored_covariance(self.parameters, reference), fit.knowledge
+        if relative:
+            # Its error is in model and measurement alike; that of its measurement is in the residuals.
+            return replace(fit, knowledge=knowledge.about_estimate(state))
+        value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
+        rows = value.residual.size - fit.misfit.penalty.shape[0]
+        jacobian = fit.solution.evaluation.jacobian[:rows]
+        return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
@@ -418,6 +386,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()
     fit, relative = job.best()
+    fit = job.about_reference(fit, reference, relative)
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
@@ -450,6 +419,6 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
             "optimise": optimised - ports,
             "total": time.perf_counter() - start,
         },
-        fit.misfit.eta,
+        fit.plain.eta,
         fit.curve,
     )

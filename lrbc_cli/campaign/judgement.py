@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.identify import Identification
+from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.confidence import Band, Rule, band, weigh
@@ -35,14 +35,13 @@ def _stored(reference: Mapping[str, Any] | None, group: ParameterGroup, key: str
     return np.array([np.nan if value is None else value for value in found], dtype=float)
 
 
-def bands(result: Identification, reference: Mapping[str, Any] | None) -> dict[str, Band]:
-    """Confidence of the effective values of every group; where they are changes, the uncertainty of the reference state is added."""
+def bands(result: Identification) -> dict[str, Band]:
+    """Confidence of the effective values of every group."""
     covariance = result.posterior.boundary
     found = {}
     for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
-        before = _stored(reference, group, "std") if result.against_reference else None
         opens = (result.opens[0][values], result.opens[1][values])
-        found[group.name] = band(group, result.solution.theta[values], covariance[values, values], before, opens)
+        found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
     return found
 
 
@@ -158,7 +157,11 @@ def _change(
     p = result.solution.theta[values]
     # Mean of log10(W 10^p) over the values near the bolt.
     row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[verdict.near].mean(axis=0)
-    variance = float(row @ knowledge.boundary[values, values] @ row)
+    covariance = knowledge.boundary
+    if result.against_reference:
+        # Of the change, not of the value.
+        covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
+    variance = float(row @ covariance[values, values] @ row)
     if not result.against_reference:
         before = _stored(reference, group, "std")
         variance += 0.0 if before is None else float(np.mean(before[verdict.near] ** 2))

@@ -13,7 +13,7 @@ from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
 from lrbc_cli.campaign.drift import drift_tree
-from lrbc_cli.campaign.identify import Identification
+from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.judgement import (
     UNEXPLAINED,
@@ -88,7 +88,7 @@ def result_tree(
     """The content of ``result.json``."""
     campaign, solution = inputs.campaign, result.solution
     parameters: dict[str, Any] = {}
-    confidence = bands(result, reference)
+    confidence = bands(result)
     for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
         p = solution.theta[values]
         before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
@@ -149,6 +149,7 @@ def result_tree(
         "reason": solution.reason if valid.passed else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason})",
         "removed": list(removed) if states_removed(inputs) else None,
         "parameters": parameters,
+        "covariance": result.posterior.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": {
             "initial": _mean(result.misfit_initial[used]),

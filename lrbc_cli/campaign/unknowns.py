@@ -106,6 +106,15 @@ def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -
     return theta
 
 
+def stored_covariance(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats:
+    """Covariance of theta in a stored result that ``stored_theta`` accepts; zero where it has none."""
+    found = np.zeros((parameters.size, parameters.size))
+    stored = None if tree is None else tree.get("covariance")
+    if stored is not None and np.shape(stored) == found.shape:
+        found = np.array(stored, dtype=float)
+    return found
+
+
 def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Callable[[], Complexes] | None = None) -> NDArray[np.int64]:
     """Indices of the lines that enter the cost; for ``resonances-both`` the model gives its (F, U) FRFs at the prior.
 

@@ -42,7 +42,7 @@ class Band:
     upper: Floats
 
 
-def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | None, opens: tuple[Bools, Bools]) -> Band:
+def band(group: ParameterGroup, p: Floats, covariance: Floats, opens: tuple[Bools, Bools]) -> Band:
     """Confidence of the effective values of a group.
 
     Parameters
@@ -51,8 +51,6 @@ def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | 
     p : (k,) float array
     covariance : (k, k) float array
         Of p.
-    before : (k,) float array or None
-        Standard deviations of the prior state where p are changes against one that is uncertain itself.
     opens : two (k,) bool arrays
         Where the interval opens downwards and upwards.
 
@@ -63,8 +61,6 @@ def band(group: ParameterGroup, p: Floats, covariance: Floats, before: Floats | 
     values = group.values(p)
     J = group.value_jacobian(p) / (LN10 * values[:, None])
     variance = np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0)
-    if before is not None:
-        variance = variance + before**2
     std = np.sqrt(variance)
     centre = np.log10(values)
     lower = np.where(opens[0], -np.inf, centre - NORMAL_95 * std)

@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 #: The weight of the prior follows the noise until it changes by less than this, or so many times.
 NOISE_CHANGE, NOISE_ROUNDS = 0.05, 6
 
+#: Weight that stands for none where the rows of something else share it.
+LEAST_ETA = 1e-30
+
 #: Freedom of the Student t distribution of a sparse prior: one, of Cauchy.
 SPARSE_FREEDOM = 1.0
 
@@ -41,6 +44,10 @@ class Posterior:
         ``s²`` is its variance.
     prior_std : (m,) float array
         Standard deviations of z in the prior, ``s / sqrt(eta)`` times those of the shapes.
+    about : (size, size) float array or None
+        Part of the covariance of theta that the state has about which z are changes; None where that is no estimate.
+    own : (m, m) float array or None
+        Covariance of z without that part; None where they are the same.
     """
 
     shapes: Shapes
@@ -50,12 +57,40 @@ class Posterior:
     covariance: Floats
     noise: Noise
     prior_std: Floats
+    about: Floats | None = None
+    own: Floats | None = None
 
     @property
     def boundary(self) -> Floats:
         """(size, size) covariance of theta, nuisances marginalised."""
         m = self.z.size
-        return np.asarray(self.shapes.T @ self.covariance[:m, :m] @ self.shapes.T.T)
+        covariance = self.shapes.T @ (self.covariance[:m, :m] if self.own is None else self.own) @ self.shapes.T.T
+        return np.asarray(covariance if self.about is None else covariance + self.about)
+
+    def about_estimate(self, state: Floats, jacobian: Floats | None = None, by_theta: Floats | None = None) -> Posterior:
+        """The same where the prior is the state of another job, known with a covariance of its own.
+
+        An error of that state moves the optimum against it as far as the data see it: ``dz = -(JᵀJ + eta PᵀP)⁻¹ Jᵀ J_theta dtheta``.
+
+        Parameters
+        ----------
+        state : (size, size) float array
+            Covariance of theta there.
+        jacobian, by_theta : (n, m + k) and (n, size) float arrays or None
+            Of the data residuals to the unknowns and to theta; None where the comparison is with FRFs of that state, so that its error
+            drops out of the changes.
+        """
+        size, m = self.shapes.T.shape
+        moved = np.zeros((self.covariance.shape[0], size))
+        if jacobian is not None and by_theta is not None:
+            moved = self.covariance @ (jacobian.T @ by_theta) / self.noise.variance
+        left = np.eye(size) - self.shapes.T @ moved[:m]
+        return replace(
+            self,
+            covariance=self.covariance + moved @ state @ moved.T,
+            about=left @ state @ left.T,
+            own=self.covariance[:m, :m],
+        )
 
     @property
     def std(self) -> Floats:
@@ -156,7 +191,8 @@ def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Extra], v
     variance : float
         Of the noise: a standard deviation of an extra costs as much as one of the data.
     """
-    eta = max(misfit.eta, np.finfo(float).tiny)
+    # Without a prior of the boundary the rows of the extras still need a weight.
+    eta = misfit.eta or LEAST_ETA
     rows = np.zeros((misfit.rows.shape[0] + len(extras), misfit.rows.shape[1] + len(extras)))
     rows[: misfit.rows.shape[0], : misfit.rows.shape[1]] = misfit.rows
     for i, extra in enumerate(extras):
@@ -195,5 +231,6 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
     covariance = np.asarray(noise.variance * np.linalg.inv(normal + floor * np.eye(normal.shape[0])))
     z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
-    spread = shapes.std * np.sqrt(noise.variance / max(misfit.eta, np.finfo(float).tiny))
+    held = np.isfinite(shapes.std) & (misfit.eta > 0)
+    spread = np.where(held, shapes.std * np.sqrt(noise.variance / (misfit.eta or 1.0)), np.inf)
     return Posterior(shapes, tuple(extras), z, solution.theta[size:], covariance, noise, spread)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import HistoryEntry, Solution, Start, gauss_newton
+from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +27,9 @@ SCAN_STEP, SCAN_MOST = 0.25, 41
 
 #: Basins of the scan from which the levels are gone through; the lowest end is kept.
 STARTS = 2
+
+#: Changes drawn from the prior, how many of them the last level is tried from, and the seed of the draws.
+DRAWS, DRAWS_KEPT, DRAW_SEED = 64, 3, 0
 
 #: Stop rule of the coarse levels.
 LEVEL_TOLERANCE, LEVEL_ITERATIONS = 1e-3, 25
@@ -179,6 +183,30 @@ def gauss_newton_by_levels(
             kept = i
     starts = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
     return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=starts)
+
+
+def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats) -> dict[str, Floats]:
+    """The lowest of some changes drawn from the prior, as further starts.
+
+    A uniform change does not tell one half of an edge from the other: on a structure that is nearly symmetric the mirror image of the
+    changes is a basin of its own.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    shapes : Shapes
+    bounds : (size, 2) float array
+
+    Returns
+    -------
+    dict of str to (size,) float array
+        The same for the same input.
+    """
+    rng = np.random.default_rng(DRAW_SEED)
+    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
+    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(DRAWS, std.size))]
+    order = np.argsort([misfit(theta).total for theta in thetas], kind="stable")[:DRAWS_KEPT]
+    return {f"changes drawn from the prior, {k + 1} of {DRAWS}": thetas[k] for k in order}
 
 
 def descend(

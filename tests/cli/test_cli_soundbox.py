@@ -97,8 +97,12 @@ def test_every_key_is_there(run: Run, job: str) -> None:
     assert group["unit"] == "N m/rad"
     assert len(group["log10"]) == len(group["positions"]) == 34
     assert np.all(np.isfinite(group["log10"]))
-    # What has no confidence yet claims none.
-    assert not {"std", "lower95", "upper95"} & set(group)
+    assert len(group["std"]) == len(group["lower95"]) == len(group["upper95"]) == 34
+    assert np.all(np.isfinite(group["std"]))
+    for low, value, high in zip(group["lower95"], group["log10_effective"], group["upper95"], strict=True):
+        # An open interval has no limit.
+        assert low is None or low <= value
+        assert high is None or value <= high
     for key in ("cost", "misfit_db"):
         assert tree[key]["final"] < tree[key]["initial"]
     assert list(tree["misfit_db"]["responses"]) == MICS
@@ -106,7 +110,7 @@ def test_every_key_is_there(run: Run, job: str) -> None:
     assert [bolt["name"] for bolt in tree["bolts"]] == [f"B{i:02d}" for i in range(1, 18)]
     for bolt in tree["bolts"]:
         assert {"name", "position", "log10_stiffness", "change", "verdict", "removed"} <= set(bolt)
-        assert "probability_loose" not in bolt
+        assert job == "bolts-00" or 0.0 <= bolt["probability_loose"] <= 1.0
         assert bolt["verdict"] in ("tight", "loose", "undecided")
     assert sum(bolt["removed"] for bolt in tree["bolts"]) == REMOVED[job]
     assert {"read", "optimise", "total"} <= set(tree["seconds"])

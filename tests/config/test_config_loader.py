@@ -71,7 +71,7 @@ reduction: {band: [1, 10]}
         None,
     )
     assert (campaign.reduction.tolerance, campaign.reduction.held_out, campaign.reduction.backend) == (1e-3, 5, "auto")
-    assert (campaign.update.lines, campaign.update.method, campaign.update.regularisation) == ("resonances", "gauss-newton", 0.04)
+    assert (campaign.update.lines, campaign.update.method, campaign.update.regularisation) == ("resonances", "gauss-newton", "auto")
 
 
 def test_it_cannot_be_changed(campaign: Campaign) -> None:

@@ -49,7 +49,15 @@ def test_the_template_shows_every_key_and_its_default(tmp_path: Path) -> None:
     text = write_skeleton(tmp_path)[0].read_text(encoding="utf-8")
     for path in key_paths(Campaign):
         assert re.search(rf"\b{path.rsplit('.', 1)[-1]}\b", text), path
-    defaults = {"tolerance": "1.0e-3", "held_out": "5", "max_iterations": "100", "loose_change": "-1.0", "regularisation": "0.04"}
+    defaults = {
+        "tolerance": "1.0e-3",
+        "held_out": "5",
+        "max_iterations": "100",
+        "loose_change": "-0.5",
+        "regularisation": "auto",
+        "prior_std": "0.35",
+        "largest_misfit": "3.0",
+    }
     for key, value in defaults.items():
         assert re.search(rf"\b{key}: {re.escape(value)}\s", text), key
 

@@ -121,7 +121,7 @@ class TestFollowNoise:
         for sparse in (False, True):
             truth = np.zeros(VALUES + 1)
             truth[[3, -1]] = -0.8, 1.5
-            misfit, solution, noise = case.follow(case.misfit(truth), sparse=sparse)
+            _, solution, noise = case.follow(case.misfit(truth), sparse=sparse)
             np.testing.assert_allclose(solution.theta - case.prior, truth, atol=0.25)
             assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
 
@@ -187,7 +187,7 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     end = replace(found, theta=level.theta(found.theta))
     known = posterior(extended, end, case.shapes, extras, Noise(SIGMA, 1.0), case.prior)
     np.testing.assert_allclose(known.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(known.values, mean[m:] + [0.0, 0.2], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(known.values, mean[m:] + np.array([0.0, 0.2]), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(known.z, mean[:m], rtol=1e-5, atol=1e-6)
 
 
