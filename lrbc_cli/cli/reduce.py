@@ -8,10 +8,12 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import key_parts, look_up
+from lrbc_cli.campaign.export import check_targets, export
 from lrbc_cli.campaign.results import write_campaign, write_reduction
 from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
-from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.errors import ConfigError
 
 
 @click.command()
@@ -20,6 +22,25 @@ from lrbc_cli.cli.options import calibration_option, campaign_options
 @click.option("--force", is_flag=True, help="Build anew even where the cache has the model.")
 @click.option("--dry-run", is_flag=True, help="Say whether the cache has the model, and why; change nothing.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a model that does not reach its tolerance.")
+@click.option(
+    "--export",
+    "exports",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="Write the reduced model for other programs: .h5, .hdf5 or .mat; repeatable.",
+)
+@click.option(
+    "--state-space", is_flag=True, help="Export a first-order state space too, at the start values unless --job or --set says else."
+)
+@click.option("--job", metavar="NAME", help="State space at the parameters that were identified from this job.")
+@click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="GROUP=LOG10",
+    help="State space at this value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
+)
 def reduce(
     config: Path,
     overrides: tuple[str, ...],
@@ -29,34 +50,49 @@ def reduce(
     force: bool,
     dry_run: bool,
     accept_tolerance: bool,
+    exports: tuple[Path, ...],
+    state_space: bool,
+    job: str | None,
+    assignments: tuple[str, ...],
 ) -> None:
-    """Build the reduced model, or find it in the cache."""
+    """Build the reduced model, or find it in the cache; export it."""
+    if state_space and not exports:
+        raise ConfigError("--state-space belongs to --export", expected="--export FILE.h5 or --export FILE.mat", found="no --export")
+    if (job is not None or assignments) and not state_space:
+        option = "--job" if job is not None else "--set"
+        raise ConfigError(
+            f"{option} gives the parameters of --state-space", expected="--export FILE --state-space", found="no --state-space"
+        )
     inputs = load(config, overrides, calibration=calibration)
+    check_targets(exports, inputs)
     folder = cache_folder(cache)
     if dry_run:
         decision = look_up(folder, key_parts(inputs))
         would = "builds the reduced model (--force)" if force else ("finds it in the cache" if decision.hit else "builds the reduced model")
         used = None if inputs.calibration is None else inputs.calibration.text
         if as_json:
-            say_json(
-                {
-                    "hit": decision.hit,
-                    "reason": decision.reason,
-                    "key": decision.key,
-                    "builds": force or not decision.hit,
-                    "calibration": used,
-                }
-            )
+            plan = {
+                "hit": decision.hit,
+                "reason": decision.reason,
+                "key": decision.key,
+                "builds": force or not decision.hit,
+                "calibration": used,
+            }
+            say_json(plan | ({"exports": [{"file": file} for file in exports]} if exports else {}))
         else:
-            click.echo(f"{would}: {decision.reason}")
+            click.echo("\n".join([f"{would}: {decision.reason}", *[f"writes {file}" for file in exports]]))
         return
     stage = obtain_reduction(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
     tree = write_reduction(inputs.campaign.output, inputs, stage)
     write_campaign(inputs.campaign.output, inputs)
+    written = export(inputs, stage, exports, first_order=state_space, job=job, assignments=assignments) if exports else []
     if as_json:
-        say_json(tree)
+        say_json(tree | ({"exports": written} if exports else {}))
     else:
-        click.echo("\n".join(describe(tree, stage.seconds)))
+        click.echo("\n".join([*describe(tree, stage.seconds), *[describe_export(item) for item in written]]))
+    unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
+    if unstable and verbosity.level >= 0:
+        click.echo(f"warning: {unstable} poles of the state space lie in the right half plane: it grows without bounds", err=True)
 
 
 def describe(tree: dict[str, Any], seconds: float) -> list[str]:
@@ -80,3 +116,15 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
         f"the time of {tree['seconds']['full_lines_worth']:.0f} full lines ({tree['seconds']['full_line']:.2f} s each)"
     )
     return lines
+
+
+def describe_export(item: dict[str, Any]) -> str:
+    """One exported file in a line."""
+    system = item.get("state_space")
+    first = (
+        f", state space of {system['states']} states ({system['form']}, FRFs to {system['deviation']:.0e}, "
+        f"poles up to {system['spectral_abscissa']:.3g} 1/s)"
+        if system
+        else ""
+    )
+    return f"exported {item['file']}: {item['size']} DOFs{first}"

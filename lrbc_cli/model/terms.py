@@ -259,3 +259,18 @@ class Parameterisation:
         D = self.spectra(theta, s) * finite - self.baseline(s)
         D[:, ~np.isfinite(kappa)] = np.inf
         return D
+
+    def polynomial(self, theta: Floats) -> Floats:
+        """(nt, 3) k, c and m of ``D_j(s) = k + s c + s² m``; the one of its kind is infinite, the others zero, where a term clamps.
+
+        Damping tied to a stiffness (33) is viscous, ``c = k beta 10^p_damp``.
+        """
+        kappa = self.scales(theta)
+        finite = np.isfinite(kappa)
+        out = np.zeros((self.terms, 3))
+        for group, (_, at) in zip(self.groups, self.slices, strict=True):
+            power, terms = KIND_POWER[group.kind], group.terms
+            out[terms, power] = kappa[terms] - group.baseline
+            if group.damping and at is not None:
+                out[terms, power + 1] = np.where(finite[terms], kappa[terms], 0.0) * group.damping.beta * 10.0 ** theta[at]
+        return out

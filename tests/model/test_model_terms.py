@@ -135,6 +135,18 @@ class TestSpectra:
         theta = np.where(mixed.is_damping, mixed.initial, np.inf)
         assert np.isinf(mixed.dynamic(theta, self.S)).all()
 
+    def test_polynomial(self, mixed):
+        """D(s) is k + s c + s² m, with infinite and vanishing values too."""
+        for first in (2.0, np.inf, -np.inf):
+            theta = mixed.initial
+            theta[0] = first
+            terms = mixed.polynomial(theta)
+            clamped = np.isinf(terms).any(axis=1)
+            assert np.array_equal(clamped, np.isinf(mixed.scales(theta)))
+            D = terms[~clamped] @ np.array([self.S**0, self.S, self.S**2])
+            np.testing.assert_allclose(D.T, mixed.dynamic(theta, self.S)[:, ~clamped], rtol=1e-12)
+            assert np.all(terms[clamped][:, 1:] == 0)
+
 
 class TestDerivatives:
     @pytest.mark.parametrize("seed", range(3))

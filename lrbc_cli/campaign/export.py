@@ -1,0 +1,253 @@
+"""The reduced model for other programs: second-order form without parameters, and state space at given ones."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign.documents import versions
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.reader import DIRECTIONS
+from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
+from lrbc_cli.campaign.stage import FrfSource, ReductionStage, cheaper_formula
+from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.io.export import check_ending, write_export
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.statespace import StateSpace, state_space
+
+ENCODING = "lrbc-reduced-model"
+
+COMPONENTS = {direction: component for component, direction in DIRECTIONS.items()}
+
+
+def check_targets(files: Sequence[Path], inputs: Inputs) -> None:
+    """Refuse, before anything is computed, files that cannot become an export.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown ending, a folder, an input of the campaign, and a place where nothing can be written.
+    """
+    read = {Path(name).resolve() for name in inputs.hashes} | {inputs.campaign.path.resolve()}
+    for file in files:
+        check_ending(file)
+        if file.resolve() in read:
+            raise ConfigError("this is an input of the campaign", file=file, place="--export", expected="a new file, or an earlier export")
+        folder = next(parent for parent in file.resolve().parents if parent.exists())
+        problem = (
+            "is a folder"
+            if file.is_dir()
+            else "lies below a file"
+            if not folder.is_dir()
+            else "lies in a folder that cannot be written"
+            if not os.access(folder, os.W_OK)
+            else None
+        )
+        if problem:
+            raise ConfigError(f"the file cannot be written: it {problem}", file=file, place="--export", hint="name another place")
+
+
+def export(
+    inputs: Inputs,
+    stage: ReductionStage,
+    files: Sequence[Path],
+    *,
+    first_order: bool = False,
+    job: str | None = None,
+    assignments: Sequence[str] = (),
+) -> list[dict[str, Any]]:
+    """Write the reduced model to each file.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    stage : ReductionStage
+    files : sequence of Path
+        ``.h5``, ``.hdf5`` or ``.mat``.
+    first_order : bool
+        Add the state space.
+    job, assignments
+        Parameters of the state space, as for ``simulate``; start values otherwise.
+
+    Returns
+    -------
+    list of dict
+        For every file its name and what it holds.
+
+    Raises
+    ------
+    ConfigError
+        Where a file cannot be written, or parameters or job do not exist.
+    DataError
+        Where the job has no usable result.
+    NumericalError
+        Where there is no real first-order form.
+    """
+    check_targets(files, inputs)
+    band = inputs.campaign.reduction.band
+    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage))
+    auto = any(group.config.initial == "auto" for group in inputs.groups)
+    # Only start values found on the FRFs need lines.
+    lines = parse_lines(None, band) if auto else np.array(band)
+    parameters, _ = parameterise(inputs, source, 2j * np.pi * lines)
+    tree = second_order(inputs, stage, parameters)
+    told: dict[str, Any] = {}
+    if first_order:
+        theta = parse_values(assignments, parameters, parameters.initial if job is None else job_values(inputs, job, parameters))
+        system = state_space(_loads_only(inputs, stage), parameters.polynomial(theta), band)
+        tree["state_space"] = _state_space_tree(system, parameters, theta, "start values" if job is None else f"job {job}")
+        told = {
+            "form": tree["state_space"]["form"],
+            "states": system.states,
+            "deviation": system.deviation,
+            "spectral_abscissa": system.abscissa,
+            "unstable_poles": system.unstable,
+        }
+    out = []
+    for file in dict.fromkeys(files):
+        try:
+            write_export(file, tree, ENCODING)
+        except OSError as error:
+            raise ConfigError(f"the file cannot be written ({error.strerror or error})", file=file, place="--export") from error
+        out.append({"file": file, "size": stage.reduction.model.size} | ({"state_space": told} if told else {}))
+    return out
+
+
+def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisation) -> dict[str, Any]:
+    """The reduced model without parameters, and what belongs to it; see the README for the layout."""
+    reduction = stage.reduction
+    model = reduction.model
+    loads = len(inputs.excitations)
+    nt = model.terms
+    count = sum(group.count for group in parameters.groups)
+    weights, beta, kinds, owners = np.zeros((nt, count)), np.zeros(nt), np.empty(nt, dtype=object), np.empty(nt, dtype=object)
+    first = 0
+    for group in parameters.groups:
+        weights[group.terms, first : first + group.count] = group.smoothing[group.parameter]
+        beta[group.terms] = group.damping.beta if group.damping else 0.0
+        kinds[group.terms], owners[group.terms] = group.kind, group.name
+        first += group.count
+    damped = [group for group in parameters.groups if group.damping]
+    return {
+        "second_order": {
+            "K": model.K,
+            "C": model.C,
+            "M": model.M,
+            "B": model.B[:, :loads],
+            "L": model.L,
+            "output_power": model.output_power,
+        },
+        "terms": {
+            "left": model.left,
+            "right": model.right,
+            "kind": _texts(kinds),
+            "power": inputs.model.terms.power,
+            "group": _texts(owners),
+            "weights": weights,
+            "baseline": inputs.model.terms.baseline,
+            "damping_beta": beta,
+        },
+        "parameters": {
+            "name": _texts([f"{group.name}.{k + 1}" for group in parameters.groups for k in range(group.count)]),
+            "group": _texts([group.name for group in parameters.groups for _ in range(group.count)]),
+            "initial_log10": np.concatenate([group.initial for group in parameters.groups]),
+            "xyz": np.vstack([np.full((group.count, 3), np.nan) if group.xyz is None else group.xyz for group in parameters.groups]),
+        },
+        "damping_exponents": {
+            "group": _texts([group.name for group in damped]),
+            "initial": np.array([group.damping.initial for group in damped if group.damping]),
+        },
+        "responses": {
+            "name": _texts([r.name for r in inputs.responses]),
+            "quantity": _texts([r.quantity for r in inputs.responses]),
+            "unit": _texts([r.unit.removesuffix("/N") for r in inputs.responses]),
+            "excitation": _texts([inputs.excitations[r.input] for r in inputs.responses]),
+            "node": np.array([-1 if r.node is None else r.node for r in inputs.responses], dtype=np.int64),
+            "component": _texts([_component(r.direction) for r in inputs.responses]),
+            "place": _texts([r.text for r in inputs.responses]),
+        },
+        "excitations": _excitations(inputs),
+        "reduction": {
+            "size": model.size,
+            "size_structure": model.structure,
+            "size_acoustic": model.size - model.structure,
+            "full_size": reduction.full_size,
+            "band_hz": np.array(reduction.options.band_hz),
+            "tolerance": reduction.options.tolerance,
+            "reached": reduction.reached,
+            "worst_error": reduction.worst,
+            "held_out_hz": np.array([line.frequency_hz for line in reduction.held_out]),
+            "held_out_error": np.array([line.worst for line in reduction.held_out]),
+            "symmetry": reduction.coupling,
+        },
+        "provenance": {
+            "campaign": inputs.campaign.name,
+            "key": stage.decision.key,
+            "date": reduction.date,
+            "version": versions()["lrbc"],
+            "calibration": inputs.calibration.text if inputs.calibration is not None else "",
+            "inputs": _texts([Path(name).name for name in inputs.hashes]),
+            "sha256": _texts(list(inputs.hashes.values())),
+        },
+    }
+
+
+def _loads_only(inputs: Inputs, stage: ReductionStage) -> ReducedModel:
+    """The reduced model without the derivatives of its loads to shifts of the hammer."""
+    model = stage.reduction.model
+    return replace(model, B=model.B[:, : len(inputs.excitations)])
+
+
+def _state_space_tree(system: StateSpace, parameters: Parameterisation, theta: Any, source: str) -> dict[str, Any]:
+    tree = {"form": "explicit" if system.E is None else "descriptor"}
+    tree |= {name: getattr(system, name) for name in ("A", "B", "C", "D", "E", "basis") if getattr(system, name) is not None}
+    return tree | {
+        "log10": np.concatenate([theta[where] for where, _ in parameters.slices]),
+        "damping_exponent": np.array([theta[at] for _, at in parameters.slices if at is not None]),
+        "source": source,
+        "deviation": system.deviation,
+        "poles": system.poles,
+        "spectral_abscissa": system.abscissa,
+        "unstable_poles": system.unstable,
+    }
+
+
+def _excitations(inputs: Inputs) -> dict[str, Any]:
+    places, quantities, units = [], [], []
+    for column, (name, (node, direction)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+        point = inputs.campaign.excitation[name]
+        load = inputs.model.B[:, [column]].indices
+        air, motion = inputs.model.is_acoustic[load].any(), not inputs.model.is_acoustic[load].all()
+        turns = direction is not None and direction > 3
+        # Sources of the air are in the exporter's own unit of an acoustic row.
+        quantities.append("load" if air and motion else "acoustic source" if air else "moment" if turns else "force")
+        units.append("" if air else "N m" if turns else "N")
+        if point.vector is not None:
+            places.append(f"vector {point.vector.path.name}")
+        elif node is not None:
+            places.append(f"node {node} {_component(direction)}".strip())
+        else:
+            places.append(f"DOF {point.dof}")
+    return {
+        "name": _texts(inputs.excitations),
+        "quantity": _texts(quantities),
+        "unit": _texts(units),
+        "node": np.array([-1 if node is None else node for node, _ in inputs.excitation_points], dtype=np.int64),
+        "component": _texts([_component(direction) for _, direction in inputs.excitation_points]),
+        "place": _texts(places),
+    }
+
+
+def _component(direction: int | None) -> str:
+    return "" if direction is None else COMPONENTS.get(direction, "")
+
+
+def _texts(values: Sequence[str] | Any) -> Any:
+    return np.array(list(values), dtype=np.str_)

@@ -1,0 +1,296 @@
+"""The reduced model at given values of its terms as a first-order system, for time domain, where (1)-(5) hold too (Sec. 2.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, cholesky, eig, eigh, eigvals, eigvalsh, null_space, solve_triangular
+
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.reduction.ports import SYMMETRY
+from lrbc_cli.reduction.reduced import ReducedModel
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: A mass matrix counts as singular where a field's smallest singular value is below this fraction of its largest.
+SINGULAR = 1e-12
+
+#: FRFs of the explicit form may differ by this fraction from those of the second-order form; else the descriptor form is taken.
+EXPLICIT = 1e-9
+
+#: The same for the descriptor form; beyond it there is no usable state space.
+USABLE = 1e-6
+
+EXTREME = "less extreme values; inf clamps exactly"
+
+#: Singular values of clamped vectors below this fraction of the largest bind nothing.
+RANK = 1e-10
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """``E z' = A z + B u, y = C z + D u`` with ``z = [q, q', ...]`` and ``x = basis q``; E is the identity in the explicit form.
+
+    Attributes
+    ----------
+    A : (N, N) float array
+    B : (N, n_in) float array
+    C : (n_out, N) float array
+        Rows in the quantity of each response, displacement or pressure, velocity, acceleration.
+    D : (n_out, n_in) float array
+    E : (N, N) float array or None
+        None in the explicit form. In the descriptor form each acceleration is one further state.
+    basis : (r, m) float array
+        Reduced DOFs x from the displacements and pressures q; the identity where nothing is clamped.
+    deviation : float
+        Largest difference from the FRFs of the second-order form on lines of the band, relative to each response's largest.
+    poles : (N,) complex array
+        Finite poles [rad/s].
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    E: Floats | None
+    basis: Floats
+    deviation: float
+    poles: Complexes
+
+    @property
+    def states(self) -> int:
+        """Number of states N."""
+        return int(self.A.shape[0])
+
+    @property
+    def abscissa(self) -> float:
+        """Largest real part of a pole [1/s]; -inf where there is none."""
+        return float(self.poles.real.max(initial=-np.inf))
+
+    @property
+    def unstable(self) -> int:
+        """Poles in the right half plane beyond rounding.
+
+        A sealed cavity has poles at zero (constant pressure). Rounding moves a pole by about eps of the largest pole, a double
+        one at zero by the geometric mean of that and its distance from the next poles.
+        """
+        size = np.abs(self.poles)
+        return int(np.sum(self.poles.real > 1e-7 * np.maximum(size, np.median(size)))) if size.size else 0
+
+    def transfer(self, s: Complexes) -> Complexes:
+        """(F, n_out, n_in) C (s E - A)⁻¹ B + D."""
+        E = np.eye(self.states) if self.E is None else self.E
+        return np.array([self.C @ np.linalg.solve(z * E - self.A, self.B.astype(complex)) + self.D for z in s])
+
+
+def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]) -> StateSpace:
+    """First-order form at given values of the terms.
+
+    ``z = [q, q']`` with ``A = [[0, I], [-M⁻¹K, -M⁻¹C]]``, the operators with the terms in them, eqs. (3)-(5). Damping tied to a
+    stiffness (33) is viscous and goes into C. An acceleration is ``L x'' = -L M⁻¹ (K x + C x') + L M⁻¹ B u``. Clamped terms,
+    ``cᵀ x = 0``, bind the DOFs to ``x = basis q``.
+
+    Poles of a u-p model: with ``p = psi'`` and its acoustic rows divided by s, masses and stiffnesses are those of the fields alone,
+    and the coupling is a skew (gyroscopic) damping; the poles are the same. Where the fields' matrices are not negative the energy
+    never grows, and a basis split into fields keeps all this: no pole lies in the right half plane.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        Real. Every response is given for every input.
+    terms : (nt, 3) float array
+        k, c and m of ``D(s) = k + s c + s² m``; an infinite k clamps.
+    band_hz : (float, float)
+        Where the result is compared with the second-order form.
+
+    Returns
+    -------
+    StateSpace
+
+    Raises
+    ------
+    NumericalError
+        Where K or C is complex, and where the first-order form does not reproduce the FRFs of the second-order form.
+    """
+    for name, A in (("stiffness", model.K), ("damping", model.C)):
+        if np.iscomplexobj(A) and np.any(A.imag):
+            raise NumericalError(
+                f"a complex {name} (hysteretic damping) has no real first-order form: it holds for harmonic motion only",
+                expected="real matrices and viscous damping",
+                found=f"a complex {name} matrix",
+                hint="export without --state-space, or give the model viscous damping (model.damping)",
+            )
+    basis, second = _assembled(model, terms, 2 * np.pi * band_hz[1])
+    s = 2j * np.pi * np.linspace(*band_hz, 9)
+    try:
+        exact = _second_order(second, s)
+    except np.linalg.LinAlgError:
+        raise NumericalError("the reduced model is singular in its band", hint="give the model damping (model.damping)") from None
+    best: StateSpace | None = None
+    forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
+    for form in forms:
+        system = StateSpace(*form(second), basis, np.inf, np.zeros(0, dtype=complex))
+        with np.errstate(all="ignore"):
+            deviation = _deviation(system, s, exact)
+        best = replace(system, deviation=deviation)
+        if deviation <= EXPLICIT:
+            break
+    assert best is not None
+    if not best.deviation <= USABLE:
+        raise NumericalError(
+            "the first-order form does not reproduce the FRFs of the reduced model",
+            expected=f"a difference of at most {USABLE:.0e}",
+            found=f"{best.deviation:.1e}",
+            hint=EXTREME,
+        )
+    try:
+        return replace(best, poles=_poles(best))
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+
+
+def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
+    """Coordinates in which stiff terms do not drown the rest, and the model in them with its terms in K, C and M."""
+    clamped: NDArray[np.bool_] = np.any(np.isinf(terms), axis=1)
+    kept = terms[~clamped]
+    r, ns = model.size, model.structure
+    fields = [part for part in (slice(0, ns), slice(ns, r)) if part.start < part.stop]
+    # Plate and air keep coordinates of their own, as no term binds one to the other.
+    apart = not any(np.any(np.any(v[:ns], axis=0) & np.any(v[ns:], axis=0)) for v in (model.left, model.right))
+    K0, C0, M0 = (np.asarray(A.real, dtype=float) for A in (model.K, model.C, model.M))
+    regular = apart and np.array_equal(model.left, model.right)
+    if regular and all(_symmetric(A[f, f]) for A in (K0, M0) for f in fields) and all(_positive(M0[f, f]) for f in fields):
+        size = np.abs(kept) @ omega ** np.arange(3.0)
+        parts = [_modal(K0[f, f], M0[f, f], model.right[f][:, clamped], model.right[f][:, ~clamped], size) for f in fields]
+        basis = rows = block_diag(*[part[0] for part in parts])
+        left = right = np.vstack([part[1] for part in parts])
+    else:
+        fields = fields if apart else [slice(0, r)]
+        basis, rows = (block_diag(*[_free(v[f][:, clamped]) for f in fields]) for v in (model.right, model.left))
+        left, right = rows.T @ model.left[:, ~clamped], basis.T @ model.right[:, ~clamped]
+    if rows.shape != basis.shape:
+        # Forces of the constraints act along the left vectors.
+        raise NumericalError(
+            "the clamped terms do not bind as many motions as they have forces",
+            expected=f"{basis.shape[1]} free motions",
+            found=f"{rows.shape[1]}",
+        )
+    inside = int(np.sum(np.any(basis[:ns] != 0.0, axis=0))) if apart else basis.shape[1]
+    K, C, M = (rows.T @ A @ basis + (left * kept[:, i]) @ right.T for i, A in enumerate((K0, C0, M0)))
+    none = np.zeros((basis.shape[1], 0))
+    return basis, replace(model, K=K, C=C, M=M, B=rows.T @ model.B, L=model.L @ basis, left=none, right=none, structure=inside, extras={})
+
+
+def _modal(K: Floats, M: Floats, clamped: Floats, vectors: Floats, size: Floats) -> tuple[Floats, Floats]:
+    """Coordinates of one field that are orthonormal to its mass: (r, m) basis without the clamped motions, and (m, nt) vectors in them.
+
+    First come motions that no term feels, the modes with all terms clamped, by frequency; then, from the stiffest term to the softest, for
+    each the motion that it moves and stiffer ones do not. Zeros are exact, so that no stiff term leaves its rounding in the rest.
+    """
+    G = cholesky(M, lower=True)
+    # In y = Gᵀ x the mass is the identity.
+    free = _free(solve_triangular(G, clamped, lower=True) if clamped.size else clamped)
+    felt = free.T @ solve_triangular(G, vectors, lower=True) if vectors.size else np.zeros((free.shape[1], vectors.shape[1]))
+    weight = size * np.sum(felt**2, axis=0)
+    order = np.argsort(-weight, kind="stable")
+    order = order[np.any(felt != 0.0, axis=0)[order]]
+    Q, R = np.linalg.qr(felt[:, order], mode="complete")
+    count = min(order.size, Q.shape[0])
+    inner = free @ Q[:, count:]
+    scaled = solve_triangular(G, solve_triangular(G, K, lower=True).T, lower=True)
+    modes = eigh(inner.T @ scaled @ inner)[1] if inner.shape[1] else np.zeros((0, 0))
+    basis = solve_triangular(G.T, np.hstack([inner @ modes, free @ Q[:, :count]]), lower=False)
+    moved = np.zeros((basis.shape[1], vectors.shape[1]))
+    moved[inner.shape[1] :, order] = R[:count]
+    return basis, moved
+
+
+def _free(vectors: Floats) -> Floats:
+    """(r, m) orthonormal basis of the motions that are orthogonal to the vectors."""
+    norms = np.linalg.norm(vectors, axis=0)
+    found = vectors[:, norms > 0.0] / norms[norms > 0.0]
+    return np.asarray(null_space(found.T, rcond=RANK)) if found.size else np.eye(vectors.shape[0])
+
+
+def _symmetric(A: Floats) -> bool:
+    return bool(np.abs(A - A.T).max(initial=0.0) <= SYMMETRY * np.abs(A).max(initial=0.0))
+
+
+def _positive(M: Floats) -> bool:
+    values = eigvalsh(M)
+    return bool(values[0] > SINGULAR * values[-1])
+
+
+def _singular(M: Floats, structure: int) -> bool:
+    """Whether a field has motions without mass."""
+    for block in (M[:structure, :structure], M[structure:, structure:]):
+        if block.size:
+            values = np.linalg.svd(block, compute_uv=False)
+            if values[-1] <= SINGULAR * values[0]:
+                return True
+    return False
+
+
+def _explicit(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, None]:
+    r, q = model.size, model.output_power[:, None]
+    # Rows of plate and air differ by many orders of magnitude.
+    scale = 1.0 / np.abs(model.M).max(axis=1, keepdims=True)
+    solved = np.linalg.solve(scale * model.M, scale * np.hstack([model.K, model.C, model.B]))
+    K, C, B = solved[:, :r], solved[:, r : 2 * r], solved[:, 2 * r :]
+    none = np.zeros_like(model.L)
+    A = np.block([[np.zeros((r, r)), np.eye(r)], [-K, -C]])
+    rows = np.where(
+        q == 0,
+        np.hstack([model.L, none]),
+        np.where(q == 1, np.hstack([none, model.L]), np.hstack([-model.L @ K, -model.L @ C])),
+    )
+    return A, np.vstack([np.zeros_like(B), B]), rows, np.where(q == 2, model.L @ B, 0.0), None
+
+
+def _descriptor(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    r, n_in = model.size, model.B.shape[1]
+    at = np.flatnonzero(model.output_power == 2)
+    n, a = 2 * r + at.size, at.size
+    A, E = np.zeros((n, n)), np.zeros((n, n))
+    A[:r, r : 2 * r] = E[:r, :r] = np.eye(r)
+    A[r : 2 * r, :r], A[r : 2 * r, r : 2 * r], E[r : 2 * r, r : 2 * r] = -model.K, -model.C, model.M
+    # Each acceleration is a state a = L q'', as M has no inverse to give it.
+    A[2 * r :, 2 * r :], E[2 * r :, r : 2 * r] = np.eye(a), model.L[at]
+    B = np.vstack([np.zeros((r, n_in)), model.B, np.zeros((a, n_in))])
+    C = np.zeros((model.L.shape[0], n))
+    for power in (0, 1):
+        C[model.output_power == power, power * r : (power + 1) * r] = model.L[model.output_power == power]
+    C[at, 2 * r + np.arange(a)] = 1.0
+    return A, B, C, np.zeros((model.L.shape[0], n_in)), E
+
+
+def _second_order(model: ReducedModel, s: Complexes) -> Complexes:
+    """(F, n_out, n_in) s^q L (s² M + s C + K)⁻¹ B."""
+    Z = s[:, None, None] ** 2 * model.M + s[:, None, None] * model.C + model.K
+    return np.asarray(s[:, None, None] ** model.output_power[:, None] * (model.L @ np.linalg.solve(Z, model.B.astype(complex)[None])))
+
+
+def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
+    """Largest difference of an FRF over its largest magnitude; infinite where the system cannot be evaluated."""
+    try:
+        difference = np.abs(system.transfer(s) - exact).max(axis=0)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    largest = np.abs(exact).max(axis=0)
+    worst = float(np.max(difference / np.where(largest > 0.0, largest, 1.0), initial=0.0))
+    return worst if np.isfinite(worst) else float("inf")
+
+
+def _poles(system: StateSpace) -> Complexes:
+    """Finite poles, the one with the largest real part first."""
+    if system.E is None:
+        poles = eigvals(system.A)
+    else:
+        alpha, beta = eig(system.A, system.E, right=False, homogeneous_eigvals=True)
+        size = np.maximum(np.abs(alpha), np.abs(beta))
+        poles = alpha[np.abs(beta) > 1e-13 * size] / beta[np.abs(beta) > 1e-13 * size]
+    return np.asarray(poles[np.argsort(-poles.real, kind="stable")])

@@ -1,0 +1,268 @@
+"""First-order form: the same FRFs as the assembled matrices, poles that a structure can have, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pads import pads_model
+from samples import reduced_sample, sample
+from systems import chain, csc, direct_frf, duct, fe_model, random_vectors, relative, resonances_hz, unit
+
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.reduction.build import ReductionOptions, reduce_model
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.statespace import state_space
+
+BAND = (20.0, 400.0)
+S = 2j * np.pi * np.linspace(*BAND, 77)
+NS, NA = 8, 24
+BETA = 2e-5
+
+
+def dense(model, structure=None) -> ReducedModel:
+    """The model itself as a reduced model."""
+    pieces = (X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right))
+    R, nt = model.L.shape[0], model.terms.size
+    structure = int((~model.is_acoustic).sum()) if structure is None else structure
+    return ReducedModel(*pieces, model.output_power, np.zeros(R, dtype=np.int64), np.zeros((nt, 3)), structure)
+
+
+def cavity(alpha=20.0, beta=BETA, air=(6.0, 1e-6), left=None, right=None, output_power=(0, 0, 1, 2, 0), kappa=1.3):
+    """Masses on the flank of a sealed duct, six of eight on springs of unknown stiffness: a SoundBox of 32 DOFs."""
+    K, M, acoustic = duct(NS, NA, kappa=kappa, coupling=1.0)
+    n = NS + NA
+    return fe_model(
+        K,
+        M,
+        loads=unit(n, 7, NS + 5),
+        outputs=unit(n, NS + 2, NS + 20, 6, 6, 7),
+        left=unit(n, *range(6)) if left is None else left,
+        right=right,
+        damping=(alpha, beta),
+        acoustic_damping=air,
+        is_acoustic=acoustic,
+        output_power=output_power,
+    )
+
+
+def values(log10, p_damp=None, beta=BETA):
+    """(nt, 3) stiffness with damping tied to it."""
+    k = np.where(np.isposinf(log10), np.inf, 10.0 ** np.where(np.isposinf(log10), 0.0, log10))
+    terms = np.zeros((k.size, 3))
+    terms[:, 0] = k
+    if p_damp is not None:
+        terms[:, 1] = np.where(np.isinf(k), 0.0, k) * beta * 10.0**p_damp
+    return terms
+
+
+def off(found, expected) -> float:
+    """Largest error of a response relative to its largest magnitude: single ones fade where a line says nothing."""
+    return float(np.max(np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)))
+
+
+def dynamic(terms, s):
+    """(F, nt) k + s c + s² m; infinite where clamped."""
+    finite = np.where(np.isinf(terms), 0.0, terms)
+    D = finite[:, 0] + s[:, None] * finite[:, 1] + s[:, None] ** 2 * finite[:, 2]
+    D[:, np.isinf(terms[:, 0])] = np.inf
+    return D
+
+
+STATES = {
+    "free": np.full(6, -np.inf),
+    "loose": np.array([4.5, 4.5, 1.0, 0.5, 4.5, 4.5]),
+    "tight": np.full(6, 5.0),
+    "stiff": np.full(6, 12.0),
+    "wild": np.array([-2.0, 9.0, 3.0, 7.0, 0.0, 11.0]),
+    "clamped": np.full(6, np.inf),
+    "partly": np.array([np.inf, 2.0, np.inf, 4.0, -np.inf, 6.0]),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("p_damp", [None, 1.0])
+def test_frfs_are_those_of_the_assembled_matrices(state, p_damp):
+    model = cavity()
+    terms = values(STATES[state], p_damp)
+    system = state_space(dense(model), terms, BAND)
+    assert system.E is None
+    assert system.states == 2 * (NS + NA - int(np.isinf(terms[:, 0]).sum()))
+    assert system.deviation < 1e-10
+    y = system.transfer(S)
+    D = dynamic(terms, S)
+    for load in (0, 1):
+        expected = direct_frf(model, S, D, np.full(5, load))
+        assert off(y[:, :, load], expected) < 1e-10
+    # What the DOFs are: outputs without derivatives are L x with x = basis q.
+    L = model.L.toarray()[:2]
+    np.testing.assert_allclose(system.C[:2], np.hstack([L @ system.basis, 0 * L @ system.basis]), atol=1e-12)
+    clamped = np.isinf(terms[:, 0])
+    assert np.abs(system.basis[:6][clamped]).max(initial=0.0) < 1e-9 * np.abs(system.basis).max()
+
+
+def test_quantities_and_feedthrough():
+    """Only an acceleration answers at once: at high frequency a driven mass has 1/m."""
+    system = state_space(dense(cavity()), values(STATES["tight"], 0.0), BAND)
+    assert np.array_equal(np.any(system.D != 0, axis=1), [False, False, False, True, False])
+    other = state_space(dense(replace(cavity(), output_power=np.array([0, 0, 0, 0, 0]))), values(STATES["tight"], 0.0), BAND)
+    s = S[:, None]
+    np.testing.assert_allclose(system.transfer(S)[:, 2], s * other.transfer(S)[:, 2], rtol=1e-9)
+    np.testing.assert_allclose(system.transfer(S)[:, 3], s**2 * other.transfer(S)[:, 3], rtol=1e-9)
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("p_damp", [None, -3.0, 0.0, 2.0, 4.0])
+@pytest.mark.parametrize("split", ["full", "reduced"])
+def test_no_pole_in_the_right_half_plane(state, p_damp, split):
+    """The unsymmetric u-p system is a gyroscopic one of positive matrices; its poles at zero are the constant pressure of the cavity."""
+    model = cavity()
+    if split == "full":
+        small = dense(model)
+    else:
+        small = reduce_model(model, np.zeros(5, dtype=np.int64), ReductionOptions(BAND, 1e-4, max_size=24)).model
+        assert small.size <= 24
+        assert 0 < small.structure < small.size
+    system = state_space(small, values(STATES[state], p_damp), BAND)
+    assert system.unstable == 0
+    # Away from zero all are damped for certain; at zero rounding decides.
+    away = np.abs(system.poles) > 1e-2
+    assert system.poles.real[away].max() < -1e-3
+    assert np.abs(system.poles[~away]).max(initial=0.0) < 1e-2
+    assert system.abscissa < 1e-3
+
+
+def test_undamped_poles_are_the_resonances():
+    model = cavity(0.0, 0.0, (0.0, 0.0))
+    system = state_space(dense(model), np.zeros((6, 3)), BAND)
+    assert system.unstable == 0
+    found = np.sort(np.abs(system.poles.imag))[::2] / (2 * np.pi)
+    expected = resonances_hz(model.K, model.M)
+    np.testing.assert_allclose(found[1:], expected[1:], rtol=1e-8)
+    assert np.abs(system.poles.real).max() < 1e-6 * np.abs(system.poles).max()
+
+
+@pytest.mark.parametrize("damping", [{"alpha": -50.0}, {"air": (-20.0, 0.0)}])
+def test_negative_damping_is_seen(damping):
+    system = state_space(dense(cavity(**damping)), values(STATES["loose"]), BAND)
+    assert system.unstable > 0
+    assert system.abscissa > 5e-3
+
+
+def test_a_coupling_of_the_wrong_sign_is_seen():
+    """Signs of the coupling that feed energy: the very mistake of an exporter that a stability check finds."""
+    model = cavity()
+    K = model.K.toarray()
+    K[:NS, NS:] *= -1
+    system = state_space(dense(replace(model, K=csc(K))), values(STATES["loose"]), BAND)
+    assert system.unstable > 0
+    assert system.abscissa > 0.1
+
+
+def massless():
+    """A chain where every second mass is missing."""
+    K, M = chain(12)
+    M = csc(M.toarray() * (np.arange(12) % 2 == 1))
+    outputs = unit(12, 6, 5, 7, 10)
+    return fe_model(K, M, loads=unit(12, 11), outputs=outputs, left=unit(12, 0, 4), damping=(8.0, 1e-5), output_power=[0, 1, 2, 2])
+
+
+@pytest.mark.parametrize("log10", [[-np.inf, -np.inf], [4.0, 2.0], [5.0, np.inf]])
+def test_a_singular_mass_gives_the_descriptor_form(log10):
+    model = massless()
+    terms = values(np.array(log10), 0.0)
+    system = state_space(dense(model), terms, BAND)
+    assert system.E is not None
+    assert system.states == 2 * (12 - int(np.isinf(terms[:, 0]).sum())) + 2
+    expected = direct_frf(model, S, dynamic(terms, S))
+    assert off(system.transfer(S)[:, :, 0], expected) < 1e-9
+    assert 0 < system.poles.size < system.states
+    assert np.all(np.isfinite(system.poles))
+    assert system.poles.real.max() < 0
+
+
+def test_damping_and_mass_terms():
+    model, parameters = pads_model(extras=True)
+    theta = parameters.initial
+    terms = parameters.polynomial(theta)
+    assert np.all(terms.any(axis=0))
+    system = state_space(dense(model), terms, BAND)
+    expected = direct_frf(model, S, parameters.dynamic(theta, S))
+    assert off(system.transfer(S)[:, :, 0], expected) < 1e-9
+    assert system.poles.real.max() < 0
+
+
+@pytest.mark.parametrize("log10", [[3.0, 4.0], [np.inf, 3.0]])
+@pytest.mark.parametrize("across", [False, True])
+def test_left_and_right_vectors_that_differ(log10, across):
+    """Terms of any form, also such that bind a motion to a pressure."""
+    rng = np.random.default_rng(3)
+    n = NS + NA
+
+    def vectors():
+        if across:
+            return csc(unit(n, 2, 4).toarray() + 1e-3 * unit(n, NS + 3, NS + 8).toarray())
+        return csc(np.vstack([random_vectors(NS, 2, rng).toarray(), np.zeros((NA, 2))]))
+
+    model = cavity(left=vectors(), right=vectors())
+    terms = values(np.array(log10), 0.0)
+    system = state_space(dense(model), terms, BAND)
+    assert off(system.transfer(S)[:, :, 0], direct_frf(model, S, dynamic(terms, S))) < 1e-9
+
+
+def test_clamped_forces_that_no_constraint_takes():
+    model = cavity(left=unit(NS + NA, 0, 1), right=unit(NS + NA, 2, 2))
+    with pytest.raises(NumericalError, match="do not bind as many motions"):
+        state_space(dense(model), values(np.array([np.inf, np.inf])), BAND)
+
+
+@pytest.mark.parametrize("which", ["K", "C"])
+def test_hysteretic_damping_is_refused(which):
+    small = dense(cavity())
+    complex_one = replace(small, **{which: getattr(small, which) * (1 + 0.02j)})
+    with pytest.raises(NumericalError, match="harmonic motion only") as caught:
+        state_space(complex_one, values(STATES["tight"]), BAND)
+    assert "--state-space" in caught.value.message
+    # Complex in type only.
+    plain = state_space(small, values(STATES["tight"]), BAND)
+    np.testing.assert_array_equal(state_space(replace(small, K=small.K + 0j), values(STATES["tight"]), BAND).A, plain.A)
+
+
+def test_a_singular_system_is_an_error():
+    model = cavity()
+    empty = csc(np.zeros((NS + NA, NS + NA)))
+    with pytest.raises(NumericalError, match="singular"):
+        state_space(dense(replace(model, K=empty, C=empty, M=empty)), np.zeros((6, 3)), BAND)
+
+
+def test_values_that_cannot_be_used():
+    with pytest.raises(NumericalError, match="first-order form"):
+        state_space(dense(massless()), values(np.array([300.0, 4.0])), BAND)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("p_damp", [-3.0, 0.0, 4.0])
+@pytest.mark.parametrize("state", ["free", "loose", "start", "tight", "wild", "clamped"])
+def test_the_soundbox(state, p_damp):
+    """The sample at full size: stable, explicit, and the port formula's FRFs."""
+    inputs, model = sample("soundbox"), reduced_sample("soundbox").model
+    nt, beta = model.terms, inputs.groups[0].beta
+    at = np.arange(nt)
+    log10 = {
+        "free": np.full(nt, -np.inf),
+        "loose": np.where((at > 10) & (at < 18), 1.0, 5.0),
+        "start": np.full(nt, 4.0),
+        "tight": np.full(nt, 7.0),
+        "wild": np.random.default_rng(7).uniform(-2, 8, nt),
+        "clamped": np.full(nt, np.inf),
+    }[state]
+    terms = values(log10, p_damp, beta)
+    system = state_space(model, terms, BAND)
+    assert system.E is None
+    assert system.unstable == 0
+    away = np.abs(system.poles) > 10.0
+    assert system.poles.real[away].max() < -1.0
+    assert system.poles.real[~away].max(initial=-1.0) < 1e-2
+    y = model.ports(S, workers=1).evaluate(dynamic(terms, S))
+    assert relative(system.transfer(S)[:, :, 0], y) < 1e-8
