@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
+from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.updating.extended import Extra
 from lrbc_cli.updating.fit import Posterior
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.inputs import Inputs
+
+Floats = NDArray[np.float64]
 
 #: Bounds lie this many standard deviations away.
 REACH = 6.0
@@ -62,6 +66,27 @@ def drift_extras(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[n
             for direction in range(2):
                 add("shift", f"{name} {along[direction]}", 2 * load + direction, nuisances.hammer)
     return tuple(found)
+
+
+def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -> Floats:
+    """(n, 2) derivatives of an excitation to a shift along the surface; dof is negative where it is a vector.
+
+    Raises
+    ------
+    ConfigError
+        Where they are unknown.
+    """
+    found = load_shifts(dofs, dof) if dofs is not None and dof >= 0 else None
+    if found is None:
+        raise campaign.error(
+            f"what excitation {name} becomes beside its node is unknown",
+            "update",
+            "nuisances",
+            "hammer",
+            expected="model.dofs, and an excitation by near: or node: on UX, UY or UZ",
+            hint="remove nuisances.hammer, or excite at a node",
+        )
+    return found[0]
 
 
 def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.drift import check_air
+from lrbc_cli.campaign.drift import check_air, load_shift
 from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, require_fields
 from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
@@ -21,7 +21,7 @@ from lrbc_cli.model.factors import Recipe, make_recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
-from lrbc_cli.model.shifts import load_shifts, shift_columns
+from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
 Floats = NDArray[np.float64]
@@ -173,17 +173,7 @@ class _Reader(ModelReader):
                 columns.append(unit_columns([dof], self.n, point.scale))
                 points.append(self.point(dof))
             if moving:
-                found = load_shifts(self.dofs, dof) if self.dofs is not None and dof >= 0 else None
-                if found is None:
-                    raise self.campaign.error(
-                        f"what excitation {name} becomes beside its node is unknown",
-                        "update",
-                        "nuisances",
-                        "hammer",
-                        expected="model.dofs, and an excitation by near: or node: on UX, UY or UZ",
-                        hint="remove nuisances.hammer, or excite at a node",
-                    )
-                shifts.append(found[0] * point.scale)
+                shifts.append(load_shift(self.campaign, self.dofs, dof, name) * point.scale)
         # Derivatives to a shift follow the loads: the reduced model then holds for them too.
         self.shifts = len(columns) + np.arange(2 * len(shifts)).reshape(-1, 2) if moving else None
         return sp.hstack([*columns, *([shift_columns(shifts)] if moving else [])], format="csc"), points
