@@ -292,8 +292,12 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
     notes: list[str] = []
     solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
     if start is None:
-        other, more = _fit(problem, problem.start, False, max_iterations)
-        stages += more
+        # Roughly first: an end far above the other is not worth more.
+        other, stage = _descend(problem, problem.misfit(START_SIGMA**2), problem.start, 0.0, 1e-2, max_iterations)
+        stages.append(stage)
+        if other.evaluation.total < 2.0 * solution.evaluation.total:
+            other, more = _fit(problem, other.theta, False, max_iterations)
+            stages += more
         better = solution.status == "failed" or (
             other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
         )

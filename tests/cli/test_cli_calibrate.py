@@ -246,7 +246,7 @@ class TestCampaignFile:
             ({"job": "tight", "factors": ["stiffness.structure"] * 2}, "calibration.factors[1]", "stands twice"),
             ({"job": "tight"}, "calibration.factors", "at least one factor or group"),
             ({"factors": ["stiffness.structure"]}, "calibration.job", "missing"),
-            ({"job": "tight", "factors": ["sound_speed", "stiffness.acoustic"]}, "calibration.factors[0]", "sound_speed or stiffness.acoustic"),
+            ({"job": "tight", "factors": ["sound_speed", "stiffness.acoustic"]}, "calibration.factors[0]", "one effect"),
             ({"job": "tight", "boundary": "hold", "factors": ["stiffness.structure"]}, "calibration.boundary", "'held'"),
             ({"job": "tight", "groups": {"rib": {}}}, "calibration.groups.rib", "without a matrix"),
             ({"job": "tight", "groups": {"mass.structure": {"mass": "m.mtx"}}}, "calibration.groups", "named like a factor"),
