@@ -148,7 +148,8 @@ def apply_calibration(inputs: Inputs, use: bool = True) -> Inputs:
             there = (campaign.output / FILE).is_file()
         except OSError:
             there = False
-        return replace(inputs, calibration=CalibrationUse(False, "ignored: the campaign file has no 'calibration'")) if there else inputs
+        text = "ignored: the campaign file has no 'calibration'"
+        return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
     if not use:
         return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
     tree, reason = fitting(inputs)

@@ -9,8 +9,10 @@ import scipy.sparse as sp
 
 from lrbc_cli.campaign.reader import ModelReader
 from lrbc_cli.config import Campaign
+from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.factors import Recipe
+from lrbc_cli.model.factors import Recipe, make_recipe
+from lrbc_cli.model.fem import FeModel
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,24 @@ def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> di
                 )
             found[name][operator] = matrix
     return found
+
+
+def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
+    """How the operators depend on factors.
+
+    Raises
+    ------
+    ConfigError
+        Where the calibration asks for a factor of a field that the model does not have.
+    """
+    damping, acoustic = campaign.model.damping, model.is_acoustic
+    coefficients = None
+    if isinstance(damping, ProportionalDamping):
+        coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+    groups = {name: list(group) for name, group in model.extras.items()}
+    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all(), groups)
+    require_fields(campaign, recipe)
+    return recipe
 
 
 def require_fields(campaign: Campaign, recipe: Recipe) -> None:

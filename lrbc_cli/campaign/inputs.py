@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.drift import check_air, load_shift
-from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, require_fields
+from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reach import require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
@@ -17,7 +17,7 @@ from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, Response
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.tables import read_dof_list, read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
-from lrbc_cli.model.factors import Recipe, make_recipe
+from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
@@ -416,13 +416,8 @@ def read_inputs(campaign: Campaign) -> Inputs:
         reader.hash(campaign.bolts)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     model = FeModel(K, C, M, B, L, output_power, acoustic, terms, extras)
-    coefficients = None
-    if isinstance(damping, ProportionalDamping):
-        coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
     check_air(campaign, bool(acoustic.any()))
-    fields = (not acoustic.all(), bool(acoustic.any()))
-    recipe = make_recipe(coefficients, fields[1], fields[0], {name: list(group) for name, group in extras.items()})
-    require_fields(campaign, recipe)
+    recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     return Inputs(
         campaign,

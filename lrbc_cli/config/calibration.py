@@ -69,13 +69,13 @@ class CalibrationConfig(Strict):
                 raise problem("a group named like a factor", "groups", name, hint="choose another name")
         if not self.names:
             raise problem("a calibration without factors", "factors", expected="at least one factor or group")
-        if SOUND_SPEED in self.factors and "mass.acoustic" in self.factors:
+        if SOUND_SPEED in self.factors and "stiffness.acoustic" in self.factors:
             raise problem(
                 "two factors of one effect",
                 "factors",
                 self.factors.index(SOUND_SPEED),
-                expected="sound_speed or mass.acoustic",
-                found="both: the acoustic mass goes with 1/sound_speed²",
+                expected="sound_speed or stiffness.acoustic",
+                found="both: the acoustic stiffness 1/rho goes with sound_speed²",
                 hint="remove one of them",
             )
         return self

@@ -35,7 +35,7 @@ STIFF_STD, DAMPING_STD, BOUNDARY_STD, EXPONENT_STD = 0.05, 1.0, 1.0, 1.0
 STIFF_BOUND, DAMPING_BOUND = 0.3, 2.5
 
 #: Widths sigma/(2 pi) of the continuation over the highest frequency: 5 % of stiffness move a resonance by 2.5 %.
-WIDTHS = (0.02, 0.01)
+WIDTHS = (0.04, 0.01)
 
 #: Poisson's integral is taken where this much of its kernel lies on measured lines.
 COVERED = 0.8
@@ -49,8 +49,8 @@ SOFT_SCALE = 1.0
 #: The weight of the priors follows the noise until it changes by less than this, or so many times.
 NOISE_CHANGE, NOISE_ROUNDS = 0.1, 4
 
-#: An end with more than this at the lines used [dB] makes a second start worth its time.
-POOR_MISFIT = 1.5
+#: Ends of two starts whose costs differ by more than this share are told apart.
+SAME_END = 0.02
 
 
 def moves_resonances(recipe: Recipe, name: str) -> bool:
@@ -271,14 +271,6 @@ def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[
     return solution, [*stages, stage]
 
 
-def _suspicious(problem: FactorProblem, solution: Solution) -> bool:
-    """Whether the end looks like a local minimum: a large misfit, or a factor or p_damp at its bound."""
-    free = np.concatenate([problem.parameters.is_damping & (not problem.hold), np.ones(len(problem.names), dtype=bool)])
-    low, high = problem.bounds[free].T
-    at_bound = (solution.theta[free] <= low) | (solution.theta[free] >= high)
-    return solution.status == "failed" or solution.evaluation.misfit_db > POOR_MISFIT or bool(at_bound.any())
-
-
 def fit_factors(problem: FactorProblem, start: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100) -> FactorFit:
     """Identify the factors.
 
@@ -299,14 +291,21 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
     """
     notes: list[str] = []
     solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
-    if start is None and _suspicious(problem, solution):
-        other, more = _fit(problem, problem.start, False, max_iterations)
-        stages += more
-        better = other.evaluation.total < (1 - 1e-3) * solution.evaluation.total or solution.status == "failed"
-        notes.append(
-            f"two starts: over smoothed spectra {solution.evaluation.misfit_db:.2f} dB, from the start values "
-            f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
+    if start is None:
+        # Roughly first: an end far above the other is not worth more.
+        other, stage = _descend(problem, problem.misfit(START_SIGMA**2), problem.start, 0.0, 1e-2, max_iterations)
+        stages.append(stage)
+        if other.evaluation.total < 2.0 * solution.evaluation.total:
+            other, more = _fit(problem, other.theta, False, max_iterations)
+            stages += more
+        better = solution.status == "failed" or (
+            other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
         )
+        if abs(other.evaluation.total / solution.evaluation.total - 1.0) > SAME_END:
+            notes.append(
+                f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
+                f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
+            )
         solution = other if better else solution
     theta = solution.theta
     noise = Noise(START_SIGMA, 1.0)

@@ -1,0 +1,148 @@
+"""Global factors from a measurement: gradients, smoothed spectra, and what was put in has to come out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from derivatives import check_derivative
+from factors import FREQUENCY, SPRINGS, affine, duct_model, measured, problem, springs
+from systems import direct_frf
+
+from lrbc_cli.model.factors import with_factors
+from lrbc_cli.updating.calibrate import fit_factors, moves_resonances, smoothed
+from lrbc_cli.updating.residuals import ResidualOptions
+
+SIX = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
+KINDS = [(False, name) for name in (*SIX, "stiffness.acoustic", "mass.structure", "sound_speed", "part")]
+KINDS += [(True, name) for name in ("damping.structure", "damping.acoustic", "part")]
+TIGHT = np.array([4.6, 4.4, 4.5, 4.7, 4.5, 4.6])
+
+
+@pytest.mark.parametrize(("matrix", "name"), KINDS)
+class TestOneFactor:
+    def test_frfs_are_those_of_the_assembled_model(self, matrix, name):
+        model, recipe = duct_model(matrix)
+        s = 2j * np.pi * np.array([33.0, 97.0, 251.0])
+        P, theta = springs(), springs().initial
+        found = affine(model, recipe).linearise(s, P.dynamic(theta, s), {name: 1.07}, [name]).y
+        exact = direct_frf(with_factors(model, recipe, {name: 1.07})[0], s, P.dynamic(theta, s))
+        np.testing.assert_allclose(found, exact, rtol=1e-8)
+
+    @pytest.mark.parametrize("kind", ["db", "log-complex", "complex", "smoothed"])
+    def test_taylor(self, matrix, name, kind):
+        model, recipe = duct_model(matrix)
+        values = measured(model, recipe, {name: 1.1}, TIGHT, 0.01)
+        options = None if kind == "smoothed" else ResidualOptions(kind)
+        p = problem(
+            affine(model, recipe),
+            values,
+            (name,),
+            options=options,
+            parameters=springs(damped=True),
+            selected=np.arange(0, FREQUENCY.size, 7),
+        )
+        misfit = p.smoothed_misfit(8.0, 4.0) if kind == "smoothed" else p.misfit(4.0)
+        rng = np.random.default_rng(1)
+        theta = p.start + rng.normal(scale=0.05, size=p.start.size)
+        direction = np.append(rng.normal(scale=0.01, size=SPRINGS + 1), 1.0)
+        check_derivative(
+            lambda t: misfit(t).cost,
+            misfit(theta).gradient,
+            theta,
+            direction / np.linalg.norm(direction),
+            first=0.03 if moves_resonances(recipe, name) else 1.0,
+        )
+
+
+def test_factors_of_damping_have_the_wider_prior():
+    for matrix, name in KINDS:
+        recipe = duct_model(matrix)[1]
+        assert moves_resonances(recipe, name) == (not name.startswith(("alpha", "beta", "damping")))
+
+
+class TestSmoothed:
+    def test_poisson(self):
+        """A decaying oscillation: the exact FRF beside the axis, from lines on it."""
+        f = np.arange(1.0, 800.0)
+
+        def frf(s):
+            return sum(1.0 / ((s + 2 * np.pi * d) ** 2 + (2 * np.pi * w) ** 2) for w, d in ((60.0, 1.5), (140.0, 2.0)))
+
+        values = frf(2j * np.pi * f)[:, None]
+        at = np.array([40.0, 60.0, 100.0, 140.0, 200.0])
+        found = smoothed(f, values, 8.0, at)[:, 0]
+        np.testing.assert_allclose(found, frf(2 * np.pi * (8.0 + 1j * at)), rtol=0.02)
+
+    def test_what_is_not_covered_is_left_out(self):
+        f = np.arange(20.0, 401.0)
+        values = np.ones((f.size, 2), dtype=complex)
+        values[(f > 150) & (f < 250), 1] = np.nan
+        found = smoothed(f, values, 8.0, np.array([22.0, 100.0, 200.0, 398.0]))
+        np.testing.assert_array_equal(np.isfinite(found[:, 0]), [False, True, True, False])
+        np.testing.assert_array_equal(np.isfinite(found[:, 1]), [False, True, False, False])
+        np.testing.assert_allclose(found[1], 1.0)
+
+    def test_lines_too_far_apart(self):
+        model, recipe = duct_model()
+        p = problem(affine(model, recipe), measured(model, recipe, {}, TIGHT, 0.01), ("mass.acoustic",))
+        assert p.smoothed_misfit(8.0, 4.0) is not None
+        assert p.smoothed_misfit(0.5, 4.0) is None
+
+
+class TestRecovery:
+    @pytest.mark.parametrize(("stiffness", "mass", "damping"), [(1.05, 1.0, 2.0), (0.95, 1.0, 0.5), (1.05, 0.97, 0.5), (0.95, 1.02, 2.0)])
+    def test_from_afar(self, stiffness, mass, damping):
+        """5 % of stiffness and a factor of 2 in the damping, springs unknown, noise of 1 %."""
+        model, recipe = duct_model(matrix_damping=True)
+        names = ("stiffness.structure", "mass.acoustic", "damping.structure", "damping.acoustic")
+        truth = dict(zip(names, (stiffness, mass, damping, damping), strict=True))
+        fit = fit_factors(problem(affine(model, recipe), measured(model, recipe, truth, TIGHT, 0.01), names))
+        assert fit.solution.status == "converged"
+        for name, value in truth.items():
+            assert fit.factors[name] == pytest.approx(value, rel=0.005 if moves_resonances(recipe, name) else 0.2), name
+            low, high = fit.interval(name)
+            assert low < fit.factors[name] < high
+        assert [stage.width_hz for stage in fit.stages[:3]] == [16.0, 4.0, 0.0]
+        np.testing.assert_allclose(fit.solution.theta[:SPRINGS], TIGHT, atol=0.1)
+
+    def test_intervals_hold_what_they_promise(self):
+        """Two standard deviations over several draws of the noise."""
+        model, recipe = duct_model()
+        truth = {"stiffness.structure": 1.02, "beta.structure": 1.3}
+        miss = []
+        for seed in range(6):
+            fit = fit_factors(problem(affine(model, recipe), measured(model, recipe, truth, TIGHT, 0.01, seed), tuple(truth)))
+            miss += [(fit.logarithms[name] - np.log(value)) / fit.spread[name] for name, value in truth.items()]
+        assert np.abs(miss).max() < 3.5
+        assert np.sqrt(np.mean(np.square(miss))) < 1.8
+
+    def test_boundary_held(self):
+        model, recipe = duct_model()
+        truth = {"stiffness.structure": 1.04, "part": 0.97}
+        held = springs().initial
+        p = problem(affine(model, recipe), measured(model, recipe, truth, held, 0.01), tuple(truth), hold=True)
+        fit = fit_factors(p)
+        np.testing.assert_array_equal(fit.solution.theta[: held.size], held)
+        assert np.all(fit.covariance[: held.size] == 0)
+        for name, value in truth.items():
+            assert fit.factors[name] == pytest.approx(value, rel=2e-3)
+
+    def test_on_a_model_that_contains_factors(self):
+        """The rebuilt model gives the same factors of the exported one, and the same state."""
+        model, recipe = duct_model()
+        truth = {"stiffness.structure": 1.05, "beta.structure": 1.5, "part": 0.98}
+        values = measured(model, recipe, truth, TIGHT, 0.005)
+        first = fit_factors(problem(affine(model, recipe), values, tuple(truth)))
+        p = problem(affine(*with_factors(model, recipe, first.factors)), values, tuple(truth), base=first.factors)
+        theta = first.moved(p)
+        np.testing.assert_allclose(theta[SPRINGS:], 0.0, atol=1e-12)
+        second = fit_factors(p, theta)
+        for name in truth:
+            assert second.factors[name] == pytest.approx(first.factors[name], rel=5e-3)
+        assert p.misfit(1.0)(theta).total == pytest.approx(first.problem.misfit(1.0)(first.solution.theta).total, rel=1e-6)
+
+    def test_what_lies_at_a_bound_is_said(self):
+        """Air half as heavy is beyond the bounds of its mass."""
+        model, recipe = duct_model()
+        fit = fit_factors(problem(affine(model, recipe), measured(model, recipe, {"mass.acoustic": 0.5}, TIGHT, 0.01), ("mass.acoustic",)))
+        assert any("at its bound" in note for note in fit.notes)
