@@ -153,7 +153,7 @@ CASES = [
     (swap("campaign: box\n", ""), "campaign", ["the key 'campaign' is missing"]),
     (swap("band: [20.0, 400], ", ""), "reduction.band", ["the key 'band' is missing", "in Hz"]),
     (swap("frf: frf/bolts-00.uff", ""), "jobs.bolts-00.frf", ["the key 'frf' is missing"]),
-    (swap("bolts: bolts.csv", "calibration: {job: bolts-00}"), "calibration", ["no calibration yet", "remove"]),
+    (swap("bolts: bolts.csv", "calibration: {job: bolts-00}"), "calibration.factors", ["a calibration without factors", "at least one"]),
     # types
     (swap("campaign: box", "campaign: 7"), "campaign", ["expected: text", "the number 7", "quotes"]),
     (swap("campaign: box", "campaign: ' '"), "campaign", ["not a name"]),

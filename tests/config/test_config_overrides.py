@@ -75,7 +75,7 @@ def test_places_name_the_override(write) -> None:  # type: ignore[no-untyped-def
         ("jobs.con.frf=a.uff", "--override jobs.con.frf, jobs.con", "Windows"),
         ("jobs={Reduction.json: {frf: a.uff}}", "--override jobs, jobs.Reduction.json", "a file of the results"),
         ("jobs={campaign.json: {frf: a.uff}}", "--override jobs, jobs.campaign.json", "a file of the results"),
-        ("calibration={job: bolts-00}", "--override calibration", "no calibration yet"),
+        ("calibration={job: bolts-00}", "--override calibration", "a calibration without factors"),
         ("update.regularisation=lcurve", "--override update.regularisation", "l-curve"),
         ("update.residual=complx", "--override update.residual", "did you mean 'complex'?"),
         ("update.weights=scatter", "", "repeated measurements"),
