@@ -1,0 +1,124 @@
+"""Bands that open where nothing is felt, and probabilities of bolts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear import line_group
+from scipy.stats import norm
+
+from lrbc_cli.model.terms import smoothing_matrix
+from lrbc_cli.updating.confidence import CHI2_95, SCATTER_MARGIN, Rule, band, open_sides, weigh
+from lrbc_cli.updating.verdicts import BoltVerdict
+
+PLACE = BoltVerdict(4.0, None, "undecided", None)
+NEVER = (np.zeros(7, dtype=bool), np.zeros(7, dtype=bool))
+
+
+class TestBand:
+    def test_values_without_smoothing(self) -> None:
+        p = np.linspace(3.0, 6.0, 7)
+        std = np.linspace(0.1, 0.7, 7)
+        found = band(line_group(7), p, np.diag(std**2), NEVER)
+        np.testing.assert_allclose(found.std, std)
+        np.testing.assert_allclose(found.lower, p - 1.959964 * std, rtol=1e-6)
+        np.testing.assert_allclose(found.upper, p + 1.959964 * std, rtol=1e-6)
+
+    def test_smoothed_values_against_draws(self) -> None:
+        rng = np.random.default_rng(0)
+        group = replace(line_group(7), smoothing=smoothing_matrix((1 / 3, 2 / 3, 1 / 3), 7))
+        A = 0.03 * rng.normal(size=(7, 7))
+        p = np.linspace(3.0, 4.0, 7)
+        draws = p + rng.normal(size=(4000, 7)) @ A.T
+        found = band(group, p, A @ A.T, NEVER)
+        np.testing.assert_allclose(found.std, np.std([np.log10(group.values(d)) for d in draws], axis=0), rtol=0.06)
+
+    def test_it_opens(self) -> None:
+        down, up = np.arange(7) < 2, np.arange(7) > 4
+        found = band(line_group(7), np.full(7, 4.0), 0.01 * np.eye(7), (down, up))
+        np.testing.assert_array_equal(np.isinf(found.lower), down)
+        np.testing.assert_array_equal(np.isinf(found.upper), up)
+        assert np.isfinite(found.std).all()
+
+
+class TestOpenSides:
+    """Data that saturate: nothing above 5 and nothing below 1 is felt."""
+
+    bounds = np.tile([0.0, 8.0], (3, 1))
+    truth = np.array([6.0, 3.0, 0.5])
+
+    def data(self, theta: np.ndarray) -> float:
+        return float(40.0 * np.sum((np.clip(theta, 1.0, 5.0) - np.clip(self.truth, 1.0, 5.0)) ** 2))
+
+    def test_open_where_saturated(self) -> None:
+        down, up = open_sides(self.data, self.truth, np.eye(3), self.bounds, 1.0)
+        np.testing.assert_array_equal(up, [True, False, False])
+        np.testing.assert_array_equal(down, [False, False, True])
+
+    def test_noise_opens_everything(self) -> None:
+        cost = self.data(np.array([0.0, 3.0, 0.5]))
+        for variance, open_ in ((0.99 * cost / CHI2_95, False), (1.01 * cost / CHI2_95, True)):
+            down, _ = open_sides(self.data, self.truth, np.eye(3)[:, :1], self.bounds, variance)
+            assert bool(down[0]) == open_
+
+    def test_a_stretch_is_moved_as_a_whole(self) -> None:
+        """What the neighbours could make up for is not asked: all go together."""
+        patch = np.array([[1.0], [1.0], [0.0]])
+        _, up = open_sides(self.data, self.truth, patch, self.bounds, 1.0)
+        assert not up[0]
+
+
+class TestWeigh:
+    rule = Rule(-0.5, 0.95)
+
+    @pytest.mark.parametrize(
+        ("change", "std", "word"),
+        [
+            (-1.0, 0.1, "loose"),
+            (0.0, 0.1, "tight"),
+            (-0.5, 0.1, "undecided"),
+            (-1.0, 1.0, "undecided"),
+            (0.0, 1.0, "undecided"),
+            (-0.5 - 1.65 * 0.1, 0.1, "loose"),
+            (-0.5 - 1.64 * 0.1, 0.1, "undecided"),
+            (-0.5 + 1.65 * 0.1, 0.1, "tight"),
+        ],
+    )
+    def test_verdicts(self, change: float, std: float, word: str) -> None:
+        found = weigh(PLACE, change, std, self.rule)
+        assert found.verdict == word
+        assert found.probability_loose == pytest.approx(norm.cdf((-0.5 - change) / std))
+        assert (found.change, found.change_std, found.threshold) == (change, std, -0.5)
+        assert (found.note is not None) == (word == "undecided")
+
+    def test_the_confidence_counts(self) -> None:
+        words = [weigh(PLACE, -0.6, 0.08, Rule(-0.5, c)).verdict for c in (0.8, 0.95)]
+        assert words == ["loose", "undecided"]
+
+    def test_probability_falls_with_the_change(self) -> None:
+        for std in (0.01, 0.1, 1.0):
+            found = [weigh(PLACE, c, std, self.rule).probability_loose for c in np.linspace(-3.0, 2.0, 101)]
+            assert np.all(np.diff(found) <= 0)
+            assert found[0] > found[-1]
+
+    def test_scatter_of_tight_states(self) -> None:
+        """It widens the interval, and moves the threshold once four of it lie beyond."""
+        small, large = (Rule(-0.5, 0.95, s) for s in (0.1, 0.3))
+        assert small.limit == -0.5
+        assert large.limit == pytest.approx(-SCATTER_MARGIN * 0.3)
+        assert weigh(PLACE, -0.75, 0.1, self.rule).verdict == "loose"
+        assert weigh(PLACE, -0.75, 0.1, large).verdict == "undecided"
+        assert weigh(PLACE, -2.0, 0.1, large).verdict == "loose"
+        assert weigh(PLACE, 0.0, 0.1, small).change_std == pytest.approx(np.hypot(0.1, 0.1))
+
+    def test_beside_the_terms_there_is_no_verdict(self) -> None:
+        far = replace(PLACE, far=True, note="no term within half a pitch")
+        found = weigh(far, -3.0, 0.1, self.rule)
+        assert found.verdict == "undecided"
+        assert found.note == far.note
+
+    def test_no_uncertainty(self) -> None:
+        assert weigh(PLACE, -0.6, 0.0, self.rule).probability_loose == 1.0
+        assert weigh(PLACE, -0.4, 0.0, self.rule).probability_loose == 0.0

@@ -1,0 +1,207 @@
+"""Derivatives of FRFs to everything that may move them, and the affine model against full solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from derivatives import check_derivative
+from systems import chain, csc, direct_frf, duct, fe_model, unit
+
+from lrbc_cli.model.factors import Recipe, make_recipe
+from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.extended import ExtendedFrf, Extra
+
+S = 2j * np.pi * np.linspace(20.0, 380.0, 23)
+STRUCTURE, AIR = (60.0, 2e-5), (40.0, 1e-6)
+
+
+class System:
+    """A small model whose basis is the identity: the affine model is then the full one."""
+
+    def __init__(self, coupled: bool, matrix_damping: bool = False) -> None:
+        if coupled:
+            K, M, acoustic = duct(8, 16, kappa=1.3, coupling=1.0)
+        else:
+            (K, M), acoustic = chain(10, 4e4), np.zeros(10, dtype=bool)
+        self.acoustic, n = acoustic, K.shape[0]
+        C = proportional_damping(K, M, acoustic, STRUCTURE, AIR)
+        outputs = (9, 14, 22, 5) if coupled else (2, 8, 5)
+        # Two hammers, each with the derivatives of its load to two shifts behind them.
+        rng = np.random.default_rng(0)
+        shifts = sp.csc_array(np.where(acoustic[:, None], 0.0, rng.normal(size=(n, 4))))
+        loads = csc(sp.hstack([unit(n, 7, 3), shifts]))
+        self.model = fe_model(
+            K, M, loads=loads, outputs=unit(n, *outputs), left=unit(n, 0, 1, 2, 4), C=C, is_acoustic=acoustic,
+            output_power=[0, 0, 0, 2] if coupled else [2, 0, 1],
+        )  # fmt: skip
+        self.input_of = np.array([0, 1, 0, 1] if coupled else [0, 1, 0])
+        self.recipe: Recipe = make_recipe(None if matrix_damping else (STRUCTURE, AIR), coupled, True)
+        self.affine = AffineModel(self.reduced(self.model), self.recipe, np.array([[2, 3], [4, 5]]))
+        group = ParameterGroup(
+            "edge",
+            "stiffness",
+            np.arange(3),
+            np.arange(3),
+            np.full(3, 4.0),
+            np.tile([0.0, 8.0], (3, 1)),
+            smoothing_matrix((0.2, 0.6, 0.2), 3),
+            damping=EdgeDamping(2e-5),
+        )
+        mass = ParameterGroup("mass", "mass", np.array([3]), np.zeros(1, dtype=int), np.array([-2.0]), np.array([[-4.0, 0.0]]), np.eye(1))
+        self.parameters = Parameterisation((group, mass))
+        self.own = np.array([4.2, 3.6, 4.5, 0.7, -2.1])
+
+    def reduced(self, m: FeModel) -> ReducedModel:
+        K, C, M, B, L = (X.toarray() for X in (m.K, m.C, m.M, m.B, m.L))
+        left, right = m.terms.left.toarray(), m.terms.right.toarray()
+        structure = int(np.sum(~m.is_acoustic))
+        return ReducedModel(K, C, M, B, L, left, right, m.output_power, self.input_of, np.zeros((4, 3)), structure)
+
+    def direct(self, theta: np.ndarray, factors: dict[str, float], offset: np.ndarray) -> np.ndarray:
+        """FRFs of the full model with its matrices put together anew, by dense solves."""
+        m = self.model
+        K, C, M = self.recipe.assemble(m.K, m.C, m.M, self.acoustic, {}, factors)
+        B = m.B.toarray()
+        moved = np.column_stack([B[:, 0] + B[:, 2:4] @ offset[0], B[:, 1] + B[:, 4:6] @ offset[1]])
+        model = FeModel(K, C, M, csc(moved), m.L, m.output_power, m.is_acoustic, m.terms)
+        return direct_frf(model, S, self.parameters.dynamic(theta, S), self.input_of)
+
+
+def extras(system: System) -> list[Extra]:
+    found = [Extra("factor", name, 0, 0.0, 0.1, (-1.0, 1.0)) for name in system.recipe.names]
+    found += [Extra("gain", f"r{i}", i, 0.0, 0.3, (-5.0, 5.0)) for i in range(system.input_of.size)]
+    found += [Extra("shift", f"h{k // 2}", k, 0.0, 0.003, (-1.0, 1.0)) for k in range(4)]
+    return found
+
+
+CASES = [(True, False), (True, True), (False, False), (False, True)]
+
+
+@pytest.fixture(params=CASES, ids=["u-p", "u-p with a damping matrix", "structure", "structure with a damping matrix"])
+def system(request) -> System:  # type: ignore[no-untyped-def]
+    return System(*request.param)
+
+
+def point(model: ExtendedFrf, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    theta = model.initial
+    theta[: model.parameters.size] = [4.2, 3.6, 4.5, 0.7, -2.1]
+    theta[model.parameters.size :] = 0.1 * rng.normal(size=len(model.extras))
+    return theta
+
+
+def build(system: System, responses: np.ndarray | None = None) -> ExtendedFrf:
+    every = np.arange(system.input_of.size)
+    return ExtendedFrf(system.affine, S, system.parameters, extras(system), every if responses is None else responses)
+
+
+def test_factors_cover_every_kind() -> None:
+    assert set(System(True).recipe.names) == {
+        f"{kind}.{field}" for kind in ("stiffness", "mass", "alpha", "beta") for field in ("structure", "acoustic")
+    } | {"sound_speed"}
+    assert {"damping.structure", "damping.acoustic"} <= set(System(True, True).recipe.names)
+    assert "sound_speed" not in System(False).recipe.names
+
+
+def test_it_is_the_full_model(system: System) -> None:
+    model = build(system)
+    theta = point(model)
+    factors = model.factors(theta)
+    offset = model.offset(theta)
+    assert offset is not None
+    gains = np.array([theta[model.parameters.size + i] for i, e in enumerate(model.extras) if e.kind == "gain"])
+    expected = system.direct(theta[: model.parameters.size], factors, offset) * 10.0 ** (gains / 20.0)
+    np.testing.assert_allclose(model.frf(theta), expected, rtol=1e-8)
+
+
+def test_without_extras_it_is_the_model_as_it_is(system: System) -> None:
+    model = ExtendedFrf(system.affine, S, system.parameters, [], np.arange(system.input_of.size))
+    expected = direct_frf(system.model, S, system.parameters.dynamic(system.own, S), system.input_of)
+    np.testing.assert_allclose(model.frf(system.own), expected, rtol=1e-8)
+    assert model.offset(system.own) is None
+
+
+def test_derivatives_to_every_unknown(system: System) -> None:
+    """One by one: terms through the smoothing, p_damp, each kind of factor, sound speed, gains, shifts."""
+    model = build(system)
+    theta = point(model)
+    y, J = model.derivatives(theta)
+    for k in range(model.size):
+        direction = np.eye(model.size)[k]
+        step = 1e-6
+        change = (model.frf(theta + step * direction) - model.frf(theta - step * direction)) / (2 * step)
+        scale = np.abs(change).max()
+        if scale < 1e-9 * np.abs(y).max():
+            # A response of the other hammer, say: then both are nothing.
+            assert np.abs(J[:, :, k]).max() <= 1e-8 * np.abs(y).max()
+            continue
+        np.testing.assert_allclose(J[:, :, k], change, rtol=1e-4, atol=1e-5 * scale, err_msg=f"unknown {k}")
+
+
+@pytest.mark.parametrize("kind", ["boundary", "factor", "gain", "shift", "all"])
+def test_taylor_remainders(system: System, kind: str) -> None:
+    model = build(system)
+    theta = point(model)
+    own = np.array(["boundary"] * model.parameters.size + [e.kind for e in model.extras])
+    direction = np.where((own == kind) | (kind == "all"), np.random.default_rng(2).normal(size=model.size), 0.0)
+    _, J = model.derivatives(theta)
+    scale = 1.0 / np.abs(model.frf(theta)).mean(axis=0)
+    check_derivative(lambda t: model.frf(t) * scale, J * scale[:, None], theta, direction)
+
+
+@pytest.mark.parametrize("phase", [False, True])
+def test_logarithmic_derivatives(system: System, phase: bool) -> None:
+    model = build(system)
+    theta = point(model)
+    _, J = model.sensitivities(theta, phase)
+    assert np.iscomplexobj(J) == phase
+    direction = np.random.default_rng(3).normal(size=model.size)
+    check_derivative(lambda t: 20.0 * np.log10(np.abs(model.frf(t))), J.real, theta, direction, first=3e-2)
+
+
+def test_some_of_the_responses(system: System) -> None:
+    chosen = np.array([0, 2])
+    few = [e for e in extras(system) if e.kind != "gain"] + [Extra("gain", "r2", 1, 0.0, 0.3, (-5.0, 5.0))]
+    model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
+    theta = point(model)
+    y, J = model.derivatives(theta)
+    assert y.shape == (S.size, 2)
+    # The gain belongs to the second of those compared.
+    assert not J[:, 0, -1].any()
+    np.testing.assert_allclose(J[:, 1, -1], y[:, 1] * np.log(10.0) / 20.0)
+    bounds = model.bounds
+    assert bounds.shape == (model.size, 2)
+    np.testing.assert_array_equal(bounds[-1], [-5.0, 5.0])
+
+
+def test_the_speed_of_sound_moves_the_resonances_of_the_air() -> None:
+    """Frequencies of a duct alone go with the speed."""
+    system = System(True)
+    m = system.model
+    a = system.acoustic
+    speed = 1.07
+
+    def frequencies(factors: dict[str, float]) -> np.ndarray:
+        K, _, M = system.recipe.assemble(m.K, m.C, m.M, a, {}, factors)
+        values = np.linalg.eigvals(np.linalg.solve(M.toarray()[np.ix_(a, a)], K.toarray()[np.ix_(a, a)]))
+        return np.sqrt(np.sort(np.maximum(values.real, 0.0))[1:])
+
+    np.testing.assert_allclose(frequencies({"sound_speed": speed}), speed * frequencies({}), rtol=1e-6)
+
+
+def test_unsymmetric_models_have_the_same_derivatives() -> None:
+    """Left and right vectors that differ: no symmetric factorisation to share."""
+    system = System(False)
+    base = system.affine.base
+    right = np.roll(base.right, 1, axis=0)
+    affine = AffineModel(ReducedModel(**{**vars(base), "right": right}), system.recipe, system.affine.shifts)
+    model = ExtendedFrf(affine, S, system.parameters, extras(system), np.arange(3))
+    theta = point(model)
+    _, J = model.derivatives(theta)
+    scale = 1.0 / np.abs(model.frf(theta)).mean(axis=0)
+    direction = np.random.default_rng(4).normal(size=model.size)
+    check_derivative(lambda t: model.frf(t) * scale, J * scale[:, None], theta, direction, first=3e-2)
