@@ -42,7 +42,9 @@ def plate_matrices(nx: int, ny: int, hx: float, hy: float, materials: Materials)
     -------
     stiffness, mass, share : csr_array
         ``share = d stiffness / d ln E_x``: the bending along x, half of the coupling of the curvatures and half of the twist, which go with
-        the geometric mean of E_x and E_y; the rest is the share of E_y. DOF ``4 (i (ny + 1) + j) + 2 a + b`` belongs to node (i, j) and the derivative of order (a, b).
+        the geometric mean of E_x and E_y; the rest is the share of E_y.
+
+        DOF ``4 (i (ny + 1) + j) + 2 a + b`` belongs to node (i, j) and the derivative of order (a, b).
     """
     dx, dy, d1, dxy = materials.bending
     x = {(a, b): line_matrix(nx, hx, a, b) for a, b in ((0, 0), (1, 1), (2, 2), (2, 0))}

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
-from lrbc_cli.campaign.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import frf_rows, write_campaign
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.weights import line_weights, residual_options
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors

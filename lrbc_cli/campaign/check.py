@@ -65,6 +65,9 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
     out.sections["reduced model"] = _reduction(inputs, decision)
+    use = inputs.calibration
+    if use is not None:
+        out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
     model = inputs.model
     out.tree = {
@@ -75,6 +78,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         "parameters": {group.name: group.count for group in inputs.groups},
         "responses": [r.name for r in inputs.responses],
         "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
+        "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
         "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in out.jobs},
         "errors": {name: error.message for name, error in out.errors.items()},
         "warnings": out.warnings,

@@ -347,7 +347,8 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
                 {"name": r.name, "quantity": r.quantity, "unit": r.unit, "used": bool(i in inputs.used)}
                 for i, r in enumerate(inputs.responses)
             ],
-            "calibration": inputs.calibration.key if inputs.calibration and inputs.calibration.used else None,
+            # Empty: the jobs rest on the model as exported although there is a calibration.
+            "calibration": None if inputs.calibration is None else (inputs.calibration.key if inputs.calibration.used else ""),
             "tool": {"name": "lrbc", "version": __version__},
         },
     )

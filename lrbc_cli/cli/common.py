@@ -37,7 +37,8 @@ def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True, c
     if calibration is not None:
         inputs = apply_calibration(inputs, calibration)
         use = inputs.calibration
-        if use is not None and verbosity.level >= 0:
+        # That there is none is no news but for those who ask for the plan.
+        if use is not None and verbosity.level >= (0 if use.used or use.stale or not calibration else 1):
             click.echo(f"{'warning: ' if use.stale else ''}calibration: {use.text}", err=True)
     return inputs
 

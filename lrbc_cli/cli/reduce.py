@@ -36,8 +36,17 @@ def reduce(
     if dry_run:
         decision = look_up(folder, key_parts(inputs))
         would = "builds the reduced model (--force)" if force else ("finds it in the cache" if decision.hit else "builds the reduced model")
+        used = None if inputs.calibration is None else inputs.calibration.text
         if as_json:
-            say_json({"hit": decision.hit, "reason": decision.reason, "key": decision.key, "builds": force or not decision.hit})
+            say_json(
+                {
+                    "hit": decision.hit,
+                    "reason": decision.reason,
+                    "key": decision.key,
+                    "builds": force or not decision.hit,
+                    "calibration": used,
+                }
+            )
         else:
             click.echo(f"{would}: {decision.reason}")
         return

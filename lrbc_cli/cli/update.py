@@ -47,6 +47,7 @@ def update(
             say_json(
                 {
                     "cache": {"hit": decision.hit, "reason": decision.reason},
+                    "calibration": None if inputs.calibration is None else inputs.calibration.text,
                     "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans},
                 }
             )

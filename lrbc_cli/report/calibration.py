@@ -54,6 +54,14 @@ class Calibration:
     tolerance: float | None
     seconds: float | None
     frf: Frf | None
+    status: str | None = None
+    reason: str | None = None
+    held: bool | None = None
+    notes: tuple[str, ...] = ()
+
+    def serves(self, campaign: Campaign) -> bool:
+        """Whether the jobs of a campaign rest on it."""
+        return self.used and campaign.calibration in (None, self.key)
 
 
 def read_calibration(output: Path) -> Calibration | None:
@@ -89,6 +97,10 @@ def read_calibration(output: Path) -> Calibration | None:
         tolerance=reduction.maybe_number("tolerance"),
         seconds=node.maybe_number("seconds"),
         frf=None if place is None else read_frf_table(output / place),
+        status=node.maybe_text("status"),
+        reason=node.maybe_text("reason"),
+        held=node.maybe_flag("boundary_held"),
+        notes=node.texts("notes") if node.has("notes") else (),
     )
 
 
@@ -127,11 +139,12 @@ def calibration_parts(calibration: Calibration, campaign: Campaign) -> list[Mark
     """Return the parts of the section: factors, misfit, FRFs, rounds, provenance."""
     state = (
         "The jobs rest on it."
-        if calibration.used
+        if calibration.serves(campaign)
         else "It is NOT used by the jobs of this report: its hash does not fit them, or it was left out on purpose."
     )
+    boundary = {None: "", True: ", the boundary held at its start values", False: ", the boundary beside them"}[calibration.held]
     text = (
-        f"Global factors of the reference model, identified from job {calibration.job} before any boundary. {state} "
+        f"Global factors of the reference model, identified from job {calibration.job}{boundary}. {state} "
         "They absorb errors of the model as well, so they need not be the true values of the materials."
     )
     charts = calibration_charts(calibration, campaign)
@@ -140,7 +153,8 @@ def calibration_parts(calibration: Calibration, campaign: Campaign) -> list[Mark
     drawn = [figure(svg(chart), chart.title, chart.subtitle) for chart in used]
     rest = [figure(svg(chart), chart.title, chart.subtitle) for chart in others]
     parts: list[Markup | None] = [
-        tag("p", text, class_=None if calibration.used else "warning"),
+        tag("p", text, class_=None if calibration.serves(campaign) else "warning"),
+        _remarks(calibration),
         _factors(calibration),
         _misfits(calibration),
     ]
@@ -150,6 +164,14 @@ def calibration_parts(calibration: Calibration, campaign: Campaign) -> list[Mark
     parts.append(details(f"Held-out responses ({len(rest)})", tag("div", *rest, class_="grid pairs")) if rest else None)
     parts += [_rounds(calibration), tag("p", _provenance(calibration), class_="meta")]
     return parts
+
+
+def _remarks(calibration: Calibration) -> Markup | None:
+    """Return the status where it did not converge, and notes on bounds and starts."""
+    lines = list(calibration.notes)
+    if calibration.status not in (None, "converged"):
+        lines.insert(0, f"{calibration.status}: {calibration.reason or 'no reason is given'}")
+    return tag("ul", *(tag("li", line) for line in lines), class_="warning") if lines else None
 
 
 def _digits(value: float | None, digits: int = 5) -> str:

@@ -29,7 +29,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Campaign:
-    """The campaign's own file: names, order and places."""
+    """The campaign's own file: names, order and places; the key of the calibration its jobs rest on, empty for none, None where unknown."""
 
     name: str
     reference: str | None
@@ -37,6 +37,7 @@ class Campaign:
     bolts: tuple[str, ...]
     responses: tuple[Response, ...]
     tool: str
+    calibration: str | None = None
 
     def response(self, name: str) -> Response:
         """Return a response by name; one that the campaign does not list is unknown and unused."""
@@ -216,6 +217,7 @@ def read_campaign(output: Path) -> Campaign:
             Response(entry.text("name"), entry.maybe_text("quantity") or "response", entry.maybe_text("unit") or "1/N", entry.flag("used"))
             for entry in node.nodes("responses")
         ),
+        calibration=node.maybe_text("calibration"),
         tool=" ".join(filter(None, (tool.maybe_text("name"), tool.maybe_text("version")))),
     )
 

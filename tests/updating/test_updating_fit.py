@@ -1,0 +1,219 @@
+"""The posterior against closed forms, and the weight of the prior that follows the noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear import LinearModel, line_group
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.fit import extended_misfit, follow_noise, noise_of, posterior, residual_places, sparse_weights
+from lrbc_cli.updating.levels import Level, descend
+from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.optimise import gauss_newton
+from lrbc_cli.updating.residuals import ResidualOptions
+from lrbc_cli.updating.shapes import bolt_shapes, node_shapes
+
+LINES, RESPONSES, VALUES = 60, 4, 12
+SIGMA, STD = 0.5, 0.35
+SELECTED = np.arange(LINES)
+
+
+class Case:
+    """A linear problem with bolts along an edge."""
+
+    def __init__(self, seed: int, bolts: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9), values: bool = False, strength: float = 1.0):
+        self.rng = np.random.default_rng(seed)
+        self.parameters = Parameterisation((line_group(VALUES, damping=values),))
+        size = self.parameters.size
+        places = np.array([[0.01, b, 0.0] for b in bolts])
+        self.shapes = node_shapes(self.parameters, STD) if values else bolt_shapes(self.parameters, places, STD)
+        self.prior = self.parameters.initial
+        self.model = LinearModel(strength * self.rng.normal(size=(LINES, RESPONSES, size)), self.parameters)
+        self.J = (self.model.A @ self.shapes.T).reshape(-1, self.shapes.T.shape[1])
+
+    def misfit(self, z: np.ndarray, sigma: float = SIGMA) -> Misfit:
+        """A measurement of this change, with noise."""
+        clean = self.model.frf(self.prior + self.shapes.T @ z)
+        measured = clean * 10.0 ** (sigma * self.rng.normal(size=clean.shape) / 20.0)
+        return Misfit(self.model, measured, self.prior, 4.0, self.shapes.penalty())
+
+    def begin(self, misfit: Misfit):
+        return descend(misfit, self.prior, self.parameters.bounds, self.shapes.T)
+
+    def follow(self, misfit: Misfit, *, sparse: bool = False):
+        return follow_noise(misfit, self.begin(misfit), self.parameters.bounds, self.shapes, SELECTED, sparse, 1e-8)
+
+
+def data_of(case: Case, misfit: Misfit) -> np.ndarray:
+    """dB that the measurement lies above the prior."""
+    return (misfit.target - case.model.A @ case.prior).ravel()
+
+
+class TestPosterior:
+    def test_linear_and_gaussian(self) -> None:
+        case = Case(1)
+        misfit = case.misfit(case.rng.normal(size=5) * STD)
+        misfit, solution, noise = case.follow(misfit)
+        found = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+        precision = case.J.T @ case.J / noise.variance + np.diag(misfit.eta / noise.variance / case.shapes.std**2)
+        mean = np.linalg.solve(precision, case.J.T @ data_of(case, misfit) / noise.variance)
+        np.testing.assert_allclose(found.z, mean, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(found.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(found.boundary, case.shapes.T @ np.linalg.inv(precision) @ case.shapes.T.T, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(found.std, np.sqrt(np.diag(found.covariance)))
+
+    def test_where_the_data_say_nothing_the_prior_stays(self) -> None:
+        case = Case(2, strength=1e-6)
+        misfit, solution, noise = case.follow(case.misfit(np.zeros(5)))
+        found = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+        np.testing.assert_allclose(found.std, STD, rtol=0.03)
+        np.testing.assert_allclose(found.prior_std, STD, rtol=0.03)
+
+    @pytest.mark.parametrize("count", [2, 3])
+    def test_bolts_in_one_place(self, count: int) -> None:
+        """The data give their mean; of the differences the prior is all there is, neither certainty nor infinity."""
+        case = Case(3, (0.1, *[0.5] * count, 0.9))
+        misfit, solution, noise = case.follow(case.misfit(np.array([0.0, *[-0.6] * count, 0.0])))
+        found = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+        np.testing.assert_allclose(found.z[1:-1], -0.6, atol=0.05)
+        np.testing.assert_allclose(found.std[1:-1], STD * np.sqrt(1 - 1 / count), rtol=0.05)
+        assert found.std[[0, -1]].max() < 0.05
+        # What the edge does between them is known well in any case.
+        assert np.sqrt(np.diag(found.boundary)).max() < 0.05
+
+    def test_it_covers_the_truth(self) -> None:
+        inside, count = 0, 0
+        for seed in range(60):
+            case = Case(100 + seed, strength=0.1)
+            z = STD * case.rng.normal(size=5)
+            misfit, solution, noise = case.follow(case.misfit(z))
+            found = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+            inside += int(np.sum(np.abs(found.z - z) <= 1.96 * found.std))
+            count += z.size
+        assert 0.90 <= inside / count <= 0.99, inside / count
+
+
+class TestFollowNoise:
+    @pytest.mark.parametrize("sigma", [0.05, 0.5, 3.0])
+    def test_the_weight_is_the_noise(self, sigma: float) -> None:
+        case = Case(4)
+        misfit, solution, noise = case.follow(case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1]), sigma))
+        assert noise.sigma == pytest.approx(sigma, rel=0.15)
+        assert misfit.eta == pytest.approx(noise.variance, rel=0.06)
+        assert solution.evaluations == len(solution.history)
+        assert [entry.evaluation for entry in solution.history] == list(range(len(solution.history)))
+
+    def test_it_does_not_depend_on_where_it_begins(self) -> None:
+        found = []
+        for eta in (0.01, 4.0, 400.0):
+            case = Case(5)
+            found.append(case.follow(case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta))[1].theta)
+        np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-3)
+
+    def test_values_with_a_damping_exponent(self) -> None:
+        """The exponent has no prior of its own, and no row."""
+        case = Case(6, values=True)
+        for sparse in (False, True):
+            truth = np.zeros(VALUES + 1)
+            truth[[3, -1]] = -0.8, 1.5
+            misfit, solution, noise = case.follow(case.misfit(truth), sparse=sparse)
+            np.testing.assert_allclose(solution.theta - case.prior, truth, atol=0.25)
+            assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
+
+
+class TestSparse:
+    def test_small_changes_shrink_and_large_ones_stay(self) -> None:
+        truth = np.array([0.0, 0.0, -2.0, 0.0, 0.0])
+        ends = {}
+        for sparse in (False, True):
+            case = Case(7, strength=0.2)
+            misfit = case.misfit(truth)
+            ends[sparse] = np.linalg.lstsq(case.shapes.T, case.follow(misfit, sparse=sparse)[1].theta - case.prior, rcond=None)[0]
+        calm = [0, 1, 3, 4]
+        assert np.linalg.norm(ends[True][calm]) < np.linalg.norm(ends[False][calm])
+        assert abs(ends[True][2] + 2.0) < abs(ends[False][2] + 2.0)
+
+    def test_the_weights_are_those_of_a_t_distribution(self) -> None:
+        """Reweighted squares have the gradient of -2 log of the density (Cauchy): 2 log(1 + r²) at r = z/std."""
+        z, std = np.array([0.0, 0.1, -0.35, 2.0]), np.full(4, STD)
+        weight = sparse_weights(z, std)
+        gradient = 2 * weight**2 * z / std
+        r = z / std
+        np.testing.assert_allclose(gradient, 2 * 2 * r / (1 + r**2))
+        np.testing.assert_array_equal(sparse_weights(z, np.full(4, np.inf)), np.sqrt(2.0))
+
+
+class _WithGain:
+    """The linear model with gains of its responses [dB] behind theta."""
+
+    def __init__(self, model: LinearModel, responses: tuple[int, ...]) -> None:
+        self.model, self.parameters, self.s = model, model.parameters, model.s
+        self.G = np.zeros((LINES, RESPONSES, len(responses)))
+        for i, r in enumerate(responses):
+            self.G[:, r, i] = 1.0
+
+    def frf(self, theta: np.ndarray) -> np.ndarray:
+        n = self.parameters.size
+        return self.model.frf(theta[:n]) * 10.0 ** (self.G @ theta[n:] / 20.0)
+
+    def sensitivities(self, theta: np.ndarray, phase: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        return self.frf(theta), np.concatenate([self.model.A, self.G], axis=2)
+
+
+@pytest.mark.parametrize("eta", [0.01, 0.3, 40.0])
+def test_further_unknowns_have_their_priors(eta: float) -> None:
+    """Gains beside the boundary, whatever the weight of its prior: a standard deviation of a gain costs one of the data."""
+    case = Case(8, strength=0.2)
+    misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta)
+    variance = SIGMA**2
+    extras = tuple(Extra("gain", f"r{i}", i, mean, 0.3, (-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2)))
+    model = _WithGain(case.model, (0, 1))
+    extended = extended_misfit(misfit, model, extras, variance)
+    size, m = case.parameters.size, case.shapes.T.shape[1]
+    T = np.zeros((size + 2, m + 2))
+    T[:size, :m], T[size:, m:] = case.shapes.T, np.eye(2)
+    level = Level(extended, extended.prior, T)
+    found = gauss_newton(level, np.zeros(m + 2), np.tile([-9.0, 9.0], (m + 2, 1)), tolerance=1e-10)
+    J = np.hstack([case.J, model.G.reshape(-1, 2)])
+    precision = J.T @ J / variance + np.diag(np.concatenate([eta / variance / case.shapes.std**2, np.full(2, 1 / 0.3**2)]))
+    data = data_of(case, misfit) - J[:, m:] @ np.array([0.0, 0.2])
+    mean = np.linalg.solve(precision, J.T @ data / variance)
+    np.testing.assert_allclose(found.theta, mean, rtol=1e-5, atol=1e-7)
+    end = replace(found, theta=level.theta(found.theta))
+    known = posterior(extended, end, case.shapes, extras, Noise(SIGMA, 1.0), case.prior)
+    np.testing.assert_allclose(known.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(known.values, mean[m:] + [0.0, 0.2], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(known.z, mean[:m], rtol=1e-5, atol=1e-6)
+
+
+class TestPlaces:
+    def misfit(self, kind: str) -> Misfit:
+        parameters = Parameterisation((line_group(VALUES),))
+        model = LinearModel(np.ones((6, 2, VALUES)), parameters)
+        measured = model.frf(parameters.initial) * np.ones((6, 2), dtype=complex)
+        measured[2, 1] = np.nan
+        return Misfit(model, measured, parameters.initial, 0.0, options=ResidualOptions(kind))
+
+    def test_lines_and_responses(self) -> None:
+        selected = np.array([4, 5, 6, 20, 21, 40])
+        line, response = residual_places(self.misfit("db"), selected, 11)
+        np.testing.assert_array_equal(line, [4, 4, 5, 5, 6, 20, 20, 21, 21, 40, 40])
+        np.testing.assert_array_equal(response, [0, 1, 0, 1, 0, 0, 1, 0, 1, 0, 1])
+
+    def test_imaginary_parts_are_responses_of_their_own(self) -> None:
+        selected = np.array([4, 5, 6, 20, 21, 40])
+        line, response = residual_places(self.misfit("log-complex"), selected, 22)
+        np.testing.assert_array_equal(line[:11], line[11:])
+        np.testing.assert_array_equal(response[11:], response[:11] + 2)
+
+
+def test_noise_of_an_evaluation() -> None:
+    case = Case(9)
+    misfit = case.misfit(np.zeros(5))
+    found = noise_of(misfit, case.begin(misfit).evaluation, SELECTED)
+    assert found.sigma == pytest.approx(SIGMA, rel=0.15)
