@@ -159,6 +159,8 @@ def campaign_text(
         "calibration:",
         f"  job: {reference}",
         f"  factors: [{', '.join(FACTORS)}]",
+        "  groups:",
+        f"    E_x: {{stiffness: {model}/model.h5#K_x}}",
         "",
         "jobs:                                     # `removed` is for the report only",
     ]

@@ -61,6 +61,8 @@ class Task:
     overrides : tuple of str
     calibrate : bool
         Where its file says how.
+    resume : bool
+        Keep finished jobs and calibrations that are in the output folder.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Task:
     cache: Path
     overrides: tuple[str, ...]
     calibrate: bool
+    resume: bool
 
 
 @dataclass(frozen=True)
@@ -107,14 +110,14 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     inputs = read_inputs(load_campaign(config, [*own, *task.overrides]))
     calibration = None
     if task.calibrate and inputs.campaign.calibration is not None:
-        tree, _ = run_calibration(inputs, task.cache, force=True)
+        tree, _ = run_calibration(inputs, task.cache, force=not task.resume)
         factors = {name: entry["value"] for name, entry in tree["factors"].items()}
         misfit = tree["misfit_db"]
         calibration = Calibration(tree["status"], misfit["final"], misfit["held_out_final"], factors, len(tree["rounds"]), tree["seconds"])
     inputs = apply_calibration(inputs, task.calibrate)
     if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
         raise NumericalError("the calibration that was just made is not used")
-    outcome, _ = run_jobs(inputs, task.cache, force=True)
+    outcome, _ = run_jobs(inputs, task.cache, force=not task.resume)
     update = inputs.campaign.update
     reference = str(update.reference)
     if reference in outcome.errors:
@@ -346,6 +349,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
     parser.add_argument("--cache", type=Path, help="keep reduced models here; default: built anew")
     parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
+    parser.add_argument("--resume", action="store_true", help="keep finished jobs and calibrations that --out holds, as lrbc does")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--markdown", type=Path, metavar="FILE")
     arguments = parser.parse_args()
@@ -357,7 +361,16 @@ def main() -> int:
             campaigns.insert(0, ("sample", SAMPLE / "frf"))
         cache = arguments.cache or work / "cache"
         tasks = [
-            Task(name, folder, arguments.config, work / "results" / name, cache, tuple(arguments.override), not arguments.no_calibration)
+            Task(
+                name,
+                folder,
+                arguments.config,
+                work / "results" / name,
+                cache,
+                tuple(arguments.override),
+                not arguments.no_calibration,
+                arguments.resume,
+            )
             for name, folder in campaigns
         ]
         jobs, calibrations, failures = run_all(tasks, arguments.workers)
