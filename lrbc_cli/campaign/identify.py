@@ -211,7 +211,13 @@ class _Job:
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if automatic:
             misfit, solution, noise = follow_noise(
-                misfit, solution, bounds, self.shapes, self.selected, settings.prior_shape == "sparse", settings.tolerance or 1e-4
+                misfit,
+                solution,
+                bounds,
+                self.shapes,
+                self.selected,
+                settings.prior_shape == "sparse" and self.shapes.by_bolt,
+                settings.tolerance or 1e-4,
             )
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)

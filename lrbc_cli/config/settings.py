@@ -158,7 +158,7 @@ class UpdateConfig(Strict):
     )
     prior_shape: Literal["normal", "sparse"] = Field(
         default="normal",
-        description="normal, or sparse: long tails, so that few large changes cost less than many small ones; needs regularisation: auto.",
+        description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; needs regularisation: auto.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",
@@ -218,6 +218,8 @@ class UpdateConfig(Strict):
             raise problem(
                 "a sparse prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found="sparse"
             )
+        if self.prior_shape == "sparse" and (self.unknowns == "values" or self.prior == "initial"):
+            raise problem("a sparse prior on values along the edge", "prior_shape", expected="changes at bolts", found="values")
         if self.unknowns == "bolts" and self.penalty != PenaltyConfig():
             raise problem(
                 "a penalty on values along the edge, but unknowns at bolts",
