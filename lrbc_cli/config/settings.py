@@ -158,7 +158,8 @@ class UpdateConfig(Strict):
     )
     prior_shape: Literal["normal", "sparse"] = Field(
         default="normal",
-        description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; needs regularisation: auto.",
+        description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
+        "needs regularisation: auto.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",
