@@ -71,7 +71,7 @@ ROUNDS = 30
 @pytest.mark.parametrize("kind", ["box", "frame"])
 def test_intervals_cover_the_truth(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Changes drawn from the prior, noise in both measurements: the 95 % intervals hold the truth about that often."""
-    lines = {"box": "update.lines={every: 4}", "frame": "update.lines=resonances"}[kind]
+    lines = {"box": "update.lines=all", "frame": "update.lines=resonances"}[kind]
     study = Study({"box": box, "frame": frame}[kind](tmp_path / kind), monkeypatch, lines)
     tight = BOX_TRUTH["tight"] if kind == "box" else FRAME_TIGHT
     apart = []
