@@ -19,6 +19,9 @@ lrbc reduce "$config" || exit $?
 plan=$(lrbc update "$config" --dry-run) || exit $?
 jobs=" $(printf '%s\n' "$plan" | sed -n -e 's/: runs (.*//p' -e 's/: kept (.*//p' | tr '\n' ' ')"
 
+# The job that the model is calibrated from, where the campaign says so.
+tight=$(lrbc calibrate "$config" --dry-run 2> /dev/null | sed -n 's/^calibration from \(.*\): [rk][a-z]* (.*/\1/p')
+
 # The override that gives a job its file, quoted for YAML.
 frf_of() {
     printf "jobs.%s.frf='%s'" "$1" "$(printf '%s' "$2" | sed "s/'/''/g")"
@@ -48,6 +51,8 @@ while :; do
             case $earlier in *" "*) continue ;; esac
             case $jobs in *" $earlier "*) set -- "$@" --override "$(frf_of "$earlier" "$other")" ;; esac
         done
+        # Again only where the tight state was measured anew.
+        [ -z "$tight" ] || lrbc calibrate "$config" "$@" || echo "not calibrated, see the message above"
         lrbc update "$config" --job "$job" "$@" --fail-on-loose
         case $? in
             0)   echo "$job: all bolts tight, go on" ;;
