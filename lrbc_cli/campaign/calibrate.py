@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
+from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import frf_rows, write_campaign
@@ -198,6 +199,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
             selected,
             residual_options(campaign.update),
             weights,
+            tuple(extra for extra in drift_extras(now, campaign.update.nuisances) if extra.kind == "shift"),
         )
 
     problem = problem_on(inputs, stage, {})
@@ -274,6 +276,7 @@ def calibration_tree(inputs: Inputs, outcome: Outcome, parts: dict[str, str], jo
         "status": status,
         "reason": reason,
         "factors": factors,
+        "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.further.items()},
         "boundary": boundary,
         "boundary_held": problem.hold,
         "misfit_db": {

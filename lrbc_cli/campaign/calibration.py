@@ -64,7 +64,11 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             [[response.name, response.quantity] for response in inputs.responses],
         ),
         "settings": cache._digest(
-            {name: resolved["update"][name] for name in SETTINGS}, sorted(calibration.names), calibration.boundary, calibration.job
+            {name: resolved["update"][name] for name in SETTINGS},
+            resolved["update"]["nuisances"]["hammer"],
+            sorted(calibration.names),
+            calibration.boundary,
+            calibration.job,
         ),
         "version": cache._digest(CALIBRATION_VERSION),
     }

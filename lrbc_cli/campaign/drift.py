@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,6 +88,12 @@ def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -
             hint="remove nuisances.hammer, or excite at a node",
         )
     return found[0]
+
+
+def stored_offsets(tree: Mapping[str, Any] | None) -> dict[str, float]:
+    """Where the hammer hit in a stored result [m], by excitation and direction."""
+    stored = (tree or {}).get("nuisances", {}).get("hammer_offset_mm", {})
+    return {name: 1e-3 * float(entry["value"]) for name, entry in stored.items()}
 
 
 def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.drift import drift_extras, stored_offsets
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import read_measurement
@@ -21,7 +21,7 @@ from lrbc_cli.campaign.weights import line_weights, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.updating.confidence import open_sides
-from lrbc_cli.updating.extended import ExtendedFrf
+from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
 from lrbc_cli.updating.lcurve import LCurve, l_curve
 from lrbc_cli.updating.levels import DRAWS, Level, gauss_newton_by_levels, prior_draws
@@ -97,6 +97,7 @@ class _Job:
         self.start = self.parameters.initial
         self.notes: list[str] = []
         before = self._before(reference)
+        self.tight_offsets = stored_offsets(reference)
         self.against_reference = before is not None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
@@ -178,7 +179,7 @@ class _Job:
             return None
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
-        ratio = self.model.frf(self.prior) / np.where(valid, known, np.nan)
+        ratio = self._tight_frf() / np.where(valid, known, np.nan)
         level = 20.0 * np.log10(np.abs(ratio))
         limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
         return self.measured() * limited
@@ -235,9 +236,25 @@ class _Job:
         found = bfgs(level, z, level.bounds(bounds), tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
         return replace(found, theta=level.theta(found.theta))
 
+    def _extras(self) -> tuple[Extra, ...]:
+        """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
+        found = drift_extras(self.inputs, self.settings.nuisances)
+        if self.against_reference:
+            return found
+        return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.settings.reference else ()
+
+    def _tight_frf(self) -> Complexes:
+        """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
+        extras = tuple(extra for extra in drift_extras(self.inputs, self.settings.nuisances) if extra.kind == "shift")
+        if not extras or self.source.stage is None or not self.tight_offsets:
+            return self.model.frf(self.prior)
+        affine = affine_model(self.inputs, self.source.stage)
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
+        return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(extra.name, 0.0) for extra in extras]]))
+
     def drifted(self, fit: _Fit) -> _Fit:
         """The same with what may have drifted since the reference job, from here and from the reference state."""
-        extras = drift_extras(self.inputs, self.settings.nuisances) if self.against_reference else ()
+        extras = self._extras()
         if not extras:
             return fit
         if self.source.stage is None:

@@ -118,6 +118,8 @@ class FactorProblem:
         Lines of the last stage.
     options : ResidualOptions or None
     weights : (selected, U) float array or None
+    further : tuple of Extra
+        Unknowns of the job that are no factors, such as where the hammer hit.
     """
 
     model: AffineModel
@@ -131,16 +133,17 @@ class FactorProblem:
     selected: NDArray[np.int64] = field(repr=False)
     options: ResidualOptions | None = None
     weights: Floats | None = field(default=None, repr=False)
+    further: tuple[Extra, ...] = ()
 
     @property
     def extras(self) -> tuple[Extra, ...]:
-        """The unknown factors: logarithms, relative to what the model contains."""
+        """The unknown factors, as logarithms relative to what the model contains; then what else is unknown."""
         out = []
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = (STIFF_STD, STIFF_BOUND) if moves_resonances(self.model.recipe, name) else (DAMPING_STD, DAMPING_BOUND)
             out.append(Extra("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
-        return tuple(out)
+        return (*out, *self.further)
 
     @property
     def start(self) -> Floats:
@@ -223,7 +226,7 @@ class FactorFit:
         size, problem = self.problem.parameters.size, self.problem
         return {
             name: float(value + np.log(problem.base.get(name, 1.0)))
-            for name, value in zip(problem.names, self.solution.theta[size:], strict=True)
+            for name, value in zip(problem.names, self.solution.theta[size : size + len(problem.names)], strict=True)
         }
 
     @property
@@ -235,7 +238,15 @@ class FactorFit:
     def spread(self) -> dict[str, float]:
         """Standard deviation of ln of each factor."""
         std = np.sqrt(np.maximum(np.diag(self.covariance)[self.problem.parameters.size :], 0.0))
-        return dict(zip(self.problem.names, std.tolist(), strict=True))
+        return dict(zip(self.problem.names, std[: len(self.problem.names)].tolist(), strict=True))
+
+    @property
+    def further(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each of the further unknowns."""
+        at = self.problem.parameters.size + len(self.problem.names)
+        std = np.sqrt(np.maximum(np.diag(self.covariance)[at:], 0.0))
+        names = [extra.name for extra in self.problem.further]
+        return {name: (float(value), float(s)) for name, value, s in zip(names, self.solution.theta[at:], std, strict=True)}
 
     def interval(self, name: str) -> tuple[float, float]:
         """95 % interval of a factor, log-normal."""
@@ -246,6 +257,7 @@ class FactorFit:
         """Theta for the same state on a model that contains other factors."""
         size = problem.parameters.size
         shift = [np.log(self.problem.base.get(name, 1.0) / problem.base.get(name, 1.0)) for name in problem.names]
+        shift += [0.0] * len(problem.further)
         return np.concatenate([self.solution.theta[:size], self.solution.theta[size:] + shift])
 
 
@@ -338,7 +350,8 @@ def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
     P, extras = problem.parameters, problem.extras
     for extra, value in zip(extras, theta[P.size :], strict=True):
         if not extra.bounds[0] < value < extra.bounds[1]:
-            found.append(f"{extra.name}: at its bound, {np.exp(value - extra.mean):.4g}: the measurement does not determine it")
+            shown = np.exp(value - extra.mean) if extra.kind == "factor" else value
+            found.append(f"{extra.name}: at its bound, {shown:.4g}: the measurement does not determine it")
     for group, (_, at) in zip(P.groups, P.slices, strict=True):
         if at is not None and group.damping is not None and not problem.hold:
             low, high = group.damping.bounds
