@@ -18,6 +18,9 @@ from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
 Floats = NDArray[np.float64]
 
+#: A rise of the stiffness by this many standard deviations of the prior is an error of the model.
+IMPLAUSIBLE = 2.5
+
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
@@ -166,6 +169,17 @@ def _change(
         before = _stored(reference, group, "std")
         variance += 0.0 if before is None else float(np.mean(before[verdict.near] ** 2))
     return float(verdict.change or 0.0), float(np.sqrt(max(variance, 0.0)))
+
+
+def rises(inputs: Inputs, found: Sequence[BoltVerdict]) -> list[str]:
+    """A warning where bolts seem tighter than in the reference state by more than the prior allows: nothing but errors does that."""
+    if inputs.bolts is None:
+        return []
+    limit = IMPLAUSIBLE * inputs.campaign.update.prior_std
+    names = [name for name, v in zip(inputs.bolts.name, found, strict=False) if v.change_std is not None and (v.change or 0.0) > limit]
+    if not names:
+        return []
+    return [f"{', '.join(names)}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
 
 
 def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdict]) -> list[dict[str, Any]]:

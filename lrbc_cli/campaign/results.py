@@ -21,6 +21,7 @@ from lrbc_cli.campaign.judgement import (
     bolt_trees,
     effective,
     remarks,
+    rises,
     states_removed,
     validity,
     verdicts,
@@ -189,7 +190,7 @@ def result_tree(
         },
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
-        "notes": [*result.measurement.warnings, *result.notes, *remarks(result)],
+        "notes": [*result.measurement.warnings, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
 
