@@ -14,7 +14,7 @@ from lrbc_cli.campaign.inputs import read_inputs
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.matrices import read_matrix
-from rigs.campaign import ensure_model, parse_jobs, write_campaign
+from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.design import Design, Foundation, Mesh
 from rigs.designs import DESIGNS, SINGLE, SOUNDBOX
 from rigs.drift import Drift, Scatter
@@ -153,6 +153,15 @@ def test_jobs_are_parsed() -> None:
             parse_jobs(SINGLE, wrong)
 
 
+def test_baselines_are_tight_states_beside_the_reference() -> None:
+    text = campaign_text(SINGLE, "x", "model", parse_jobs(SINGLE, "tight:3"), baselines=True)
+    assert "\n  reference: tight-1\n  baselines: [tight-2]\n" in text
+    assert "nuisances" not in text
+    for jobs in ("tight:2", "tight,B03,B09"):
+        with pytest.raises(ValueError, match="a second job with all bolts tight"):
+            campaign_text(SINGLE, "x", "model", parse_jobs(SINGLE, jobs), baselines=True)
+
+
 def test_campaign_is_ready(tmp_path: Path) -> None:
     model = tmp_path / "shared"
     jobs = parse_jobs(COARSE, None)
@@ -164,10 +173,16 @@ def test_campaign_is_ready(tmp_path: Path) -> None:
     for at in (folder, tmp_path / "again"):
         laboratory.campaign(4, jobs, at / "frf", at / "truth.json", retorque=0.3, scatter=Scatter(2.0, 0.003))
     assert (folder / "frf" / "tight.uff").read_bytes() == (tmp_path / "again" / "frf" / "tight.uff").read_bytes()
-    write_campaign(COARSE, folder, model, jobs)
+    write_campaign(COARSE, folder, model, jobs, Scatter(2.0, 0.003))
     inputs = read_inputs(load_campaign(folder / "campaign.yaml"))
     assert inputs.warnings == ()
     assert inputs.campaign.update.reference == "tight"
+    assert inputs.campaign.update.baselines == ()
+    assert inputs.campaign.update.nuisances.temperature == 2.0
+    assert inputs.campaign.update.nuisances.hammer == 0.003
+    assert inputs.campaign.update.nuisances.gain is None
+    assert inputs.campaign.calibration is not None
+    assert inputs.campaign.calibration.job == "tight"
     assert inputs.campaign.parameters["left_edge"].initial == "auto"
     assert inputs.groups[0].count == 6
     assert {r.name for r in read_frf(folder / "frf" / "gap-07-10.uff").records} == set(COARSE.microphones)
