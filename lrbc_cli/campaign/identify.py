@@ -42,6 +42,9 @@ FIRST_VARIANCE = 4.0
 #: and change of the noise variance that needs no further round.
 DRIFT_ROUNDS, DRIFT_ITERATIONS, DRIFT_TOLERANCE, DRIFT_NOISE = 3, 12, 1e-3, 0.15
 
+#: The direct comparison is taken where its noise has less than this share of the other's variance.
+DIRECT_HANDICAP = 2.0
+
 #: A comparison whose noise has this many times the variance of the other is left out.
 CLEARLY_WORSE = 10.0
 
@@ -329,7 +332,8 @@ class _Job:
         least = min(fit.knowledge.noise.variance for fit in fits.values())
         # What drifted can turn the order round, unless it is clear.
         ends = {k: self.drifted(fit) for k, fit in fits.items() if fit.knowledge.noise.variance <= CLEARLY_WORSE * least}
-        relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance)
+        # In a direct comparison the bolts also absorb what is wrong with the reference state, which makes its residuals smaller.
+        relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance * (1.0 if k else DIRECT_HANDICAP))
         others = sum(fit.evaluations for fit in fits.values()) - fits[relative].evaluations
         others += sum(ends[k].evaluations - fits[k].evaluations for k in ends if k != relative)
         return ends[relative].after(others), relative

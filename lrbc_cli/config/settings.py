@@ -196,7 +196,7 @@ class UpdateConfig(Strict):
     comparison: Literal["auto", "direct", "relative"] = Field(
         default="auto",
         description="direct: the model with the measurement; relative: after correcting the measurement by what the model lacks in the "
-        "reference job, so that small changes show; auto: whichever leaves the smaller residuals.",
+        "reference job, so that small changes show; auto: relative, unless direct leaves less than half of its noise variance.",
     )
     largest_misfit: Positive = Field(
         default=3.0,
