@@ -83,7 +83,8 @@ class Posterior:
         size, m = self.shapes.T.shape
         moved = np.zeros((self.covariance.shape[0], size))
         if jacobian is not None and by_theta is not None:
-            moved = self.covariance @ (jacobian.T @ by_theta) / self.noise.variance
+            # Without noise nothing is uncertain.
+            moved = self.covariance @ (jacobian.T @ by_theta) / (self.noise.variance or 1.0)
         left = np.eye(size) - self.shapes.T @ moved[:m]
         return replace(
             self,

@@ -164,8 +164,10 @@ def test_l_curve(frame: Folder) -> None:
     # Nothing is loose in this state: the start explains most of it, and no weight stands out.
     tight = results["tight"]
     assert tight["l_curve"]["corner"] is tight["l_curve"]["at"] is None
-    assert tight["l_curve"]["chosen"] == tight["optimiser"]["regularisation"] == 0.04
-    assert any("no corner" in note and "0.04" in note for note in tight["notes"])
+    # A decade of each of ten values then costs as much as 1 dB in every residual of three responses.
+    natural = tight["lines"]["count"] * 3 / 10
+    assert tight["l_curve"]["chosen"] == tight["optimiser"]["regularisation"] == pytest.approx(natural)
+    assert any("no corner" in note and f"{natural:.3g}" in note for note in tight["notes"])
 
 
 def test_l_curve_with_bfgs(frame: Folder) -> None:
@@ -175,7 +177,8 @@ def test_l_curve_with_bfgs(frame: Folder) -> None:
 
 
 def test_starts_are_listed(frame: Folder) -> None:
-    tree = identify(frame, job="loose-2")
+    # A weight that is given: one that follows the noise is another at each end.
+    tree = identify(frame, "update.regularisation=10", job="loose-2")
     starts = tree["optimiser"]["starts"]
     # Two basins of a uniform change, and the lowest changes drawn from the prior.
     assert len(starts) == 2 + DRAWS_KEPT
