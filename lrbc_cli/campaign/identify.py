@@ -49,7 +49,7 @@ DIRECT_HANDICAP = 2.0
 CLEARLY_WORSE = 10.0
 
 #: Standard deviation of the stiffness of a state that is compared with nothing about its start values [decades].
-LEVEL_STD = 1.0
+LEVEL_STD = 0.5
 
 #: A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
 MOST_CORRECTION_DB = 6.0

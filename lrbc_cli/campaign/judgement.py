@@ -135,7 +135,8 @@ def verdicts(
         found = [replace(v, verdict="undecided", note=v.note if v.far else note) for v in found]
     if reference is not None and update.reference != result.name:
         rule = Rule(update.loose_change, update.confidence, scatter)
-        found = [weigh(verdict, *_change(result, i, verdict, where, reference), rule) for i, verdict in enumerate(found)]
+        changes = [_change(result, i, verdict, where, reference) for i, verdict in enumerate(found)]
+        found = [weigh(v, change, std, rule, ceiling) for v, (change, std, ceiling) in zip(found, changes, strict=True)]
     if result.name in update.baselines:
         calm = "a baseline, taken as tight"
         found = [v if v.far else replace(v, verdict="tight", probability_loose=None, note=v.note or calm) for v in found]
@@ -150,13 +151,13 @@ def _change(
     verdict: BoltVerdict,
     where: Sequence[tuple[ParameterGroup, slice]],
     reference: Mapping[str, Any],
-) -> tuple[float, float]:
-    """Change at a bolt against the reference state and its standard deviation [decades]."""
+) -> tuple[float, float, float]:
+    """Change at a bolt against the reference state, its standard deviation, and the largest that the FRFs would feel [decades]."""
     knowledge = result.posterior
     column = knowledge.shapes.bolts[bolt] if knowledge.shapes.by_bolt else -1
-    if column >= 0:
-        return float(knowledge.z[column]), float(knowledge.std[column])
     group, values = where[verdict.edge]
+    if column >= 0:
+        return _capped(result, column, group, values, reference)
     p = result.solution.theta[values]
     # Mean of log10(W 10^p) over the values near the bolt.
     row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[verdict.near].mean(axis=0)
@@ -168,7 +169,25 @@ def _change(
     if not result.against_reference:
         before = _stored(reference, group, "std")
         variance += 0.0 if before is None else float(np.mean(before[verdict.near] ** 2))
-    return float(verdict.change or 0.0), float(np.sqrt(max(variance, 0.0)))
+    return float(verdict.change or 0.0), float(np.sqrt(max(variance, 0.0))), np.inf
+
+
+def _capped(
+    result: Identification, column: int, group: ParameterGroup, values: slice, reference: Mapping[str, Any]
+) -> tuple[float, float, float]:
+    """Change of one bolt with the reference state counted as saturated where it lies above saturation.
+
+    How far above says the prior of the reference job alone, so that much is uncertain too.
+    """
+    knowledge = result.posterior
+    z, std = float(knowledge.z[column]), float(knowledge.std[column])
+    tight = _stored(reference, group, "log10_effective")
+    hat = knowledge.shapes.T[values, column]
+    if tight is None or not hat.any():
+        return z, std, np.inf
+    above = float(hat @ tight / hat.sum()) - result.saturations[group.name].start
+    excess = max(above, 0.0)
+    return z + excess, float(np.hypot(std, excess)), max(-above, 0.0)
 
 
 def rises(inputs: Inputs, found: Sequence[BoltVerdict]) -> list[str]:

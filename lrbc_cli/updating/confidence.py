@@ -122,7 +122,7 @@ class Rule:
         return min(self.threshold, -SCATTER_MARGIN * self.scatter)
 
 
-def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule) -> BoltVerdict:
+def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule, ceiling: float = np.inf) -> BoltVerdict:
     """Judge a bolt by the probability that its change lies below the limit.
 
     Parameters
@@ -132,6 +132,8 @@ def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule) -> BoltVe
     change, std : float
         Of log10 stiffness against the tight state [decades].
     rule : Rule
+    ceiling : float
+        The largest change that the FRFs would feel; more is shown as this.
 
     Returns
     -------
@@ -145,4 +147,12 @@ def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule) -> BoltVe
     note = verdict.note
     if word == "undecided" and note is None:
         note = "the data do not decide: the interval of its change holds the threshold"
-    return replace(verdict, change=change, change_std=spread, probability_loose=probability, threshold=rule.limit, verdict=word, note=note)
+    return replace(
+        verdict,
+        change=min(change, ceiling),
+        change_std=spread,
+        probability_loose=probability,
+        threshold=rule.limit,
+        verdict=word,
+        note=note,
+    )
