@@ -295,6 +295,17 @@ def lost_places(jobs: Sequence[JobScore]) -> str:
     return "\n".join(found) or "none"
 
 
+def runs(seeds: Sequence[int]) -> list[tuple[int, int]]:
+    """First and last of each stretch of neighbouring seeds."""
+    found: list[tuple[int, int]] = []
+    for seed in sorted(set(seeds)):
+        if found and seed == found[-1][1] + 1:
+            found[-1] = (found[-1][0], seed)
+        else:
+            found.append((seed, seed))
+    return found
+
+
 def generated(arguments: argparse.Namespace, work: Path) -> list[tuple[str, Path]]:
     """Write the measurements that were asked for; names and folders."""
     found: list[tuple[str, Path]] = []
@@ -309,11 +320,12 @@ def generated(arguments: argparse.Namespace, work: Path) -> list[tuple[str, Path
     virtual = ROOT / "data_samples" / "virtual.py"
     for kind, wanted, options in (("virtual", arguments.virtual, ()), ("tight", arguments.tight, TIGHT)):
         for design, seeds in wanted:
-            for seed in seeds:
-                out = work / kind / design
-                folder = out / f"seed-{seed}"
-                write(virtual, design, "--seed", str(seed), "--out", str(folder), "--model", str(out / "model"), *options)
-                found.append((f"{design}-{kind}-{seed}" if options else f"{design}-{seed}", folder))
+            out = work / kind / design
+            # A rig is assembled once a call: neighbouring seeds are written together.
+            for first, last in runs(seeds):
+                place = out if last > first else out / f"seed-{first}"
+                write(virtual, design, "--seed", f"{first}-{last}", "--out", str(place), "--model", str(out / "model"), *options)
+            found += [(f"{design}-{kind}-{seed}" if options else f"{design}-{seed}", out / f"seed-{seed}") for seed in seeds]
     return found
 
 
