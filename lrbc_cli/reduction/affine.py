@@ -174,7 +174,8 @@ class AffineModel:
                 for i in range(2):
                     by_shift[part, :, i] = (base.L @ x)[:, rows, self.shifts[own, i]] * to_quantity
 
-        in_chunks(s.size, work, chunk=8, workers=workers)
+        # The condensed way forms what all lines of a chunk share once.
+        in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if condense else 8, workers=workers)
         return Response(y, by_term, by_factor, by_shift)
 
     def _kappa(self, K: Any, C: Any, M: Any) -> float | None:

@@ -79,7 +79,8 @@ def condensed_solve(
 ) -> tuple[Complexes, Complexes]:
     """``Z x = B`` and ``Zᵀ v = Lᵀ`` with a diagonal air: one factorisation of the size of the structure.
 
-    ``S = Z_ss - Z_sa Z_aa⁻¹ Z_as``; the transposed problem has the transposed Schur complement.
+    ``S = Z_ss - Z_sa Z_aa⁻¹ Z_as``; the transposed problem has the transposed Schur complement. What air and terms add to S is linear
+    in one number a mode and one a term, so it is formed for all lines in one product.
 
     Parameters
     ----------
@@ -97,27 +98,40 @@ def condensed_solve(
     v : (F, r, R) complex array
     """
     ns = model.structure
-
-    def part(rows: slice, columns: slice) -> Any:
-        out: Any = 0.0
-        for power, A in enumerate((K, C, M)):
-            piece = A[rows, columns]
-            if piece.any():
-                out = out + z**power * piece
-        return out
-
     s, a = slice(0, ns), slice(ns, None)
     w = z[:, :, 0]
     air = np.asarray(np.diag(K[a, a]) + w * np.diag(C[a, a]) + w**2 * np.diag(M[a, a]))
-    above, below = part(s, a), part(a, s)
-    over = np.broadcast_to(above, (z.shape[0], ns, model.size - ns)) / air[:, None, :]
+    above, below = _powers(K, C, M, s, a), _powers(K, C, M, a, s)
     left, right = model.left[s], model.right[s]
-    S = part(s, s) + (left * D[:, None, :]) @ right.T - over @ below
-    forward = loads[s] - over @ loads[a]
-    u = np.linalg.solve(S, forward)
-    q = (loads[a] - below @ u) / air[:, :, None]
-    scaled = outputs[a] / air[:, :, None]
-    backward = outputs[s] - np.swapaxes(np.broadcast_to(below, (z.shape[0], model.size - ns, ns)), 1, 2) @ scaled
-    vs = np.linalg.solve(np.swapaxes(S, 1, 2), backward)
-    va = scaled - np.swapaxes(over, 1, 2) @ vs
+    S = np.asarray(z**2 * M[s, s] + z * C[s, s] + K[s, s], dtype=complex)
+    S += _outer(D, left, right)
+    for p, A in above:
+        for q, B in below:
+            S -= _outer(w ** (p + q) / air, A, B.T)
+    up = sum(z**p * A for p, A in above)
+    down = sum(z**q * B for q, B in below)
+    inverse = 1.0 / air[:, :, None]
+    forward = loads[s] - up @ (inverse * loads[a])
+    backward = outputs[s] - np.swapaxes(down, 1, 2) @ (inverse * outputs[a])
+    if np.abs(S - np.swapaxes(S, 1, 2)).max() <= NEGLIGIBLE * np.abs(S).max():
+        both = np.linalg.solve(S, np.concatenate([forward, backward], axis=2))
+        u, vs = both[:, :, : forward.shape[2]], both[:, :, forward.shape[2] :]
+    else:
+        u, vs = np.linalg.solve(S, forward), np.linalg.solve(np.swapaxes(S, 1, 2), backward)
+    q = (loads[a] - down @ u) * inverse
+    va = (outputs[a] - np.swapaxes(up, 1, 2) @ vs) * inverse
     return np.concatenate([u, q], axis=1), np.concatenate([vs, va], axis=1)
+
+
+def _powers(K: Any, C: Any, M: Any, rows: slice, columns: slice) -> list[tuple[int, Any]]:
+    """Blocks of K, C, M that are not zero, with their powers of s; a zero block of K where all are."""
+    found = [(power, A[rows, columns]) for power, A in enumerate((K, C, M)) if A[rows, columns].any()]
+    return found or [(0, K[rows, columns])]
+
+
+def _outer(weight: Complexes, left: Floats, right: Floats) -> Complexes:
+    """(F, m, n) ``left diag(weight) rightᵀ`` for every line, by one real product."""
+    F, m, n = weight.shape[0], left.shape[0], right.shape[0]
+    pairs = np.ascontiguousarray((left.T[:, :, None] * right.T[:, None, :]).reshape(weight.shape[1], m * n))
+    parts = np.concatenate([weight.real, weight.imag]) @ pairs
+    return np.asarray((parts[:F] + 1j * parts[F:]).reshape(F, m, n))
