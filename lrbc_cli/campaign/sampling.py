@@ -1,0 +1,83 @@
+"""The mixture prior in a job: its fit as a problem of tight and loose bolts, with what drifted and the reference state marginalised."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.fit import Posterior
+from lrbc_cli.updating.levels import Level
+from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem, sample_changes
+from lrbc_cli.updating.shapes import neighbours
+
+Floats = NDArray[np.float64]
+
+#: Directions of the reference state's covariance below this share of its largest say nothing.
+LEAST_SHARE = 1e-10
+
+
+def changes_of(
+    plain: Misfit, knowledge: Posterior, drift: Floats, prior: Floats, parameters: Parameterisation, bolts: Floats, state: Floats | None
+) -> ChangeSamples:
+    """Sample the changes at the bolts of a job.
+
+    Parameters
+    ----------
+    plain : Misfit
+        About the measurement without what drifted.
+    knowledge : Posterior
+        Of the fit with a Gaussian prior: its noise, and where to begin.
+    drift : (n, k) float array
+        Derivatives of the data residuals to what drifted, at the fit.
+    prior : (size,) float array
+        Theta of the reference state.
+    parameters : Parameterisation
+    bolts : (b, 3) float array
+        Positions.
+    state : (size, size) float array or None
+        Covariance of that theta; None where the comparison is free of its error.
+
+    Returns
+    -------
+    ChangeSamples
+    """
+    shapes = knowledge.shapes
+    level = Level(plain, prior, shapes.T)
+    count = shapes.std.size
+    value = plain(prior + shapes.T @ knowledge.z)
+    rows = value.residual.size - plain.penalty.shape[0]
+    # What drifted was taken out at its estimate: its prior lies that far from zero.
+    columns, std = [drift], [extra.std for extra in knowledge.extras]
+    mean = [extra.mean - float(at) for extra, at in zip(knowledge.extras, knowledge.values, strict=True)]
+    if state is not None:
+        variances, directions = np.linalg.eigh(state)
+        kept = variances > LEAST_SHARE * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)
+        # An error of the reference state moves the model whatever the changes are.
+        columns.append(value.jacobian[:rows, : parameters.size] @ (directions[:, kept] * np.sqrt(variances[kept])))
+        mean += [0.0] * int(kept.sum())
+        std += [1.0] * int(kept.sum())
+    further = np.hstack(columns)
+
+    def data(z: Floats) -> tuple[Floats, Floats]:
+        found = level(z[:count])
+        return found.residual[:rows] + further @ z[count:], np.hstack([found.jacobian[:rows], further])
+
+    free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
+    order = np.unique(shapes.bolts[shapes.bolts >= 0])
+    place = {int(column): i for i, column in enumerate(order)}
+    pairs = [
+        (place[int(shapes.bolts[a])], place[int(shapes.bolts[b])])
+        for a, b in neighbours(parameters, bolts, [int(i) for i in np.flatnonzero(shapes.bolts >= 0)])
+    ]
+    problem = MixtureProblem(
+        data,
+        knowledge.noise.variance,
+        np.vstack([level.bounds(parameters.bounds), free]),
+        order,
+        pairs,
+        np.concatenate([np.zeros(count), mean]),
+        np.concatenate([shapes.std, std]),
+    )
+    return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]))
