@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 #: Directions of the reference state's covariance below this share of its largest say nothing.
 LEAST_SHARE = 1e-10
 
+#: Least variance of the residuals [dB²]: below it errors of the reference state and changes cannot be told apart in double precision.
+LEAST_VARIANCE = 1e-6
+
 
 def changes_of(
     plain: Misfit, knowledge: Posterior, drift: Floats, prior: Floats, parameters: Parameterisation, bolts: Floats, state: Floats | None
@@ -73,7 +76,7 @@ def changes_of(
     ]
     problem = MixtureProblem(
         data,
-        knowledge.noise.variance,
+        max(knowledge.noise.variance, LEAST_VARIANCE),
         np.vstack([level.bounds(parameters.bounds), free]),
         order,
         pairs,
