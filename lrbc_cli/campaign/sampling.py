@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.levels import Level
 from lrbc_cli.updating.misfit import Misfit
@@ -21,38 +21,36 @@ LEAST_SHARE = 1e-10
 LEAST_VARIANCE = 1e-6
 
 
-def changes_of(
-    plain: Misfit, knowledge: Posterior, drift: Floats, prior: Floats, parameters: Parameterisation, bolts: Floats, state: Floats | None
-) -> ChangeSamples:
-    """Sample the changes at the bolts of a job.
+def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None) -> ChangeSamples | None:
+    """Sample the changes at the bolts of a job whose prior is a mixture.
 
     Parameters
     ----------
+    inputs : Inputs
     plain : Misfit
-        About the measurement without what drifted.
+        About the measurement without what drifted; its prior is the reference state.
     knowledge : Posterior
         Of the fit with a Gaussian prior: its noise, and where to begin.
-    drift : (n, k) float array
-        Derivatives of the data residuals to what drifted, at the fit.
-    prior : (size,) float array
-        Theta of the reference state.
-    parameters : Parameterisation
-    bolts : (b, 3) float array
-        Positions.
+    jacobian : (n, m + k) float array
+        Of the fit, to its unknowns and to what drifted.
     state : (size, size) float array or None
-        Covariance of that theta; None where the comparison is free of its error.
+        Covariance of the reference state; None where the comparison is free of its error.
 
     Returns
     -------
-    ChangeSamples
+    ChangeSamples or None
+        None with another prior, or where the unknowns are no changes at bolts.
     """
     shapes = knowledge.shapes
+    if inputs.campaign.update.prior_shape != "mixture" or inputs.bolts is None or not shapes.by_bolt:
+        return None
+    parameters, prior, bolts = plain.model.parameters, plain.prior, inputs.bolts.xyz
     level = Level(plain, prior, shapes.T)
     count = shapes.std.size
     value = plain(prior + shapes.T @ knowledge.z)
     rows = value.residual.size - plain.penalty.shape[0]
     # What drifted was taken out at its estimate: its prior lies that far from zero.
-    columns, std = [drift], [extra.std for extra in knowledge.extras]
+    columns, std = [jacobian[:rows, count:]], [extra.std for extra in knowledge.extras]
     mean = [extra.mean - float(at) for extra, at in zip(knowledge.extras, knowledge.values, strict=True)]
     if state is not None:
         variances, directions = np.linalg.eigh(state)
