@@ -12,6 +12,7 @@ from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.lcurve import LCurve
+from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.saturation import Saturation
 
@@ -55,6 +56,8 @@ class Identification:
         Weight of the penalty [dB² per decade²].
     l_curve : LCurve or None
         Where the weight was chosen by it.
+    changes : ChangeSamples or None
+        Changes at the bolts where their prior is a mixture.
     """
 
     name: str
@@ -78,3 +81,4 @@ class Identification:
     seconds: dict[str, float] = field(default_factory=dict)
     regularisation: float = 0.0
     l_curve: LCurve | None = None
+    changes: ChangeSamples | None = None

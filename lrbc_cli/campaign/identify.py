@@ -15,6 +15,7 @@ from lrbc_cli.campaign.drift import drift_extras, stored_offsets
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.sampling import changes_of
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.weights import line_weights, residual_options
@@ -23,7 +24,7 @@ from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
-from lrbc_cli.updating.lcurve import LCurve, l_curve
+from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import DRAWS, Level, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
@@ -53,17 +54,6 @@ LEVEL_STD = 0.5
 
 #: A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
 MOST_CORRECTION_DB = 6.0
-
-
-def curve_notes(curve: LCurve) -> tuple[str, ...]:
-    """A warning where an L-curve has no corner."""
-    if curve.corner is not None:
-        return ()
-    return (
-        f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade²; "
-        f"regularisation {curve.chosen:.3g} was used, at which a decade of every unknown costs as much as 1 dB in every residual: "
-        "choose one by hand, for all jobs",
-    )
 
 
 @dataclass(frozen=True)
@@ -417,6 +407,8 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
+    state = None if relative else stored_covariance(job.parameters, reference)
+    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state)
     opens = job.opens(fit)
     optimised = time.perf_counter()
     initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)
@@ -448,4 +440,5 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         },
         fit.plain.eta,
         fit.curve,
+        changes,
     )

@@ -127,22 +127,49 @@ def verdicts(
         where.append((group, values))
     if not edges:
         return []
-    found = judge(edges, inputs.bolts.xyz, update.loose_change, update.reference == result.name)
+    found = judge(edges, inputs.bolts.xyz, update.threshold, update.reference == result.name)
     missing = reference is None and update.reference not in (None, result.name)
     if missing and update.prior != "initial":
         # Changes were wanted: a contrast between bolts is no answer.
         note = f"no result of {update.reference} to compare with"
         found = [replace(v, verdict="undecided", note=v.note if v.far else note) for v in found]
     if reference is not None and update.reference != result.name:
-        rule = Rule(update.loose_change, update.confidence, scatter)
-        changes = [_change(result, i, verdict, where, reference) for i, verdict in enumerate(found)]
-        found = [weigh(v, change, std, rule, ceiling) for v, (change, std, ceiling) in zip(found, changes, strict=True)]
+        rule = Rule(update.threshold, update.confidence, scatter)
+        found = [_weighed(result, i, verdict, where, reference, rule) for i, verdict in enumerate(found)]
     if result.name in update.baselines:
         calm = "a baseline, taken as tight"
         found = [v if v.far else replace(v, verdict="tight", probability_loose=None, note=v.note or calm) for v in found]
     if not valid.passed:
         found = [replace(v, verdict="undecided", probability_loose=None, note="the model does not explain the measurement") for v in found]
     return found
+
+
+def _sampled(result: Identification, bolt: int) -> int | None:
+    """Position of a bolt among the sampled changes."""
+    if result.changes is None or not result.posterior.shapes.by_bolt:
+        return None
+    at = np.flatnonzero(result.changes.bolts == result.posterior.shapes.bolts[bolt])
+    return int(at[0]) if at.size else None
+
+
+def _weighed(
+    result: Identification,
+    bolt: int,
+    verdict: BoltVerdict,
+    where: Sequence[tuple[ParameterGroup, slice]],
+    reference: Mapping[str, Any],
+    rule: Rule,
+) -> BoltVerdict:
+    """Judge by the sampled change where there is one, else by the Gaussian about the optimum."""
+    at = _sampled(result, bolt)
+    if result.changes is None or at is None:
+        change, std, ceiling = _change(result, bolt, verdict, where, reference)
+        return weigh(verdict, change, std, rule, ceiling)
+    group, values = where[verdict.edge]
+    excess, ceiling = _saturated(result, int(result.changes.bolts[at]), group, values, reference)
+    mean, std = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
+    below = result.changes.below(rule.limit - excess, float(np.hypot(rule.scatter, excess)))
+    return weigh(verdict, mean, std, rule, ceiling, float(below[at]))
 
 
 def _change(
@@ -157,7 +184,8 @@ def _change(
     column = knowledge.shapes.bolts[bolt] if knowledge.shapes.by_bolt else -1
     group, values = where[verdict.edge]
     if column >= 0:
-        return _capped(result, column, group, values, reference)
+        excess, ceiling = _saturated(result, int(column), group, values, reference)
+        return float(knowledge.z[column]) + excess, float(np.hypot(knowledge.std[column], excess)), ceiling
     p = result.solution.theta[values]
     # Mean of log10(W 10^p) over the values near the bolt.
     row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[verdict.near].mean(axis=0)
@@ -172,22 +200,19 @@ def _change(
     return float(verdict.change or 0.0), float(np.sqrt(max(variance, 0.0))), np.inf
 
 
-def _capped(
+def _saturated(
     result: Identification, column: int, group: ParameterGroup, values: slice, reference: Mapping[str, Any]
-) -> tuple[float, float, float]:
-    """Change of one bolt with the reference state counted as saturated where it lies above saturation.
+) -> tuple[float, float]:
+    """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
 
-    How far above says the prior of the reference job alone, so that much is uncertain too.
+    How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too.
     """
-    knowledge = result.posterior
-    z, std = float(knowledge.z[column]), float(knowledge.std[column])
     tight = _stored(reference, group, "log10_effective")
-    hat = knowledge.shapes.T[values, column]
+    hat = result.posterior.shapes.T[values, column]
     if tight is None or not hat.any():
-        return z, std, np.inf
+        return 0.0, np.inf
     above = float(hat @ tight / hat.sum()) - result.saturations[group.name].start
-    excess = max(above, 0.0)
-    return z + excess, float(np.hypot(std, excess)), max(-above, 0.0)
+    return max(above, 0.0), max(-above, 0.0)
 
 
 def rises(inputs: Inputs, found: Sequence[BoltVerdict]) -> list[str]:
@@ -209,6 +234,7 @@ def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdi
     stated = states_removed(inputs)
     trees = []
     for i, (name, position) in enumerate(zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)):
+        at = _sampled(result, i)
         verdict = found[i] if found else BoltVerdict(float("nan"), None, "undecided", "no stiffness group with positions")
         trees.append(
             {
@@ -219,6 +245,7 @@ def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdi
                 "change_std": verdict.change_std,
                 "threshold": verdict.threshold,
                 "probability_loose": verdict.probability_loose,
+                "probability_changed": None if at is None or result.changes is None else result.changes.inclusion[at],
                 "verdict": verdict.verdict,
                 "removed": name in removed if stated else None,
                 "note": verdict.note,

@@ -127,7 +127,7 @@ def make_plan(
         "unknowns": by,
         "prior_std": update.prior_std,
         "confidence": update.confidence,
-        "loose_change": update.loose_change,
+        "loose_change": update.threshold,
         "limits": {
             word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
             for word, value in (("seen", SEEN), ("blind", BLIND))

@@ -35,7 +35,7 @@ def judged(inputs: Inputs, found: Experiment, targets: list[Target]) -> dict[str
     update, used = inputs.campaign.update, inputs.used
     every = np.arange(found.responses)
     now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
-    expected, loose = expectation(found, Rule(update.loose_change, update.confidence))
+    expected, loose = expectation(found, Rule(update.threshold, update.confidence))
     bolts = []
     for n, target in enumerate(targets):
         felt = target.column >= 0

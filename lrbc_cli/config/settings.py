@@ -9,6 +9,10 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from lrbc_cli.config.fields import FilePath, FrozenDict, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
 from lrbc_cli.config.structure import Record
 
+#: Changes below which a bolt is loose [decades]: a third of the tight stiffness; half of it where bolts are tight or loose, so that
+#: the changes of those that are tight stay within retorquing.
+LOOSE_CHANGE, MIXTURE_CHANGE = -0.5, -0.3
+
 
 def _check_band(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] > 0:
@@ -156,10 +160,11 @@ class UpdateConfig(Strict):
         default=0.35,
         description="Standard deviation in decades with which the prior expects the unknowns to differ from it, for regularisation: auto.",
     )
-    prior_shape: Literal["normal", "sparse"] = Field(
+    prior_shape: Literal["normal", "sparse", "mixture"] = Field(
         default="normal",
         description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
-        "needs regularisation: auto.",
+        "mixture: each bolt tight or loose, which is sampled, for verdicts where neighbours are hard to tell apart; both need "
+        "regularisation: auto.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",
@@ -187,8 +192,10 @@ class UpdateConfig(Strict):
         default=(),
         description="Further jobs with all bolts tight: the scatter of their changes sets the least change that counts as loose.",
     )
-    loose_change: float = Field(
-        default=-0.5, lt=0, description="Change of log10 stiffness at a bolt against the reference job below which it is loose."
+    loose_change: Annotated[float, Field(lt=0)] | None = Field(
+        default=None,
+        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, with "
+        "prior_shape: mixture -0.3.",
     )
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
         default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is undecided."
@@ -205,6 +212,13 @@ class UpdateConfig(Strict):
     )
     nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
 
+    @property
+    def threshold(self) -> float:
+        """``loose_change``, or what stands for it where it is absent."""
+        if self.loose_change is not None:
+            return self.loose_change
+        return MIXTURE_CHANGE if self.prior_shape == "mixture" else LOOSE_CHANGE
+
     @model_validator(mode="after")
     def _consistent(self) -> UpdateConfig:
         if self.floor is not None and self.residual == "complex":
@@ -215,12 +229,13 @@ class UpdateConfig(Strict):
                 found="residual: complex",
                 hint="remove it: complex differences do not grow in antiresonances",
             )
-        if self.prior_shape == "sparse" and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
+        shape = self.prior_shape
+        if shape != "normal" and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
             raise problem(
-                "a sparse prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found="sparse"
+                f"a {shape} prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found=shape
             )
-        if self.prior_shape == "sparse" and (self.unknowns == "values" or self.prior == "initial"):
-            raise problem("a sparse prior on values along the edge", "prior_shape", expected="changes at bolts", found="values")
+        if shape != "normal" and (self.unknowns == "values" or self.prior == "initial"):
+            raise problem(f"a {shape} prior on values along the edge", "prior_shape", expected="changes at bolts", found="values")
         if self.unknowns == "bolts" and self.penalty != PenaltyConfig():
             raise problem(
                 "a penalty on values along the edge, but unknowns at bolts",

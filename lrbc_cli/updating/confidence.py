@@ -122,7 +122,9 @@ class Rule:
         return min(self.threshold, -SCATTER_MARGIN * self.scatter)
 
 
-def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule, ceiling: float = np.inf) -> BoltVerdict:
+def weigh(
+    verdict: BoltVerdict, change: float, std: float, rule: Rule, ceiling: float = np.inf, probability: float | None = None
+) -> BoltVerdict:
     """Judge a bolt by the probability that its change lies below the limit.
 
     Parameters
@@ -134,13 +136,16 @@ def weigh(verdict: BoltVerdict, change: float, std: float, rule: Rule, ceiling: 
     rule : Rule
     ceiling : float
         The largest change that the FRFs would feel; more is shown as this.
+    probability : float or None
+        Of a change below the limit, where it is known better than from a Gaussian.
 
     Returns
     -------
     BoltVerdict
     """
     spread = float(np.hypot(std, rule.scatter))
-    probability = float(norm.cdf((rule.limit - change) / max(spread, 1e-12)))
+    if probability is None:
+        probability = float(norm.cdf((rule.limit - change) / max(spread, 1e-12)))
     word = "undecided"
     if not verdict.far:
         word = "loose" if probability >= rule.confidence else ("tight" if probability <= 1.0 - rule.confidence else "undecided")

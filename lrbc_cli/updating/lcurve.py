@@ -182,3 +182,14 @@ def find_corner(eta: Floats, data: Floats, penalty: Floats) -> Corner | None:
         return None
     at = points[max(inner, key=lambda peak: kappa[peak])]
     return Corner(int(np.abs(t - at[0]).argmin()), *(float(10.0**value) for value in at))
+
+
+def curve_notes(curve: LCurve) -> tuple[str, ...]:
+    """A warning where an L-curve has no corner."""
+    if curve.corner is not None:
+        return ()
+    return (
+        f"the L-curve has no corner between {curve.eta[0]:.3g} and {curve.eta[-1]:.3g} dB² per decade²; "
+        f"regularisation {curve.chosen:.3g} was used, at which a decade of every unknown costs as much as 1 dB in every residual: "
+        "choose one by hand, for all jobs",
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,38 @@ def node_shapes(parameters: Parameterisation, std: float) -> Shapes:
     return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64))
 
 
+def edges_of(parameters: Parameterisation) -> list[ParameterGroup]:
+    """Stiffness groups along which bolts can lie."""
+    return [group for group in parameters.groups if _is_edge(group)]
+
+
+def _is_edge(group: ParameterGroup) -> bool:
+    return group.kind == "stiffness" and group.xyz is not None and group.arc_length is not None
+
+
+def neighbours(parameters: Parameterisation, bolts: Floats, among: Sequence[int]) -> list[tuple[int, int]]:
+    """Pairs of bolts that follow each other along an edge, in whatever order they are listed.
+
+    Parameters
+    ----------
+    parameters : Parameterisation
+    bolts : (n, 3) float array
+    among : sequence of int
+        Those that count.
+
+    Returns
+    -------
+    list of (int, int)
+    """
+    edges = edges_of(parameters)
+    owner, at = _feet(edges, bolts)
+    found: list[tuple[int, int]] = []
+    for which in range(len(edges)):
+        row = sorted((b for b in among if owner[b] == which), key=lambda b: float(at[b]))
+        found += pairwise(row)
+    return found
+
+
 def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shapes:
     """One change a bolt: a hat along its edge that reaches to the neighbouring bolts.
 
@@ -69,9 +102,7 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shap
         A bolt beyond the end of its edge, whose hat no term feels, has no column.
     """
     groups = list(zip(parameters.groups, parameters.slices, strict=True))
-    edges = [
-        i for i, (group, _) in enumerate(groups) if group.kind == "stiffness" and group.xyz is not None and group.arc_length is not None
-    ]
+    edges = [i for i, (group, _) in enumerate(groups) if _is_edge(group)]
     owner, at = _feet([groups[i][0] for i in edges], bolts)
     columns: list[Floats] = []
     spread: list[float] = []

@@ -184,6 +184,29 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert np.abs(changes[True]).max() < 0.5 * np.abs(changes[False]).max()
 
 
+@pytest.mark.parametrize("comparison", ["direct", "relative"])
+@pytest.mark.parametrize("loose", [None, 2])
+def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
+    study = Study(plane_box(tmp_path / "box"), monkeypatch, f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
+    tight = BOX_TRUTH["tight"]
+    study.measure(study.tight, study.model.frf(tight), 0.005)
+    reference = study.reference()
+    z = np.zeros(study.shapes.std.size)
+    if loose is not None:
+        z[study.shapes.bolts[loose]] = -0.8
+    study.measure(study.other, drifted(study, tight + study.shapes.T @ z, 2.0, np.array([0.3, -0.3, 0.3, -0.3]), 0.003), 0.005)
+    result = study.identify(reference)
+    bolts = study.tree(result, reference)["bolts"]
+    assert [i for i, bolt in enumerate(bolts) if bolt["verdict"] == "loose"] == ([] if loose is None else [loose])
+    assert result.changes is not None
+    apart = (result.changes.mean - z[result.changes.bolts]) / result.changes.std
+    assert np.abs(apart).max() < 3.5
+    # Where the data say far more than either prior both give the same: what drifted and the reference state are marginalised alike.
+    np.testing.assert_allclose(result.changes.std, result.posterior.std[result.changes.bolts], rtol=0.2)
+    np.testing.assert_allclose(result.changes.mean, result.posterior.z[result.changes.bolts], atol=1e-3)
+
+
 # -- baselines, the gate and plans ----------------------------------------------------------------------------------------
 
 

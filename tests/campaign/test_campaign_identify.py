@@ -17,6 +17,8 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
 S = 2j * np.pi * FREQUENCY
 
+AUTO = "update.regularisation=auto"
+
 #: A truth near the start: these tests are about what is computed, not about how far the optimiser sees.
 MILD = np.array([4.6, 4.4, 4.0, 4.1, 4.55, 4.65])
 
@@ -453,3 +455,23 @@ def test_penalties_on_slope_and_curvature(box: Folder) -> None:
     assert np.ptp(even) < 0.05 < np.ptp(rough)
     straight = values(identify(box, "update.regularisation=1e7", "update.penalty={value: 0.0, curvature: 1.0}"))
     assert np.abs(np.diff(straight, 2)).max() < 0.05
+
+
+def test_a_mixture_of_tight_and_loose_bolts(box: Folder) -> None:
+    """Verdicts by the sampled changes; the profile along the edge stays that of the Gaussian fit."""
+    normal = identify(box, AUTO)
+    mixture = identify(box, AUTO, "update.prior_shape=mixture")
+    assert mixture["prior"]["shape"] == "mixture"
+    assert {b["threshold"] for b in normal["bolts"]} == {-0.5}
+    assert {b["threshold"] for b in mixture["bolts"]} == {-0.3}
+    assert {b["threshold"] for b in identify(box, AUTO, "update.prior_shape=mixture", "update.loose_change=-0.4")["bolts"]} == {-0.4}
+    np.testing.assert_allclose(values(mixture), values(normal), atol=1e-9)
+    assert [b["probability_changed"] for b in normal["bolts"]] == [None] * len(normal["bolts"])
+    for before, after in zip(normal["bolts"], mixture["bolts"], strict=True):
+        assert 0.0 <= after["probability_changed"] <= 1.0
+        assert after["verdict"] == before["verdict"]
+        assert after["change"] == pytest.approx(before["change"], abs=0.1)
+        assert (after["probability_changed"] > 0.9) == (after["verdict"] == "loose")
+    assert {b["name"] for b in mixture["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    again = identify(box, AUTO, "update.prior_shape=mixture")
+    assert [b["probability_loose"] for b in again["bolts"]] == [b["probability_loose"] for b in mixture["bolts"]]

@@ -178,6 +178,18 @@ CASES = [
     (swap("method: bfgs", "max_iterations: 1e2"), "update.max_iterations", ["a whole number", "write 100"]),
     (swap("method: bfgs", "max_iterations: 1.5"), "update.max_iterations", ["a whole number"]),
     (swap("method: bfgs", "loose_change: 0.5"), "update.loose_change", ["below 0"]),
+    (
+        swap("regularisation: 0.04", "prior_shape: mixture\n  regularisation: 0.04"),
+        "update.prior_shape",
+        ["a mixture prior", "regularisation: auto"],
+    ),
+    (
+        swap("regularisation: 0.04", "prior_shape: mixture\n  unknowns: values"),
+        "update.prior_shape",
+        ["a mixture prior", "changes at bolts"],
+    ),
+    (swap("regularisation: 0.04", "prior_shape: mixture\n  prior: initial"), "update.prior_shape", ["a mixture prior", "changes at bolts"]),
+    (swap("regularisation: 0.04", "prior_shape: mixtur"), "update.prior_shape", ["did you mean 'mixture'?"]),
     (swap("row: 1", "row: -1"), "responses.acc1.row", ["at least 0"]),
     (swap("model.h5#K", "[model.h5, K]"), "model.stiffness", ["'file#group'", "a list of 2"]),
     (swap("model.h5#K", "'model.h5#'"), "model.stiffness", ["'file#group'"]),

@@ -1,0 +1,174 @@
+"""Sampling of tight and loose bolts against the sum over all kinds, which is known where all is linear."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from linear import line_group
+from scipy.stats import multivariate_normal, norm
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixturePrior, MixtureProblem, sample_changes
+from lrbc_cli.updating.shapes import bolt_shapes, neighbours
+
+BOLTS, ROWS = 8, 40
+PRIOR = MixturePrior()
+
+
+class Toy:
+    """``r = r0 + J z`` with smooth columns, so that neighbours are hard to tell apart; further Gaussian unknowns before the bolts."""
+
+    def __init__(self, truth: np.ndarray, *, sigma: float = 0.3, further: int = 2, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        self.sigma, self.further = sigma, further
+        at = np.arange(BOLTS)
+        alike = 0.9 ** np.abs(at[:, None] - at)
+        self.J = np.hstack([rng.normal(size=(ROWS, further)), rng.normal(size=(ROWS, BOLTS)) @ np.linalg.cholesky(alike).T / 3.0])
+        z = np.concatenate([0.3 * rng.normal(size=further), truth])
+        self.r0 = -self.J @ z + sigma * rng.normal(size=ROWS)
+
+    def problem(self) -> MixtureProblem:
+        size = self.further + BOLTS
+        return MixtureProblem(
+            lambda z: (self.r0 + self.J @ z, self.J),
+            self.sigma**2,
+            np.tile([-9.0, 9.0], (size, 1)),
+            np.arange(self.further, size),
+            [(i, i + 1) for i in range(BOLTS - 1)],
+            np.full(size, 0.1),
+            np.full(size, 0.5),
+        )
+
+    def exact(self, limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Inclusion, mean, std and probability below a limit by summation over all kinds, with densities of the data themselves."""
+        problem, logs, means, stds = self.problem(), [], [], []
+        kinds = np.array(list(product([False, True], repeat=BOLTS)))
+        for loose in kinds:
+            mean = np.concatenate([problem.mean[: self.further], np.where(loose, PRIOR.loose_mean, 0.0)])
+            cov = np.diag(np.concatenate([problem.std[: self.further], np.where(loose, PRIOR.loose_std, PRIOR.tight_std)]) ** 2)
+            total = self.J @ cov @ self.J.T + problem.variance * np.eye(ROWS)
+            logs.append(multivariate_normal.logpdf(-self.r0, self.J @ mean, total) + loose.sum() * PRIOR.log_odds)
+            gain = cov @ self.J.T @ np.linalg.inv(total)
+            means.append((mean + gain @ (-self.r0 - self.J @ mean))[self.further :])
+            stds.append(np.sqrt(np.diag(cov - gain @ self.J @ cov))[self.further :])
+        w = np.exp(np.array(logs) - max(logs))
+        w /= w.sum()
+        m, s = np.array(means), np.array(stds)
+        mean = w @ m
+        return w @ kinds, mean, np.sqrt(w @ (s**2 + (m - mean) ** 2)), w @ norm.cdf((limit - m) / s)
+
+
+ONE = np.array([0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0])
+TWO = np.array([0.05, -0.6, 0.0, 0.05, 0.0, -0.05, -0.4, 0.0])
+
+
+@pytest.mark.parametrize(("truth", "sigma", "further"), [(ONE, 0.3, 2), (TWO, 0.3, 2), (TWO, 0.6, 0), (0 * ONE, 0.3, 2)])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_agrees_with_the_sum_over_all_kinds(truth: np.ndarray, sigma: float, further: int, seed: int) -> None:
+    toy = Toy(truth, sigma=sigma, further=further, seed=seed)
+    found = sample_changes(toy.problem(), np.zeros(further + BOLTS))
+    inclusion, mean, std, below = toy.exact(-0.3)
+    np.testing.assert_allclose(found.inclusion, inclusion, atol=0.03)
+    np.testing.assert_allclose(found.below(-0.3), below, atol=0.03)
+    np.testing.assert_allclose(found.mean, mean, atol=0.03)
+    np.testing.assert_allclose(found.std, std, atol=0.04)
+
+
+def test_the_toy_is_no_easy_one() -> None:
+    """Between none and all: else the comparison would say little."""
+    inclusion = Toy(TWO).exact(-0.3)[0]
+    assert np.sum((inclusion > 0.1) & (inclusion < 0.9)) >= 2
+
+
+def test_the_same_again() -> None:
+    first, second = (sample_changes(Toy(TWO).problem(), np.zeros(2 + BOLTS)) for _ in range(2))
+    np.testing.assert_array_equal(first.loose, second.loose)
+    np.testing.assert_array_equal(first.means, second.means)
+    other = sample_changes(Toy(TWO).problem(), np.zeros(2 + BOLTS), seed=1)
+    assert (other.loose != first.loose).any()
+    np.testing.assert_allclose(other.inclusion, first.inclusion, atol=0.04)
+
+
+def test_a_clear_loose_bolt() -> None:
+    found = sample_changes(Toy(ONE, sigma=0.05).problem(), np.zeros(2 + BOLTS))
+    assert found.kinds.tolist() == (ONE < 0).tolist()
+    assert found.below(-0.3)[3] > 0.99
+    assert np.delete(found.below(-0.3), 3).max() < 0.05
+    assert found.mean[3] == pytest.approx(-1.0, abs=0.15)
+    # Tight states that scatter make every probability less certain.
+    assert found.below(-0.3, 0.5)[3] < found.below(-0.3)[3]
+
+
+def test_where_the_data_say_nothing_the_prior_stays() -> None:
+    toy = Toy(0 * ONE)
+    toy.J[:] *= 1e-6
+    found = sample_changes(toy.problem(), np.zeros(2 + BOLTS))
+    np.testing.assert_allclose(found.inclusion, PRIOR.loose_share, atol=1e-3)
+    np.testing.assert_allclose(found.mean, PRIOR.loose_share * PRIOR.loose_mean, atol=1e-3)
+
+
+def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
+    toy = Toy(ONE, sigma=0.05)
+    linear = toy.problem()
+
+    def bend(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # A monotone bend of every unknown, far from linear at the truth.
+        own, slope = np.sinh(z), np.cosh(z)
+        return toy.r0 + toy.J @ own, toy.J * slope
+
+    bent = MixtureProblem(bend, linear.variance, linear.bounds, linear.bolts, linear.neighbours, linear.mean, linear.std)
+    found = sample_changes(bent, np.zeros(2 + BOLTS))
+    assert found.mean[3] == pytest.approx(np.arcsinh(-1.0), abs=0.15)
+    assert found.below(-0.3)[3] > 0.99
+
+
+def test_rank_one_changes_are_what_a_fresh_start_gives() -> None:
+    rng = np.random.default_rng(3)
+    J = rng.normal(size=(12, 5))
+    A, b = J.T @ J, rng.normal(size=5)
+
+    def evidence(loose: np.ndarray) -> float:
+        precision, mean = PRIOR.of(loose)
+        H, h = A + np.diag(precision), b + precision * mean
+        return float(
+            0.5 * h @ np.linalg.solve(H, h)
+            - 0.5 * precision @ mean**2
+            - 0.5 * np.linalg.slogdet(H)[1]
+            + 0.5 * np.log(precision).sum()
+            + loose.sum() * PRIOR.log_odds
+        )
+
+    score = KindScore(A, b, PRIOR, np.array([True, False, False, True, False]))
+    for i in rng.integers(5, size=30):
+        before = score.loose.copy()
+        flipped = before.copy()
+        flipped[i] = not flipped[i]
+        assert score.gain(i) == pytest.approx(evidence(flipped) - evidence(before), abs=1e-8)
+        both = flipped.copy()
+        both[(i + 1) % 5] = not both[(i + 1) % 5]
+        assert score.swap_gain(i, (i + 1) % 5) == pytest.approx(evidence(both) - evidence(before), abs=1e-8)
+        either = score.conditionals(i)
+        score.flip(i)
+        np.testing.assert_array_equal(score.loose, flipped)
+        assert either[int(flipped[i])] == pytest.approx((score.mean[i], np.sqrt(score.covariance[i, i])))
+        fresh = KindScore(A, b, PRIOR, flipped)
+        np.testing.assert_allclose(score.covariance, fresh.covariance, atol=1e-10)
+        np.testing.assert_allclose(score.mean, fresh.mean, atol=1e-10)
+
+
+def test_moments_of_two_conditionals() -> None:
+    found = ChangeSamples(np.array([0]), np.array([[0.25]]), np.array([[[0.0, -1.0]]]), np.array([[[0.1, 0.2]]]), np.array([False]))
+    assert found.mean[0] == pytest.approx(-0.25)
+    assert found.std[0] == pytest.approx(np.sqrt(0.75 * 0.01 + 0.25 * 0.04 + 0.75 * 0.25))
+    assert found.below(-1.0)[0] == pytest.approx(0.125)
+
+
+def test_neighbours_follow_the_edge() -> None:
+    """Not the list of bolts, nor one edge into the next."""
+    parameters = Parameterisation((line_group(12),))
+    bolts = np.array([[0.01, y, 0.0] for y in (0.9, 0.1, 0.5, 0.3)])
+    assert neighbours(parameters, bolts, range(4)) == [(1, 3), (3, 2), (2, 0)]
+    assert neighbours(parameters, bolts, [0, 1, 2]) == [(1, 2), (2, 0)]
+    assert (bolt_shapes(parameters, bolts, 0.35).bolts >= 0).all()
