@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +20,9 @@ FILE = "calibration.json"
 
 #: Increased whenever the same input would give other factors.
 CALIBRATION_VERSION = 1
+
+#: Factors beyond these are not what a calibration finds: its bounds lie closer to one.
+PLAUSIBLE = (0.01, 100.0)
 
 #: What of the update's settings a calibration follows.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
@@ -101,8 +103,8 @@ def read_calibration(path: Path) -> dict[str, Any] | None:
         raise _damaged(path, "factors or parts are missing")
     for name, entry in factors.items():
         value = entry.get("value") if isinstance(entry, dict) else None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
-            raise _damaged(path, f"factors.{name}.value is no positive number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not PLAUSIBLE[0] <= value <= PLAUSIBLE[1]:
+            raise _damaged(path, f"factors.{name}.value is no number from {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}")
     return tree
 
 

@@ -16,7 +16,7 @@ from lrbc_cli.report import draw_plan, plan_text
 @click.command()
 @campaign_options
 @calibration_option
-@click.option("--noise", type=click.FloatRange(min=0, min_open=True), metavar="DB", help="Standard deviation of a line in dB.")
+@click.option("--noise", type=click.FloatRange(min=1e-3), metavar="DB", help="Standard deviation of a line in dB, at least 0.001.")
 @click.option("--state", metavar="STATE", help="initial, clamped, free or job:NAME; absent: the reference job's result, else initial.")
 @click.option(
     "--by", type=click.Choice(["auto", "bolts", "values"]), default="auto", show_default=True, help="What is loosened, one at a time."

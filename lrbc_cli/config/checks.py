@@ -80,6 +80,23 @@ def _check_names(campaign: Campaign) -> None:
             expected="update.reference: the job with all bolts tight",
             hint="name it, or write prior: initial",
         )
+    if update.comparison == "relative" and (update.reference is None or update.prior == "initial"):
+        raise campaign.error(
+            "a comparison relative to nothing",
+            "update",
+            "comparison",
+            expected="update.reference: the job with all bolts tight, and prior: auto or reference",
+            found="no reference" if update.reference is None else "prior: initial",
+        )
+    given = [name for name, value in update.nuisances if value is not None and name != "room"]
+    if given and update.evaluation == "full":
+        raise campaign.error(
+            "nuisances need the reduced model",
+            "update",
+            "nuisances",
+            expected="update.evaluation: auto, port or reduced",
+            found=f"update.evaluation: full, and {', '.join(given)}",
+        )
     if update.unknowns == "bolts" and (update.reference is None or campaign.bolts is None):
         raise campaign.error(
             "unknowns at bolts need bolts and a reference job",

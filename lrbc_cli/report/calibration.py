@@ -105,9 +105,12 @@ def read_calibration(output: Path) -> Calibration | None:
 
 
 def _factor(name: str, node: Node) -> Factor:
+    value = node.number("value")
+    if not 0 < value < float("inf"):
+        raise node.wrong("value", "a positive number", value)
     return Factor(
         name,
-        node.number("value"),
+        value,
         node.maybe_number("std"),
         node.maybe_number("lower95"),
         node.maybe_number("upper95"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import logging
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +22,8 @@ from lrbc_cli.report.plan import plan_chart, read_plan
 from lrbc_cli.report.reduction import read_reduction
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
 from lrbc_cli.report.strip import map_chart, strip_chart
+
+log = logging.getLogger(__name__)
 
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40
@@ -63,7 +66,12 @@ def write_report(
     reduction = read_reduction(output)
     done = [job for job in results if job.complete]
     scales = profile_scales(done)
-    calibration = read_calibration(output)
+    calibration = None
+    try:
+        calibration = read_calibration(output)
+    except DataError as error:
+        # The results stand without it, as they do for the commands that would use it.
+        log.warning("calibration.json is left out: %s (lrbc calibrate writes it anew)", error.problem)
     strip = strip_chart(campaign, done)
     profiles: dict[str, Chart] = {}
     maps: dict[str, Chart] = {}

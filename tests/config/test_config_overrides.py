@@ -79,6 +79,8 @@ def test_places_name_the_override(write) -> None:  # type: ignore[no-untyped-def
         ("update.regularisation=lcurve", "--override update.regularisation", "l-curve"),
         ("update.residual=complx", "--override update.residual", "did you mean 'complex'?"),
         ("update.weights=scatter", "", "repeated measurements"),
+        ("update={comparison: relative}", "update.comparison", "relative to nothing"),
+        ("update={evaluation: full, nuisances: {gain: 0.1}}", "update.nuisances", "need the reduced model"),
         ("model=", "--override model", "nothing"),
         ("output=" + "x" * 5000, "--override output", "a path longer than this system allows"),
         ("model.dofs=" + "x/" * 5000, "--override model.dofs", "a path longer than this system allows"),
