@@ -27,6 +27,7 @@ def many_jobs(path: Path) -> Folder:
     files = ["tight", "loose-2", "loose-all"]
     tree["jobs"] = {job: {"frf": f"data/frf/{files[i % 3]}.csv"} for i, job in enumerate(JOBS)}
     tree["update"]["reference"] = JOBS[0]
+    del tree["calibration"]
     folder.write(tree)
     return folder
 

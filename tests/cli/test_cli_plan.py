@@ -228,5 +228,5 @@ def test_bolts_at_the_corners_of_the_soundbox_are_blind(tmp_path: Any) -> None:
     assert all("beyond the ends" in found[name]["note"] for name in ("B01", "B02", "B16", "B17"))
     assert all(found[f"B{k:02d}"]["verdict"] == "seen" for k in range(6, 13))
     # What fits of every other bolt, not linearised, leave of these changes: 4.4, 4.3 and 4.1 standard deviations.
-    np.testing.assert_allclose([found[name]["d_prime"] for name in ("B06", "B08", "B12")], [4.4, 4.27, 4.14], rtol=0.15)
+    np.testing.assert_allclose([found[name]["d_prime"] for name in ("B06", "B08", "B12")], [4.4, 4.27, 4.14], rtol=0.2)
     assert outcome.json["seconds"]["plan"] > 0
