@@ -30,6 +30,7 @@ from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
+from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
 
@@ -381,6 +382,9 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
             "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in r.held_out],
             "worst": r.worst,
             "vectors": r.vectors,
+            "unseen": r.unseen if np.isfinite(r.unseen) else None,
+            "unseen_share": SHARE,
+            "unseen_confidence": CONFIDENCE,
         },
         "trace": [
             {

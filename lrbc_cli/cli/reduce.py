@@ -108,6 +108,9 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
         f"measured error: at most {worst:.1e} (tolerance {tree['tolerance']:.0e}) at {len(held_out)} held-out lines, "
         f"{tree['certificate']['vectors']} parameter vectors each, free to clamped",
     ]
+    if (unseen := tree["certificate"]["unseen"]) is not None:
+        share, sure = (round(100 * tree["certificate"][f"unseen_{name}"]) for name in ("share", "confidence"))
+        lines.append(f"other lines: below {unseen:.1e} at {share} % of them, with {sure} % confidence")
     for line in held_out:
         errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line["errors"].items())
         lines.append(f"  {line['frequency_hz']:8.2f} Hz  {errors}")

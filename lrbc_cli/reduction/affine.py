@@ -144,7 +144,7 @@ class AffineModel:
         by_term = np.empty((s.size, R, nt), dtype=complex)
         by_factor = np.empty((s.size, R, len(names)), dtype=complex)
         by_shift = np.empty((s.size, R, moved), dtype=complex)
-        condense = air_is_diagonal(K, C, M, base)
+        condense = air_is_diagonal(K, C, M, base.structure, base.left, base.right)
         kappa = None if condense else self._kappa(K, C, M)
         ns = base.structure
 
@@ -154,7 +154,7 @@ class AffineModel:
             if not condense:
                 Z = z**2 * M + z * C + K + (base.left * D[part, None, :]) @ base.right.T
             if condense:
-                x, v = condensed_solve(z, D[part], K, C, M, base, B, base.L.T)
+                x, v = condensed_solve(z, D[part], (K, C, M), (base.left, base.right), ns, B, base.L.T)
             elif kappa is None:
                 x = np.linalg.solve(Z, B.astype(complex)[None])
                 v = np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,12 @@ ORTHONORMALITY = 1e-10
 #: Share of the stiffness in the norm of residuals. What a converging basis lacks is smooth, M times a mode beyond the band, and a norm of
 #: the mesh's own stiffness would not see it: on fine meshes the estimate fell below the error by orders of magnitude.
 RESIDUAL_STIFFNESS = 0.1
+
+#: Deflation from which singular values may be taken from the normal matrix, which squares them.
+SQUARED = 3e-7
+
+#: A block whose asymmetry is below this fraction of its largest entry is projected as a symmetric one.
+MIRRORED = 1e-14
 
 
 @dataclass
@@ -74,24 +80,44 @@ def new_directions(field: Field, X: Complexes, deflation: float) -> Floats:
     (n_f, k) float array
         In weighted coordinates.
     """
-    Y = X * field.weight[:, None]
-    norm = np.linalg.norm(Y, axis=0)
-    Y = Y[:, norm > 0] / norm[norm > 0]
-    Y = np.hstack([Y.real, Y.imag])
+    Y = np.empty((field.dofs.size, 2 * X.shape[1]))
+    np.multiply(X.real, field.weight[:, None], out=Y[:, : X.shape[1]])
+    np.multiply(X.imag, field.weight[:, None], out=Y[:, X.shape[1] :])
+    norm = np.sqrt(np.einsum("ij,ij->j", Y, Y))
+    norm = np.hypot(norm[: X.shape[1]], norm[X.shape[1] :])
+    Y /= np.tile(np.where(norm > 0, norm, 1.0), 2)
     for _ in range(2):  # twice is enough (Kahan, Parlett)
         Y -= field.Q @ (field.Q.T @ Y)
-    if Y.size == 0:
-        return np.zeros((field.dofs.size, 0))
-    size = np.linalg.norm(Y, axis=0)
+    size = np.sqrt(np.einsum("ij,ij->j", Y, Y))
     Y = Y[:, size > 0.1 * deflation]
     if Y.shape[1] == 0:
         return np.zeros((field.dofs.size, 0))
-    q, r = la.qr(Y, mode="economic", overwrite_a=True, check_finite=False)
-    u, sigma, _ = la.svd(r, full_matrices=False, check_finite=False)
-    new = q @ u[:, sigma > deflation]
+    new = _principal(Y, deflation)
     # Directions kept with a small singular value inherit its amplified round-off: clean them once more.
     new -= field.Q @ (field.Q.T @ new)
-    new, _ = la.qr(new, mode="economic", overwrite_a=True, check_finite=False)
+    return _orthonormal(new)
+
+
+def _principal(Y: Floats, deflation: float) -> Floats:
+    """Left singular vectors of Y with singular values above ``deflation``, roughly orthonormal."""
+    if deflation >= SQUARED:
+        # By the normal matrix: one product instead of a factorisation of a tall matrix.
+        values, vectors = la.eigh(Y.T @ Y, check_finite=False)
+        keep = values > deflation**2
+        return np.asarray(Y @ (vectors[:, keep] / np.sqrt(values[keep]))[:, ::-1])
+    q, r = la.qr(Y, mode="economic", check_finite=False)
+    u, sigma, _ = la.svd(r, full_matrices=False, check_finite=False)
+    return np.asarray(q @ u[:, sigma > deflation])
+
+
+def _orthonormal(new: Floats) -> Floats:
+    """Orthonormal columns of the span of nearly orthonormal ones, in their order."""
+    for _ in range(2):
+        try:
+            factor = la.cholesky(new.T @ new, check_finite=False)
+        except la.LinAlgError:
+            return np.asarray(la.qr(new, mode="economic", check_finite=False)[0])
+        new = la.solve_triangular(factor, new.T, trans="T", check_finite=False).T
     return np.asarray(new)
 
 
@@ -145,101 +171,133 @@ class Projection:
     ) -> None:
         self.fields = fields
         self.rows = sketch
-        self._V = [np.zeros((field.dofs.size, 0)) for field in fields]
+        count = range(len(fields))
         self._theta = [_sparse_sign(sketch, field.dofs.size, seed) / residual_weight[field.dofs] for seed, field in enumerate(fields)]
         self._parts = [_blocks_of(operator, fields) for operator in operators]
-        self._images: list[dict[tuple[int, int], Any]] = [
-            {(f, g): np.zeros((fields[f].dofs.size, 0), dtype=part.dtype) for (f, g), part in parts.items()} for parts in self._parts
-        ]
+        self._mirrored = [{pair: pair[0] == pair[1] and _is_symmetric(part) for pair, part in parts.items()} for parts in self._parts]
         self._blocks: list[dict[tuple[int, int], Any]] = [
             {pair: np.zeros((0, 0), dtype=part.dtype) for pair, part in parts.items()} for parts in self._parts
         ]
-        # Theta Aᵀ is formed once, so that its product with V needs no second image of the basis.
-        self._transposed = [
-            {(f, g): self._theta[f] @ part for (f, g), part in _blocks_of(operator.T.tocsc(), fields).items()} if transposed else {}
-            for operator in operators
+        # The images of the basis themselves are never kept: they would take as much memory as several bases.
+        self._sketches = [_empty_sketches(parts, sketch) for parts in self._parts]
+        self._turned = [
+            {(f, g): parts[g, f].T for f in count for g in count if (g, f) in parts} if transposed else {} for parts in self._parts
         ]
-        self._inputs = [inputs.tocsr()[field.dofs] for field in fields]
-        self._outputs = [outputs.tocsc()[:, field.dofs] for field in fields]
-        self._dual = [dual.tocsr()[field.dofs] for field in fields]
+        self._turned_sketches = [_empty_sketches(parts, sketch) for parts in self._turned]
+        self._inputs = [_Rows.of(inputs.tocsr()[field.dofs]) for field in fields]
+        self._outputs = [_Rows.of(outputs.tocsc()[:, field.dofs].T.tocsr()) for field in fields]
+        self._dual = [_Rows.of(dual.tocsr()[field.dofs]) for field in fields]
         self.sketched_inputs = self._stack(self._inputs)
         self.sketched_dual = self._stack(self._dual)
 
-    def _stack(self, parts: list[sp.csr_array]) -> Floats:
-        return np.vstack([(theta @ part).toarray() for theta, part in zip(self._theta, parts, strict=True)])
+    def _stack(self, parts: list[_Rows]) -> Floats:
+        return np.vstack([(theta[:, part.rows] @ part.values).toarray() for theta, part in zip(self._theta, parts, strict=True)])
 
     @property
     def size(self) -> int:
         """Number of reduced DOFs so far."""
-        return sum(V.shape[1] for V in self._V)
+        return sum(self.sizes)
 
     @property
     def sizes(self) -> list[int]:
         """Number of reduced DOFs of each field."""
-        return [V.shape[1] for V in self._V]
+        return [field.Q.shape[1] for field in self.fields]
 
     def extend(self, new: Sequence[Floats]) -> None:
         """Append orthonormal directions in weighted coordinates, one array a field."""
-        old = self.sizes
-        added = [directions / field.weight[:, None] for directions, field in zip(new, self.fields, strict=True)]
-        for field, directions in zip(self.fields, new, strict=True):
-            field.Q = np.hstack([field.Q, directions])
-        for parts, images, blocks in zip(self._parts, self._images, self._blocks, strict=True):
+        old, fields = self.sizes, self.fields
+        added = [directions / field.weight[:, None] for directions, field in zip(new, fields, strict=True)]
+        for which, parts in enumerate(self._parts):
             for (f, g), part in parts.items():
                 image = part @ added[g]
-                block = np.zeros((old[f] + added[f].shape[1], old[g] + added[g].shape[1]), dtype=image.dtype)
-                block[: old[f], : old[g]] = blocks[f, g]
-                block[: old[f], old[g] :] = self._V[f].T @ image
-                images[f, g] = np.hstack([images[f, g], image])
-                block[old[f] :] = added[f].T @ images[f, g]
-                blocks[f, g] = block
-        self._V = [np.hstack([V, v]) for V, v in zip(self._V, added, strict=True)]
+                self._append_sketch(self._sketches[which], f, g, image)
+                image /= fields[f].weight[:, None]
+                block = np.zeros((old[f] + new[f].shape[1], old[g] + new[g].shape[1]), dtype=image.dtype)
+                block[: old[f], : old[g]] = self._blocks[which][f, g]
+                block[: old[f], old[g] :] = fields[f].Q.T @ image
+                block[old[f] :, old[g] :] = new[f].T @ image
+                if self._mirrored[which][f, g]:
+                    block[old[f] :, : old[g]] = block[: old[f], old[g] :].T
+                else:
+                    block[old[f] :, : old[g]] = ((part.T @ added[f]) / fields[g].weight[:, None]).T @ fields[g].Q
+                self._blocks[which][f, g] = block
+            for (f, g), part in self._turned[which].items():
+                self._append_sketch(self._turned_sketches[which], f, g, part @ added[g])
+        for field, directions in zip(fields, new, strict=True):
+            field.Q = np.hstack([field.Q, directions])
+
+    def _append_sketch(self, sketches: dict[tuple[int, int], Any], f: int, g: int, image: Any) -> None:
+        sketches[f, g] = np.hstack([sketches[f, g], self._theta[f] @ image])
+
+    def restrict(self, turns: Sequence[Floats]) -> None:
+        """Keep a subspace: Q becomes Q T, with one (r_f, k_f) matrix of orthonormal columns a field."""
+        for blocks in self._blocks:
+            for f, g in blocks:
+                blocks[f, g] = turns[f].T @ blocks[f, g] @ turns[g]
+        for sketches in (*self._sketches, *self._turned_sketches):
+            for f, g in sketches:
+                sketches[f, g] = sketches[f, g] @ turns[g]
+        for field, turn in zip(self.fields, turns, strict=True):
+            field.Q = field.Q @ turn
 
     def operator(self, which: int) -> Any:
         """Vᵀ K V (0), Vᵀ C V (1) or Vᵀ M V (2), fields one after the other."""
-        blocks, sizes = self._blocks[which], self.sizes
-        return np.block([[blocks.get((f, g), np.zeros((sizes[f], sizes[g]))) for g in range(len(sizes))] for f in range(len(sizes))])
+        return self._assemble(self._blocks[which], self.sizes)
 
     def project(self, matrix: sp.csc_array) -> Any:
         """Vᵀ A V of any matrix, fields one after the other."""
-        blocks, count = _blocks_of(matrix, self.fields), len(self.fields)
-        return np.block(
-            [
-                [
-                    self._V[f].T @ (blocks[f, g] @ self._V[g]) if (f, g) in blocks else np.zeros((self.sizes[f], self.sizes[g]))
-                    for g in range(count)
-                ]
-                for f in range(count)
-            ]
-        )
+        blocks, fields = _blocks_of(matrix, self.fields), self.fields
+        return self._assemble({(f, g): fields[f].V.T @ (part @ fields[g].V) for (f, g), part in blocks.items()}, self.sizes)
 
     def sketched(self, which: int, *, transposed: bool = False) -> Any:
         """Sketch of K V, C V or M V (or of Kᵀ V ...), (fields * rows, r)."""
-        count = len(self.fields)
+        return self._assemble((self._turned_sketches if transposed else self._sketches)[which], [self.rows] * len(self.fields))
 
-        def block(f: int, g: int) -> Any:
-            if transposed and (f, g) in self._transposed[which]:
-                return self._transposed[which][f, g] @ self._V[g]
-            if not transposed and (f, g) in self._images[which]:
-                return self._theta[f] @ self._images[which][f, g]
-            return np.zeros((self.rows, self.sizes[g]))
-
-        return np.block([[block(f, g) for g in range(count)] for f in range(count)])
+    def _assemble(self, blocks: dict[tuple[int, int], Any], heights: list[int]) -> Any:
+        sizes = self.sizes
+        zeros = [[np.zeros((height, width)) for width in sizes] for height in heights]
+        return np.block([[blocks.get((f, g), zero) for g, zero in enumerate(row)] for f, row in enumerate(zeros)])
 
     @property
     def inputs(self) -> Floats:
         """(r, m) Vᵀ B_ext."""
-        return np.vstack([(part.T @ V).T for part, V in zip(self._inputs, self._V, strict=True)])
+        return np.vstack([part.against(field) for part, field in zip(self._inputs, self.fields, strict=True)])
 
     @property
     def dual(self) -> Floats:
         """(r, q) Vᵀ times the dual right-hand sides."""
-        return np.vstack([(part.T @ V).T for part, V in zip(self._dual, self._V, strict=True)])
+        return np.vstack([part.against(field) for part, field in zip(self._dual, self.fields, strict=True)])
 
     @property
     def outputs(self) -> Floats:
         """(p, r) L_ext V."""
-        return np.hstack([part @ V for part, V in zip(self._outputs, self._V, strict=True)])
+        return np.hstack([part.against(field).T for part, field in zip(self._outputs, self.fields, strict=True)])
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The rows of a sparse matrix that hold anything."""
+
+    rows: NDArray[np.int64]
+    values: sp.csr_array
+
+    @classmethod
+    def of(cls, matrix: sp.csr_array) -> _Rows:
+        rows = np.flatnonzero(np.diff(matrix.indptr))
+        return cls(rows, matrix[rows])
+
+    def against(self, field: Field) -> Floats:
+        """(r, m) Vᵀ A."""
+        return np.asarray((self.values.T @ (field.Q[self.rows] / field.weight[self.rows, None])).T)
+
+
+def _empty_sketches(parts: Mapping[tuple[int, int], Any], rows: int) -> dict[tuple[int, int], Any]:
+    return {pair: np.zeros((rows, 0), dtype=part.dtype) for pair, part in parts.items()}
+
+
+def _is_symmetric(part: sp.csr_array) -> bool:
+    rest = part - part.T
+    return bool(rest.nnz == 0 or np.abs(rest.data).max() <= MIRRORED * np.abs(part.data).max())
 
 
 def _blocks_of(operator: sp.csc_array, fields: Sequence[Field]) -> dict[tuple[int, int], sp.csr_array]:

@@ -22,12 +22,15 @@ from threadpoolctl import ThreadpoolController
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, check_orthonormal, energy_weight, new_directions
 from lrbc_cli.reduction.certify import port_errors, quantity_groups
-from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
-from lrbc_cli.reduction.estimate import Estimator
+from lrbc_cli.reduction.compress import Compressor
+from lrbc_cli.reduction.dynamic import DynamicStiffness
+from lrbc_cli.reduction.estimate import Estimator, Sweep
 from lrbc_cli.reduction.full import full_operators, full_ports
+from lrbc_cli.reduction.lines import FullLine, FullLines
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
-from lrbc_cli.reduction.ports import PortFrf, port_frf
-from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.unseen import distance, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
 
 log = logging.getLogger(__name__)
@@ -36,15 +39,25 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 4
+ALGORITHM_VERSION = 5
 
-#: Expansion points before the estimate takes over.
-FIRST_POINTS = 2
+#: Expansion points before the estimate takes over, at Chebyshev places.
+FIRST_POINTS = 3
+
+#: Directions below this share of the tolerance cannot be seen in y, whose error is a product of two such errors. They are dropped late:
+#: a rich basis needs fewer factorisations, and is compressed afterwards.
+DEFLATION = 1e-3
+
+#: What compression may cost, in tolerances.
+COMPRESSION = 0.1
+
+#: Lines of the grid of the estimate; fewer where each costs more, by the number of terms.
+GRID_LINES = 120
 
 
 class _Clock:
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {"basis": 0.0, "projection": 0.0, "certificate": 0.0, "estimate": 0.0}
+        self.seconds: dict[str, float] = dict.fromkeys(("basis", "projection", "estimate", "compression", "certificate"), 0.0)
         self._last = time.perf_counter()
         self.start = self._last
 
@@ -66,90 +79,65 @@ class Reducer:
         self.scale = local_scale(model.K, model.M, model.terms, high)
         self.reference = reference_values(model.terms, self.scale, high)
         K, C, M = full_operators(model, self.reference)
-        self.C, self.M = C, M
         self.Z = DynamicStiffness(K, C, M, model.is_acoustic, backend=backend, ordering=ordering)
-        self.inputs = model.inputs
-        self.outputs = model.outputs
-        # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
-        covered = self.Z.symmetric and model.terms.symmetric
-        self.dual_rhs = (model.L.T if covered else self.outputs.T).tocsc()
+        self.lines = FullLines(self.Z, model, input_of, self.reference)
         weight = energy_weight(K, M, high)
         masks = [~model.is_acoustic, model.is_acoustic]
         self.fields = [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()]
         self.projection = Projection(
             (K, C, M),
-            self.inputs,
-            self.outputs,
+            self.lines.inputs,
+            self.lines.outputs,
             self.fields,
-            dual=self.dual_rhs,
+            dual=self.lines.dual,
             residual_weight=energy_weight(K, M, high, RESIDUAL_STIFFNESS),
             transposed=not self.Z.symmetric,
         )
-        # Directions far below the tolerance cannot be seen in y, whose error is a product of two such errors.
-        self.deflation = 0.1 * options.tolerance
-        self.estimator = Estimator(self, count=max(160, 4 * options.held_out))
+        self.deflation = max(DEFLATION * options.tolerance, 1e-12)
+        count = int(np.clip(GRID_LINES * 100 / max(model.terms.size, 1), 32, GRID_LINES))
+        self.estimator = Estimator(self, count=max(count, 4 * options.held_out))
+        #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
+        self.capped = False
         self.exact: dict[float, PortFrf] = {}
         self.enriched: list[float] = []
         self.trace: list[Step] = []
-        self.full_lines: list[float] = []
         self.clock.lap("basis")
 
-    # -- one factorisation ------------------------------------------------------------------------------------------
+    # -- one line ---------------------------------------------------------------------------------------------------
 
-    def factor(self, frequency: float) -> tuple[Factorisation, Complexes]:
-        """Factorise, solve for all inputs, keep the exact port FRFs."""
-        s = 2j * np.pi * frequency
-        start = time.perf_counter()
-        factorisation = self.Z.factor(s)
-        middle = time.perf_counter()
-        X = factorisation.solve(self.inputs.toarray())
-        after = time.perf_counter()
-        if len(self.full_lines) < 5:
-            # What one line of the full model costs: this factorisation, one solve, one refinement step.
-            factorisation.solve(self.inputs[:, [0]].toarray()[:, 0], refine=1)
-            self.full_lines.append(middle - start + time.perf_counter() - after)
-        H = np.asarray(self.outputs @ X)[None]
-        lines = np.array([s])
-        D_ref = reference_dynamic(self.reference, lines)
-        self.exact[frequency] = port_frf(H, lines, D_ref, self.model.output_power, self.input_of)
-        return factorisation, X
-
-    def order(self) -> int:
-        """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves.
-
-        Decided by fill, not by a stopwatch, so that the same input gives the same basis.
-        """
-        nonzeros = self.Z.nonzeros * (2 if self.Z.half else 1)
-        columns = nonzeros / self.Z.size
-        return 2 if columns > 12 * (self.inputs.shape[1] + self.dual_rhs.shape[1]) else 1
-
-    def enrich(self, frequency: float, factorisation: Factorisation, X: Complexes) -> tuple[int, int]:
-        """Add the moments at a factorised point to the basis; returns (order, added directions)."""
-        s = 2j * np.pi * frequency
-        blocks = [X, factorisation.solve_transposed(self.dual_rhs.toarray())]
-        order = self.order()
-        if order > 1:
-            # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.
-            slope = (2 * s * self.M + self.C).tocsr()
-            blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
-        snapshots = np.hstack(blocks)
-        new = self.limited([new_directions(f, snapshots[f.dofs], self.deflation) for f in self.fields])
+    def enrich(self, line: FullLine) -> tuple[int, int]:
+        """Add the moments at a factorised line to the basis; returns (order, added directions)."""
+        line = self.lines.expanded(line)
+        assert line.snapshots is not None
+        new = [new_directions(f, line.snapshots[f.dofs], self.deflation) for f in self.fields]
         self.clock.lap("basis")
         self.projection.extend(new)
         self.clock.lap("projection")
-        self.enriched.append(frequency)
-        return order, sum(block.shape[1] for block in new)
+        self.enriched.append(line.frequency_hz)
+        return line.order, sum(block.shape[1] for block in new)
 
-    def limited(self, new: list[Floats]) -> list[Floats]:
-        """New directions, cut to ``max_size`` in proportion of the fields; they come in order of their singular values."""
+    def compress(self, sweep: Sweep) -> None:
+        """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
+        compressor = Compressor(self, sweep, COMPRESSION * self.options.tolerance)
+        counts = compressor.search(self.options.tolerance)
         limit = self.options.max_size
-        total = sum(block.shape[1] for block in new)
-        if limit is None or self.projection.size + total <= limit:
-            return new
-        share = max(limit - self.projection.size, 0) / total
-        return [block[:, : int(share * block.shape[1])] for block in new]
+        self.capped = limit is not None and sum(counts) > limit
+        if limit is not None and self.capped:
+            counts = compressor.within(limit)
+        self.projection.restrict(compressor.turns(counts))
+        self.clock.lap("compression")
 
     # -- errors -----------------------------------------------------------------------------------------------------
+
+    def operators(self) -> tuple[Any, Any, Any]:
+        """Projected K, C and M with the terms at their reference values."""
+        P = self.projection
+        return P.operator(0), P.operator(1), P.operator(2)
+
+    @property
+    def structure(self) -> int:
+        """Structural ones of the reduced DOFs."""
+        return 0 if self.model.is_acoustic.all() else self.projection.sizes[0]
 
     def reduced(self) -> ReducedModel:
         """The reduced model on the basis so far."""
@@ -157,10 +145,9 @@ class Reducer:
         n_in = self.model.B.shape[1]
         inputs, outputs = P.inputs, P.outputs
         left, right = inputs[:, n_in:], outputs[R:].T
-        K, C, M = (P.operator(i) - (left * self.reference[:, i]) @ right.T for i in range(3))
-        structure = P.sizes[0] if not self.model.is_acoustic.all() else 0
+        K, C, M = (A - (left * self.reference[:, i]) @ right.T for i, A in enumerate(self.operators()))
         return ReducedModel(
-            K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, structure
+            K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, self.structure
         )
 
     def projected_groups(self) -> dict[str, dict[str, Any]]:
@@ -188,87 +175,121 @@ class Reducer:
         """
         options = self.options
         low, high = options.band_hz
-        grid = self.estimator.grid_hz
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
-        for frequency in 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles):
-            self._expand(float(frequency), progress)
+        self._expand(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles), progress)
         held_out: list[float] = []
         effectivity = 1.0
         # Valid for the basis as it is: emptied whenever it grows.
         measured: dict[float, dict[str, float]] = {}
-        estimate: Floats | None = None
-        while True:
-            if estimate is None:
-                estimate = self.estimator.estimate()
-                self.clock.lap("estimate")
-            frequency = self._next(estimate, held_out)
-            expected = float(np.interp(frequency, grid, estimate))
-            model = self.reduced()
-            factorisation, X = self.factor(frequency)
-            measured[frequency] = self.errors(frequency, model)
-            error = max(measured[frequency].values())
-            if expected > 0:
-                effectivity = max(effectivity, min(error / expected, 10.0))
-            needs = error > 0.5 * options.tolerance or float(estimate.max()) * effectivity > 3 * options.tolerance
-            order = added = 0
-            if needs and len(self.enriched) < options.max_points and self.projection.size < (options.max_size or np.inf):
-                self.clock.lap("certificate")
-                order, added = self.enrich(frequency, factorisation, X)
-                # Nothing new although the error is too large: the deflation hides what is missing.
-                if added == 0:
-                    self.deflation *= 0.1
-                    if self.deflation < 1e-12:
-                        held_out.append(frequency)
-            else:
-                held_out.append(frequency)
-                self.clock.lap("certificate")
-            self._record(frequency, order, added, error, estimate)
-            progress(
-                f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
-                + (f"expansion point, +{added}" if order else "held out")
-            )
-            if added:
-                estimate, measured = None, {}
-            if len(held_out) >= options.held_out:
-                break
-        return self._finish(held_out, measured)
+        sweep = rich = self._sweep()
+        full, compressed = self.reduced(), False
+        while len(held_out) < options.held_out:
+            if not compressed and (self._is_good(rich.estimate, effectivity) or not self._may_grow()):
+                full, size = self.reduced(), self.projection.size
+                self.compress(rich)
+                compressed, sweep = True, self._sweep()
+                progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
+            # A line that is likely to enrich the basis decides where the next one is.
+            width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
+            batch = self.lines.solve(self._next(sweep.estimate, held_out, width))
+            self.exact.update({line.frequency_hz: line.exact for line in batch})
+            grown = False
+            for line in batch:
+                frequency, model = line.frequency_hz, self.reduced()
+                measured[frequency] = self.errors(frequency, model)
+                error = max(measured[frequency].values())
+                expected = float(np.interp(frequency, self.estimator.grid_hz, sweep.estimate))
+                if expected > 0 and not grown:
+                    effectivity = max(effectivity, min(error / expected, 10.0))
+                needs = error > 0.5 * options.tolerance or not (grown or self._is_good(rich.estimate, effectivity))
+                order = added = 0
+                if needs and self._may_grow():
+                    self.clock.lap("certificate")
+                    order, added = self.enrich(line)
+                    # Nothing new although the error is too large: the deflation hides what is missing.
+                    if added == 0:
+                        self.deflation *= 0.1
+                        if self.deflation < 1e-15:
+                            held_out.append(frequency)
+                else:
+                    held_out.append(frequency)
+                    self.clock.lap("certificate")
+                self._record(frequency, order, added, error, sweep.estimate)
+                progress(
+                    f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
+                    + (f"expansion point, +{added}" if order else "held out")
+                )
+                if added:
+                    grown, measured = True, {}
+            if grown:
+                sweep = rich = self._sweep()
+                compressed = False
+        return self._finish(held_out, measured, full if compressed else self.reduced(), rich, sweep)
 
-    def _expand(self, frequency: float, progress: Callable[[str], None]) -> None:
-        factorisation, X = self.factor(frequency)
-        order, added = self.enrich(frequency, factorisation, X)
-        self._record(frequency, order, added, None, np.full(self.estimator.grid_hz.size, np.nan))
-        progress(f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
+    def _sweep(self) -> Sweep:
+        sweep = self.estimator.sweep()
+        self.clock.lap("estimate")
+        return sweep
+
+    def _is_good(self, estimate: Floats, effectivity: float) -> bool:
+        return float(estimate.max()) * effectivity <= 3 * self.options.tolerance
+
+    def _may_grow(self) -> bool:
+        return len(self.enriched) < self.options.max_points and not self.capped
+
+    def _expand(self, frequencies_hz: Floats, progress: Callable[[str], None]) -> None:
+        rest = [float(frequency) for frequency in frequencies_hz]
+        while rest:
+            batch, rest = rest[: self.lines.width], rest[self.lines.width :]
+            for line in self.lines.solve(batch, expand=True):
+                self.exact[line.frequency_hz] = line.exact
+                order, added = self.enrich(line)
+                self._record(line.frequency_hz, order, added, None, np.full(self.estimator.grid_hz.size, np.nan))
+                progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
 
     def _record(self, frequency: float, order: int, added: int, error: float | None, estimate: Floats) -> None:
         self.trace.append(Step(frequency, self.projection.size, order, added, error, self.estimator.grid_hz, estimate))
 
-    def _next(self, estimate: Floats, held_out: list[float]) -> float:
-        """The line with the worst estimate, away from expansion points, and the held-out lines spread over the band."""
+    def _next(self, estimate: Floats, held_out: list[float], count: int) -> list[float]:
+        """Lines with the worst estimates, away from expansion points, and the held-out lines spread over the band."""
         grid = self.estimator.grid_hz
         low, high = self.options.band_hz
         width = high - low
+        chosen: list[float] = []
 
         def apart(lines: list[float]) -> Floats:
             return np.asarray(np.abs(grid[:, None] - np.array([*lines, np.inf])[None, :]).min(axis=1))
 
-        points, checks = apart(self.enriched), apart(held_out)
-        allowed = (points > 0.01 * width) & (checks > 0.5 * width / self.options.held_out)
-        weight = np.where(allowed, estimate, 0.0)
-        if not np.any(weight > 0):
-            weight = np.minimum(points, checks)
-        return float(grid[int(np.argmax(weight))])
+        for _ in range(count):
+            points, checks = apart(self.enriched), apart([*held_out, *chosen])
+            allowed = (points > 0.01 * width) & (checks > 0.5 * width / self.options.held_out)
+            weight = np.where(allowed, estimate, 0.0)
+            if not np.any(weight > 0):
+                weight = np.minimum(points, checks)
+            chosen.append(float(grid[int(np.argmax(weight))]))
+        return chosen
 
-    def _finish(self, held_out: list[float], measured: dict[float, dict[str, float]]) -> Reduction:
+    def _unseen(self, held_out: list[float], full: ReducedModel, rich: Sweep, sweep: Sweep) -> float:
+        """Bound of the error at lines that were not solved in full."""
+        lines = np.array(held_out)
+        measured = np.array([max(self.errors(line, full).values()) for line in held_out])
+        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups())
+        return unseen_bound(measured, np.interp(lines, self.estimator.grid_hz, rich.estimate), rich.estimate, lost)
+
+    def _finish(
+        self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep
+    ) -> Reduction:
         for f in self.fields:
             check_orthonormal(f)
         model = replace(self.reduced(), extras=self.projected_groups())
         # The basis may have grown after a line was held out: all errors are those of the final model.
         lines = tuple(HeldOut(f, measured.get(f) or self.errors(f, model)) for f in sorted(held_out))
         tolerance = self.options.tolerance
+        unseen = self._unseen(held_out, full, rich, sweep)
         self.clock.lap("certificate")
         seconds = dict(self.clock.seconds)
-        seconds["full_line"] = float(np.median(self.full_lines))
-        seconds["factor"] = float(np.median(self.Z.factor_seconds))
+        seconds["full_line"] = self.lines.line_seconds
+        seconds["factor"] = self.lines.factor_seconds
         seconds["total"] = time.perf_counter() - self.clock.start
         vectors = sum(len(v) for v in certificate_vectors(self.model.terms, self.scale, np.array([1j])).values())
         reached = all(line.worst <= tolerance for line in lines)
@@ -277,6 +298,7 @@ class Reducer:
             self.options,
             reached,
             lines,
+            unseen,
             tuple(self.trace),
             seconds,
             self.Z.backend,

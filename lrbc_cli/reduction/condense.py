@@ -17,6 +17,44 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: The projected acoustic blocks count as symmetric, and what is left beside their diagonals as zero, below this fraction.
 NEGLIGIBLE = 1e-9
 
+#: Entries of the table of products of left and right vectors above which it is not formed.
+PAIRS = 4_000_000
+
+
+def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
+    """(na, na) modes of the rigid-walled cavity in its reduced coordinates, mass-normalised.
+
+    Parameters
+    ----------
+    K, M : (r, r) arrays
+    structure : int
+        Structural coordinates, the first ones.
+
+    Returns
+    -------
+    float array or None
+        None where there is no air or its matrices are not real, symmetric and of definite mass.
+    """
+    if structure == K.shape[0] or np.iscomplexobj(K):
+        return None
+    Ka, Ma = K[structure:, structure:], M[structure:, structure:]
+    if any(np.abs(A - A.T).max() > NEGLIGIBLE * np.abs(A).max() for A in (Ka, Ma)):
+        return None
+    try:
+        return np.asarray(la.eigh(0.5 * (Ka + Ka.T), 0.5 * (Ma + Ma.T))[1])
+    except la.LinAlgError:
+        return None
+
+
+def turned(A: Any, T: Floats, structure: int) -> Any:
+    """``Tᵀ A T``; what round-off leaves beside the diagonal of the air's block becomes zero."""
+    out = T.T @ A @ T
+    air = out[structure:, structure:]
+    diagonal = np.diag(np.diag(air))
+    if np.abs(air - diagonal).max() <= NEGLIGIBLE * max(float(np.abs(air).max()), np.finfo(float).tiny):
+        out[structure:, structure:] = diagonal
+    return out
+
 
 def with_diagonal_air(model: ReducedModel) -> ReducedModel:
     """The same model with the modes of the rigid-walled cavity, in its acoustic subspace, as acoustic coordinates.
@@ -33,49 +71,40 @@ def with_diagonal_air(model: ReducedModel) -> ReducedModel:
         The given one where there is no air or its matrices are not symmetric, definite mass.
     """
     ns = model.structure
-    if ns == model.size or np.iscomplexobj(model.K) or np.iscomplexobj(model.C):
-        return model
-    Ka, Ma = model.K[ns:, ns:], model.M[ns:, ns:]
-    if any(np.abs(A - A.T).max() > NEGLIGIBLE * np.abs(A).max() for A in (Ka, Ma)):
-        return model
-    try:
-        _, modes = la.eigh(0.5 * (Ka + Ka.T), 0.5 * (Ma + Ma.T))
-    except la.LinAlgError:
+    modes = None if np.iscomplexobj(model.C) else air_modes(model.K, model.M, ns)
+    if modes is None:
         return model
     T = np.eye(model.size)
     T[ns:, ns:] = modes
-
-    def turned(A: Any) -> Any:
-        out = T.T @ A @ T
-        air = out[ns:, ns:]
-        diagonal = np.diag(np.diag(air))
-        if np.abs(air - diagonal).max() <= NEGLIGIBLE * max(float(np.abs(air).max()), np.finfo(float).tiny):
-            out[ns:, ns:] = diagonal
-        return out
-
     return replace(
         model,
-        K=turned(model.K),
-        C=turned(model.C),
-        M=turned(model.M),
+        K=turned(model.K, T, ns),
+        C=turned(model.C, T, ns),
+        M=turned(model.M, T, ns),
         B=T.T @ model.B,
         L=model.L @ T,
         left=T.T @ model.left,
         right=T.T @ model.right,
-        extras={name: {operator: turned(A) for operator, A in group.items()} for name, group in model.extras.items()},
+        extras={name: {operator: turned(A, T, ns) for operator, A in group.items()} for name, group in model.extras.items()},
     )
 
 
-def air_is_diagonal(K: Any, C: Any, M: Any, model: ReducedModel) -> bool:
+def air_is_diagonal(K: Any, C: Any, M: Any, structure: int, left: Floats, right: Floats) -> bool:
     """Whether the air can be condensed out by its diagonal: no term acts on it either."""
-    ns = model.structure
-    if ns in (0, model.size) or model.left[ns:].any() or model.right[ns:].any():
+    ns = structure
+    if ns in (0, K.shape[0]) or left[ns:].any() or right[ns:].any():
         return False
     return all(not (A[ns:, ns:] - np.diag(np.diag(A[ns:, ns:]))).any() for A in (K, C, M))
 
 
 def condensed_solve(
-    z: Complexes, D: Complexes, K: Any, C: Any, M: Any, model: ReducedModel, loads: Complexes | Floats, outputs: Complexes | Floats
+    z: Complexes,
+    D: Complexes,
+    operators: tuple[Any, Any, Any],
+    terms: tuple[Floats, Floats],
+    structure: int,
+    loads: Complexes | Floats,
+    outputs: Complexes | Floats,
 ) -> tuple[Complexes, Complexes]:
     """``Z x = B`` and ``Zᵀ v = Lᵀ`` with a diagonal air: one factorisation of the size of the structure.
 
@@ -86,9 +115,12 @@ def condensed_solve(
     ----------
     z : (F, 1, 1) complex array
     D : (F, nt) complex array
-    K, C, M : (r, r) arrays
-    model : ReducedModel
-        For the terms and the size of the structure.
+    operators : three (r, r) arrays
+        K, C, M.
+    terms : two (r, nt) arrays
+        Left and right vectors.
+    structure : int
+        Structural coordinates, the first ones.
     loads : (r, n) array
     outputs : (r, R) array
 
@@ -97,12 +129,12 @@ def condensed_solve(
     x : (F, r, n) complex array
     v : (F, r, R) complex array
     """
-    ns = model.structure
+    ns, (K, C, M) = structure, operators
     s, a = slice(0, ns), slice(ns, None)
     w = z[:, :, 0]
     air = np.asarray(np.diag(K[a, a]) + w * np.diag(C[a, a]) + w**2 * np.diag(M[a, a]))
     above, below = _powers(K, C, M, s, a), _powers(K, C, M, a, s)
-    left, right = model.left[s], model.right[s]
+    left, right = terms[0][s], terms[1][s]
     S = np.asarray(z**2 * M[s, s] + z * C[s, s] + K[s, s], dtype=complex)
     S += _outer(D, left, right)
     for p, A in above:
@@ -130,8 +162,10 @@ def _powers(K: Any, C: Any, M: Any, rows: slice, columns: slice) -> list[tuple[i
 
 
 def _outer(weight: Complexes, left: Floats, right: Floats) -> Complexes:
-    """(F, m, n) ``left diag(weight) rightᵀ`` for every line, by one real product."""
+    """(F, m, n) ``left diag(weight) rightᵀ`` for every line, by one real product where its table of pairs is small."""
     F, m, n = weight.shape[0], left.shape[0], right.shape[0]
+    if weight.shape[1] * m * n > PAIRS:
+        return np.asarray((left * weight[:, None, :]) @ right.T)
     pairs = np.ascontiguousarray((left.T[:, :, None] * right.T[:, None, :]).reshape(weight.shape[1], m * n))
     parts = np.concatenate([weight.real, weight.imag]) @ pairs
     return np.asarray((parts[:F] + 1j * parts[F:]).reshape(F, m, n))

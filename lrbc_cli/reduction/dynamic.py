@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -134,12 +135,24 @@ class DynamicStiffness:
             data[np.searchsorted(key, entry)] = coo.data[keep]
             self._values.append(data)
         self._diagonal = np.searchsorted(key, np.arange(n) * n + np.arange(n))
+        self._indptr = indptr
+        self._begin()
+
+    def _begin(self) -> None:
         self._solver: Solver = (
-            pardiso.Pardiso(indptr, self._minor, symmetric=self.symmetric) if backend == "pardiso" else SuperLuSolver(indptr, self._minor)
+            pardiso.Pardiso(self._indptr, self._minor, symmetric=self.symmetric)
+            if self.backend == "pardiso"
+            else SuperLuSolver(self._indptr, self._minor)
         )
         self._state: tuple[complex, Any, Any] | None = None
         self.factor_seconds: list[float] = []
         self.solve_seconds: list[tuple[int, float]] = []
+
+    def twin(self) -> DynamicStiffness:
+        """Another one on the same matrices and ordering, with factors of its own: for a second thread."""
+        other = copy.copy(self)
+        other._begin()
+        return other
 
     @property
     def nonzeros(self) -> int:

@@ -2,19 +2,42 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.reduction.ports import in_chunks, port_frf
+from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.sweep import Solver
 from lrbc_cli.reduction.vectors import certificate_vectors
 
 if TYPE_CHECKING:
     from lrbc_cli.reduction.build import Reducer
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What one pass of the reduced system over the band gives.
+
+    Attributes
+    ----------
+    estimate : (count,) float array
+        Estimated relative error of y, worst over a few parameter vectors.
+    ports : PortFrf
+        Of the reduced model at the grid.
+    spread : list of (r_f, r_f) float arrays
+        Sum of x xᵀ over all normalised solutions, primal and dual, real and imaginary parts, of each field: how they fill the basis.
+    """
+
+    estimate: Floats
+    ports: PortFrf
+    spread: list[Floats]
 
 
 class Estimator:
@@ -39,62 +62,71 @@ class Estimator:
         s = 2j * np.pi * self.grid_hz
         model = reducer.model
         chosen = certificate_vectors(model.terms, reducer.scale, s, count=2)
-        self._vectors = [D for kind in ("free", "local", "clamped", "random") for D in chosen[kind]]
-        self._acoustic_response = np.asarray(abs(reducer.dual_rhs).T @ model.is_acoustic.astype(float)) > 0
+        self.vectors = [D for kind in ("free", "loose", "local", "clamped", "random") for D in chosen[kind]]
+        self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
 
-    def estimate(self) -> Floats:
-        """(count,) estimated relative error of y, worst over a few parameter vectors."""
+    def sweep(self) -> Sweep:
+        """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis."""
         reducer = self._reducer
         P = reducer.projection
         s = 2j * np.pi * self.grid_hz
-        K, C, M = (P.operator(i) for i in range(3))
-        SK, SC, SM = (P.sketched(i) for i in range(3))
-        B, L, theta_B = P.inputs.astype(complex), P.outputs, P.sketched_inputs
-        dual, theta_dual = P.dual.astype(complex), P.sketched_dual
         symmetric = reducer.Z.symmetric
-        TK, TC, TM = (SK, SC, SM) if symmetric else tuple(P.sketched(i, transposed=True) for i in range(3))
+        solver = Solver(reducer.operators(), reducer.structure, P.inputs, P.dual, symmetric=symmetric)
+        turn = solver.turn
+        SK, SC, SM = (P.sketched(i) @ turn for i in range(3))
+        TK, TC, TM = (SK, SC, SM) if symmetric else tuple(P.sketched(i, transposed=True) @ turn for i in range(3))
+        L, theta_B, theta_dual = P.outputs @ turn, P.sketched_inputs, P.sketched_dual
         kappa = reducer.Z.coupling.kappa
-        R, n_in, m = reducer.model.L.shape[0], reducer.model.B.shape[1], B.shape[1]
-        H = np.empty((s.size, L.shape[0], m), dtype=complex)
-        primal = np.empty((s.size, theta_B.shape[0], m), dtype=complex)
-        dual_norm = np.empty((s.size, R))
+        R, n_in = reducer.model.L.shape[0], reducer.model.B.shape[1]
+        H = np.empty((s.size, L.shape[0], theta_B.shape[1]), dtype=complex)
+        estimate = np.zeros(s.size)
+        ends = np.cumsum([0, *P.sizes])
+        spreads: dict[int, list[Floats]] = {}
 
         def work(part: slice) -> None:
             z = s[part, None, None]
-            Z = z**2 * M + z * C + K
-            if symmetric:
-                both = np.linalg.solve(Z, np.hstack([B, dual])[None])
-                X, Y = both[:, :, :m], both[:, :, m:]
-            else:
-                X, Y = np.linalg.solve(Z, B[None]), np.linalg.solve(Z.transpose(0, 2, 1), dual[None])
-            H[part] = L @ X
-            primal[part] = theta_B - (z**2 * SM + z * SC + SK) @ X
-            rest = theta_dual - (z**2 * TM + z * TC + TK) @ Y
+            X, Y = solver.solve(s[part])
+            H[part] = _times(L, X)
             # Rows of the acoustic field scaled as in the symmetrised system, by |l| = 1/|kappa s²|.
-            weight = self._row_weight(s[part], kappa)
-            primal[part] *= weight[:, :, None]
-            norm = np.linalg.norm(rest * weight[:, :, None], axis=1)
+            weight = self._row_weight(s[part], kappa)[:, :, None]
+            rest = weight * (theta_dual - (z**2 * _times(TM, Y) + z * _times(TC, Y) + _times(TK, Y)))
+            dual_norm = np.linalg.norm(rest, axis=1)
             if kappa is not None:
-                norm = norm * np.where(self._acoustic_response[None, :], np.abs(kappa * s[part, None] ** 2), 1.0)
-            dual_norm[part] = norm[:, :R]
+                dual_norm = dual_norm * np.where(self._acoustic_response[None, :], np.abs(kappa * s[part, None] ** 2), 1.0)
+            ports = self._ports(H[part], s[part])
+            driven = [ports.drive(D[part]) for D in self.vectors]
+            # What drives the system for every input and vector: the input itself and what the terms add.
+            unit = np.broadcast_to(np.eye(n_in, dtype=complex), (part.stop - part.start, n_in, n_in))
+            u = np.concatenate([np.concatenate([unit, aux], axis=1) for _, aux in driven], axis=2)
+            x = X @ u
+            residual = np.linalg.norm(weight * (_times(theta_B, u) - (z**2 * _times(SM, x) + z * _times(SC, x) + _times(SK, x))), axis=1)
+            size = np.abs(s[part, None] ** reducer.model.output_power[None, :])
+            for at, (y, _) in enumerate(driven):
+                of_vector = residual[:, at * n_in : (at + 1) * n_in]
+                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm[:, :R] * size, y))
+            both = np.concatenate([X, Y], axis=2)
+            spreads[part.start] = [_spread(_times(turn[low:high, low:high], both[:, low:high])) for low, high in itertools.pairwise(ends)]
 
-        in_chunks(s.size, work, chunk=8)
-        ports = port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
-        worst = np.zeros(s.size)
-        to_quantity = np.abs(s[:, None] ** reducer.model.output_power[None, :])
-        for D in self._vectors:
-            y, u = ports.drive(D)
-            for column in range(n_in):
-                mine = reducer.input_of == column
-                unit = np.zeros((s.size, n_in), dtype=complex)
-                unit[:, column] = 1.0
-                residual = np.linalg.norm((primal @ np.concatenate([unit, u[:, :, column]], axis=1)[:, :, None])[:, :, 0], axis=1)
-                for group in reducer.quantity_groups():
-                    rows = group[mine[group]]
-                    if rows.size:
-                        error = residual * np.linalg.norm(dual_norm[:, rows] * to_quantity[:, rows], axis=1)
-                        worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), np.finfo(float).tiny))
-        return np.asarray(worst)
+        in_chunks(s.size, work, chunk=solver.chunk(s.size))
+        # In the order of the lines, whichever thread came first: sums must not depend on it.
+        spread = [np.sum(parts, axis=0) for parts in zip(*(spreads[at] for at in sorted(spreads)), strict=True)]
+        return Sweep(estimate, self._ports(H, s), spread)
+
+    def _ports(self, H: Complexes, s: Complexes) -> PortFrf:
+        reducer = self._reducer
+        return port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
+
+    def _relative(self, residual: Floats, dual: Floats, y: Complexes) -> Floats:
+        """(F,) estimated relative error for one parameter vector, the worst over inputs and quantities."""
+        worst = np.zeros(y.shape[0])
+        for column in range(residual.shape[1]):
+            mine = self._reducer.input_of == column
+            for group in self._reducer.quantity_groups():
+                rows = group[mine[group]]
+                if rows.size:
+                    error = residual[:, column] * np.linalg.norm(dual[:, rows], axis=1)
+                    worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), np.finfo(float).tiny))
+        return worst
 
     def _row_weight(self, s: NDArray[np.complexfloating[Any, Any]], kappa: float | None) -> Floats:
         """(F, sketch rows) square root of |l| of each field's rows."""
@@ -103,3 +135,21 @@ class Estimator:
         if kappa is not None:
             weight[:, P.rows :] = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None]
         return weight
+
+
+def _spread(X: Complexes) -> Floats:
+    """Sum of Re(x xᴴ) over the normalised columns of a stack."""
+    rows = X.transpose(1, 0, 2).reshape(X.shape[1], -1)
+    norm = np.linalg.norm(rows, axis=0)
+    rows = rows / np.where(norm > 0, norm, 1.0)
+    return np.asarray(rows.real @ rows.real.T + rows.imag @ rows.imag.T)
+
+
+def _times(A: Any, X: Complexes) -> Complexes:
+    """A X for a stack of X; one real product of two, where A is real, instead of many complex ones."""
+    if np.iscomplexobj(A):
+        return np.asarray(A @ X)
+    F, r, k = X.shape
+    flat = X.transpose(1, 0, 2).reshape(r, -1)
+    out = (A @ flat.real) + 1j * (A @ flat.imag)
+    return np.asarray(out.reshape(A.shape[0], F, k).transpose(1, 0, 2))

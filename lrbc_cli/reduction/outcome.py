@@ -26,7 +26,7 @@ class ReductionOptions:
     max_points : int
         Expansion points after which the reduction gives up.
     max_size : int or None
-        Reduced DOFs after which no expansion point is added.
+        Reduced DOFs at most.
     """
 
     band_hz: tuple[float, float]
@@ -80,10 +80,12 @@ class Reduction:
     reached : bool
         Whether every measured error is at most the tolerance.
     held_out : tuple of HeldOut
+    unseen : float
+        Statistical bound of the error at the other lines of the band (``unseen_bound``); NaN where it could not be taken.
     trace : tuple of Step
     seconds : dict
         ``full_line`` (median of factorisation + one solve + one refinement step), ``factor``, ``basis``, ``projection``,
-        ``certificate``, ``total``.
+        ``estimate``, ``compression``, ``certificate``, ``total``.
     backend : str
     coupling : str
     sizes : tuple of int
@@ -102,6 +104,7 @@ class Reduction:
     options: ReductionOptions
     reached: bool
     held_out: tuple[HeldOut, ...]
+    unseen: float
     trace: tuple[Step, ...]
     seconds: dict[str, float]
     backend: str

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -198,10 +199,16 @@ def port_frf(
     return PortFrf(s, H00, H0p, np.ascontiguousarray(H[:, R:, :n_in]), np.ascontiguousarray(Hpp), D_ref, input_of, symmetric)
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    """The BLAS libraries of NumPy and SciPy; looking for them takes longer than a small chunk."""
+    return ThreadpoolController().select(user_api="blas")
+
+
 def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
     """Run ``work`` on slices of lines, in threads with BLAS limited to one thread each (small dense solves release the GIL)."""
     slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _blas().limit(limits=1):
         if len(slices) < 2 or workers < 2:
             for part in slices:
                 work(part)

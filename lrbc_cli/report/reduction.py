@@ -45,6 +45,7 @@ class Reduction:
     held_out: tuple[HeldOut, ...]
     worst: float | None
     vectors: float | None
+    unseen: tuple[float, float, float] | None
     steps: tuple[Step, ...]
     seconds: Mapping[str, float]
     machine: Mapping[str, Any]
@@ -81,6 +82,7 @@ def read_reduction(output: Path) -> Reduction | None:
         held_out=tuple(HeldOut(line.number("frequency_hz"), numbers_of(line.raw("errors"))) for line in certificate.nodes("held_out")),
         worst=certificate.maybe_number("worst"),
         vectors=certificate.maybe_number("vectors"),
+        unseen=_unseen(certificate),
         steps=tuple(_step(count, step) for count, step in enumerate(node.nodes("trace"), start=1)),
         seconds=numbers_of(node.raw("seconds")),
         machine=mapping_of(node.raw("machine")),
@@ -88,6 +90,12 @@ def read_reduction(output: Path) -> Reduction | None:
         cache=mapping_of(node.raw("cache")),
         versions=mapping_of(node.raw("versions")),
     )
+
+
+def _unseen(certificate: Node) -> tuple[float, float, float] | None:
+    """Bound of the error at other lines, the share of them that it is for, and its confidence."""
+    bound, share, sure = (certificate.maybe_number(name) for name in ("unseen", "unseen_share", "unseen_confidence"))
+    return None if bound is None or share is None or sure is None else (bound, share, sure)
 
 
 def _step(count: int, node: Node) -> Step:

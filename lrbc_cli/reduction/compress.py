@@ -1,0 +1,142 @@
+"""The part of a rich basis that its own solutions use: a smaller model of nearly the same accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.linalg as la
+from numpy.typing import NDArray
+
+from lrbc_cli.reduction.estimate import Sweep
+from lrbc_cli.reduction.ports import in_chunks, port_frf
+from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.sweep import Solver
+from lrbc_cli.reduction.unseen import distance
+
+if TYPE_CHECKING:
+    from lrbc_cli.reduction.build import Reducer
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Lines at which a smaller basis is compared with the rich one: so many spread over the band, and as many with the worst estimates.
+CHECKS = 11
+
+#: What is left out is changed by this factor at a time.
+STRIDE = 3.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Principal directions of the solutions in one field.
+
+    Attributes
+    ----------
+    vectors : (r, r) float array
+        Columns, the most used one first.
+    tail : (r + 1,) float array
+        Share of all solutions (root of the sum of squares) that the first k columns leave out.
+    """
+
+    vectors: Floats
+    tail: Floats
+
+    @classmethod
+    def of(cls, spread: Floats) -> Modes:
+        """From the sum of x xᵀ of the normalised solutions."""
+        values, vectors = la.eigh(spread)
+        values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+        left = np.concatenate([np.cumsum(values[::-1])[::-1], [0.0]])
+        return cls(vectors, np.sqrt(left / left[0]) if left[0] > 0 else left)
+
+    def count(self, share: float) -> int:
+        """Columns that leave out at most this share."""
+        return int(np.argmax(self.tail <= share))
+
+
+class Compressor:
+    """Searches the smallest basis within a rich one; compares with the rich model, without a solve of the full one.
+
+    Parameters
+    ----------
+    reducer : Reducer
+    sweep : Sweep
+        Of its present basis.
+    limit : float
+        Relative difference of y that is allowed.
+    """
+
+    def __init__(self, reducer: Reducer, sweep: Sweep, limit: float) -> None:
+        self._reducer, self._limit = reducer, limit
+        self.modes = [Modes.of(spread) for spread in sweep.spread]
+        count = sweep.ports.lines
+        worst = np.argsort(sweep.estimate, kind="stable")[-CHECKS:]
+        at = np.union1d(np.linspace(0, count - 1, min(CHECKS, count)).round().astype(int), worst)
+        self._ports = sweep.ports.select(at, np.arange(reducer.input_of.size))
+        self._vectors = [D[at] for D in reducer.estimator.vectors]
+
+    def turns(self, counts: Sequence[int]) -> list[Floats]:
+        """The first columns of each field."""
+        return [modes.vectors[:, :count] for modes, count in zip(self.modes, counts, strict=True)]
+
+    def error(self, counts: Sequence[int]) -> float:
+        """Relative difference of y to the rich model with so many columns a field."""
+        reducer, P = self._reducer, self._reducer.projection
+        T = la.block_diag(*self.turns(counts))
+        K, C, M = (T.T @ A @ T for A in reducer.operators())
+        structure = counts[0] if reducer.structure else 0
+        none = np.zeros((T.shape[1], 0))
+        solver = Solver((K, C, M), structure, T.T @ P.inputs, none, symmetric=reducer.Z.symmetric)
+        outputs, s = P.outputs @ T @ solver.turn, self._ports.s
+        H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)
+
+        def work(part: slice) -> None:
+            H[part] = outputs @ solver.solve(s[part])[0]
+
+        in_chunks(s.size, work, chunk=solver.chunk(s.size))
+        ports = port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
+        return float(distance(self._ports, ports, self._vectors, reducer.quantity_groups()).max(initial=0.0))
+
+    def search(self, start: float) -> list[int]:
+        """Columns of each field: the largest share left out, in strides, that keeps the difference within the limit.
+
+        Parameters
+        ----------
+        start : float
+            First share to try.
+        """
+
+        def counts_at(shares: Sequence[float]) -> list[int]:
+            return [max(modes.count(share), 1) for modes, share in zip(self.modes, shares, strict=True)]
+
+        rich = [modes.vectors.shape[1] for modes in self.modes]
+        shares = [start] * len(self.modes)
+        if self.error(counts_at(shares)) <= self._limit:
+            while shares[0] < 0.1 and self.error(counts_at([STRIDE * share for share in shares])) <= self._limit:
+                shares = [STRIDE * share for share in shares]
+        else:
+            while shares[0] > np.finfo(float).eps:
+                shares = [share / STRIDE for share in shares]
+                if self.error(counts_at(shares)) <= self._limit:
+                    break
+            else:
+                return rich
+        # One field may be content with less than the other.
+        if len(shares) > 1:
+            for field in range(len(shares)):
+                coarser = [share * (STRIDE if f == field else 1.0) for f, share in enumerate(shares)]
+                if self.error(counts_at(coarser)) <= self._limit:
+                    shares = coarser
+        return counts_at(shares)
+
+    def within(self, limit: int) -> list[int]:
+        """Columns of each field that leave out equal shares, together at most ``limit``."""
+        shares = np.unique(np.concatenate([modes.tail for modes in self.modes]))
+        for share in shares:
+            counts = [modes.count(share) for modes in self.modes]
+            if sum(counts) <= limit:
+                break
+        return counts

@@ -1,0 +1,159 @@
+"""Lines of the full model: factorised, solved for all ports, side by side where cores and memory allow."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
+from lrbc_cli.reduction.ports import PortFrf, port_frf
+from lrbc_cli.reduction.reduced import reference_dynamic
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Factors above this size are made one at a time.
+SIDE_BY_SIDE_BYTES = 400e6
+
+#: A second moment pays where a factorisation takes more time than this many blocks of solves.
+MOMENT_PAYS = 4.0
+
+#: Faster factorisations [s] are not worth the choice, and their times are noise.
+MOMENT_SECONDS = 0.2
+
+
+@dataclass(frozen=True)
+class FullLine:
+    """One line of the full model; its factorisation is valid until the next lines are solved.
+
+    Attributes
+    ----------
+    frequency_hz : float
+    factorisation : Factorisation
+    X : (n, m) complex array
+        Solutions for all inputs.
+    exact : PortFrf
+        At this line.
+    snapshots : (n, k) complex array or None
+        What enriches a basis, where it was asked for at once.
+    order : int
+        Moments in the snapshots.
+    """
+
+    frequency_hz: float
+    factorisation: Factorisation
+    X: Complexes
+    exact: PortFrf
+    snapshots: Complexes | None = None
+    order: int = 0
+
+
+class FullLines:
+    """Solves lines of the full model.
+
+    Parameters
+    ----------
+    Z : DynamicStiffness
+        With the terms at their reference values.
+    model : FeModel
+    input_of : (n_out,) int array
+    reference : (nt, 3) float array
+    """
+
+    def __init__(self, Z: DynamicStiffness, model: FeModel, input_of: NDArray[np.int64], reference: Floats) -> None:
+        self._stations = [Z]
+        self._model, self._input_of, self._reference = model, input_of, reference
+        self.inputs: sp.csc_array = model.inputs
+        self.outputs = model.outputs
+        # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
+        covered = Z.symmetric and model.terms.symmetric
+        self.dual: sp.csc_array = (model.L.T if covered else self.outputs.T).tocsc()
+        self._one_solve: float | None = None
+
+    @property
+    def width(self) -> int:
+        """How many lines are solved at a time: one until a first factorisation has shown its size, and where it has threads of its own."""
+        Z = self._stations[0]
+        alone = Z.backend != "superlu" or not Z.factor_seconds or _cores() < 2 or 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES
+        return 1 if alone else 2
+
+    @property
+    def factor_seconds(self) -> float:
+        """Shortest factorisation: the first one analyses, and those side by side share the machine."""
+        return min(seconds for Z in self._stations for seconds in Z.factor_seconds)
+
+    @property
+    def line_seconds(self) -> float:
+        """What one line of the full model costs: a factorisation on the analysed pattern, one solve, one refinement step."""
+        return self.factor_seconds + (self._one_solve or 0.0)
+
+    def solve(self, frequencies_hz: Sequence[float], *, expand: bool = False) -> list[FullLine]:
+        """Factorise at some lines, at most ``width``, and solve for all inputs.
+
+        Parameters
+        ----------
+        frequencies_hz : sequence of float
+        expand : bool
+            Take the snapshots at once.
+
+        Raises
+        ------
+        NumericalError
+            Where a factorisation fails.
+        """
+        while len(self._stations) < len(frequencies_hz):
+            self._stations.append(self._stations[0].twin())
+        if len(frequencies_hz) == 1:
+            return [self._line(self._stations[0], frequencies_hz[0], expand)]
+        with ThreadPoolExecutor(len(frequencies_hz)) as pool:
+            tasks = [pool.submit(self._line, Z, frequency, expand) for Z, frequency in zip(self._stations, frequencies_hz, strict=False)]
+            return [task.result() for task in tasks]
+
+    def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
+        s = 2j * np.pi * frequency_hz
+        factorisation = Z.factor(s)
+        X = factorisation.solve(self.inputs.toarray())
+        if self._one_solve is None:
+            start = time.perf_counter()
+            factorisation.solve(self.inputs[:, [0]].toarray()[:, 0], refine=1)
+            self._one_solve = time.perf_counter() - start
+        lines = np.array([s])
+        D_ref = reference_dynamic(self._reference, lines)
+        exact = port_frf(np.asarray(self.outputs @ X)[None], lines, D_ref, self._model.output_power, self._input_of)
+        line = FullLine(frequency_hz, factorisation, X, exact)
+        return self.expanded(line) if expand else line
+
+    def expanded(self, line: FullLine) -> FullLine:
+        """The same with its snapshots: the moments of the inputs and of the duals."""
+        if line.snapshots is not None:
+            return line
+        s, factorisation = 2j * np.pi * line.frequency_hz, line.factorisation
+        blocks = [line.X, factorisation.solve_transposed(self.dual.toarray())]
+        order = self.order()
+        if order > 1:
+            # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.
+            Z = factorisation.owner
+            slope = (2 * s * Z.M + Z.C).tocsr()
+            blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
+        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, np.hstack(blocks), order)
+
+    def order(self) -> int:
+        """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves, by measured times."""
+        columns, seconds = max(self._stations[0].solve_seconds)
+        block = seconds / columns * (self.inputs.shape[1] + self.dual.shape[1])
+        return 2 if self.factor_seconds > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

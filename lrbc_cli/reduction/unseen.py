@@ -1,0 +1,77 @@
+"""What the error is likely to be at lines that were never solved in full."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from lrbc_cli.reduction.ports import PortFrf
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Share of the lines that the bound is for, and how sure it is of that.
+SHARE, CONFIDENCE = 0.95, 0.95
+
+
+def distance(ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[NDArray[np.int64]]) -> Floats:
+    """(F,) relative difference of y between two sets of port FRFs, worst over vectors and physical quantities.
+
+    Parameters
+    ----------
+    ports, other : PortFrf
+        The first one counts as exact.
+    vectors : sequence of (F, nt) complex arrays
+    groups : sequence of int arrays
+        Responses that share a quantity.
+    """
+    worst = np.zeros(ports.lines)
+    for D in vectors:
+        y, exact = other.evaluate(D), ports.evaluate(D)
+        for group in groups:
+            norm = np.maximum(np.linalg.norm(exact[:, group], axis=1), np.finfo(float).tiny)
+            worst = np.maximum(worst, np.linalg.norm((y - exact)[:, group], axis=1) / norm)
+    return worst
+
+
+def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFIDENCE) -> float:
+    """Standard deviations above the mean of ``count`` normal samples below which a share of all lies, one-sided, with confidence.
+
+    The noncentral t distribution of Owen (1968), as tabled in ISO 16269-6.
+    """
+    root = np.sqrt(count)
+    return float(stats.nct.ppf(confidence, count - 1, stats.norm.ppf(share) * root) / root)
+
+
+def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Floats) -> float:
+    """Bound of the relative error of y over a band of which a few lines were solved in full.
+
+    The final model differs from the rich one that it was compressed from by ``lost``, which is computed at every line. What the rich
+    one misses is estimated at every line and measured at some; the logarithms of measured over estimated are taken as normal, and
+    their tolerance limit raises the estimate.
+
+    Parameters
+    ----------
+    measured, expected : (m,) float arrays
+        Measured errors of the rich model, and its estimates at the same lines.
+    estimate : (F,) float array
+        Its estimates over the band.
+    lost : (F,) float array
+        Relative difference of the final model to it.
+
+    Returns
+    -------
+    float
+        NaN for fewer than two measured lines.
+    """
+    tiny = np.finfo(float).tiny
+    use = (measured > 0) & (expected > 0)
+    if use.sum() < 2:
+        return float("nan")
+    ratio = np.log(np.maximum(measured[use], tiny) / np.maximum(expected[use], tiny))
+    factor = np.exp(ratio.mean() + tolerance_factor(int(use.sum())) * ratio.std(ddof=1))
+    return float(np.max(lost + factor * estimate))
