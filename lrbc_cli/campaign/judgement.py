@@ -57,15 +57,12 @@ class Validity:
     passed : bool
     misfit_db : float or None
         Mean misfit of the responses that were not used, or of those used where all are.
-    held_out : bool
-        Which of the two.
     limit_db : float
     reason : str
     """
 
     passed: bool
     misfit_db: float | None
-    held_out: bool
     limit_db: float
     reason: str
 
@@ -80,8 +77,8 @@ def validity(inputs: Inputs, result: Identification) -> Validity:
             misfit = float(values.mean())
             passed = misfit <= limit
             text = f"mean misfit of the {what} {misfit:.2f} dB, {'within' if passed else 'above'} the limit of {limit:g} dB"
-            return Validity(passed, misfit, bool(np.array_equal(at, inputs.held_out)), limit, text)
-    return Validity(False, None, False, limit, "no response can be compared")
+            return Validity(passed, misfit, limit, text)
+    return Validity(False, None, limit, "no response can be compared")
 
 
 def scatter_of(baselines: Iterable[Mapping[str, Any]]) -> float:

@@ -342,7 +342,5 @@ def test_the_frame_with_all_of_it(tmp_path: Path) -> None:
         assert set(nuisances["hammer_offset_mm"]) == {"hammer x", "hammer y"}
         removed = {b["name"] for b in results[name]["bolts"] if b["removed"]}
         loose = {b["name"] for b in results[name]["bolts"] if b["verdict"] == "loose"}
-        assert {"B3", "B4"} <= loose
-        # The strip of the model is not that of the measurement: a tight bolt beside a gap may look loose, one away from it may not.
-        assert loose <= removed | {"B2", "B5"}
+        assert {"B3", "B4"} <= loose <= removed
     assert folder.run("report").code == 0

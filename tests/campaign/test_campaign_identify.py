@@ -101,7 +101,7 @@ def test_bfgs(frame: Folder, box: Folder) -> None:
 def test_the_limit_of_iterations_holds_where_the_weight_follows_the_noise(frame: Folder) -> None:
     for method in ("gauss-newton", "bfgs"):
         # What a single iteration leaves may not explain the measurement.
-        keys = (AUTO, f"update.method={method}", "update.largest_misfit=100")
+        keys = (AUTO, f"update.method={method}", "update.tolerance=1e-9", "update.largest_misfit=100")
         tree = identify(frame, *keys, "update.max_iterations=1", job="loose-all", status="stopped")
         assert tree["reason"] == "limit of 1 iterations"
 
