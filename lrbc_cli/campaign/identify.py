@@ -89,6 +89,7 @@ class _Job:
         self.parameters, self.limits = parameterise(inputs, source, self.s)
         self.start = self.parameters.initial
         self.notes: list[str] = []
+        self.warnings: list[str] = []
         before = self._before(reference)
         self.tight_offsets = stored_offsets(reference)
         self.against_reference = before is not None
@@ -116,7 +117,7 @@ class _Job:
                 hint=f"see why {settings.reference} failed, or set update.prior: initial",
             )
         if found is None:
-            self.notes.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
+            self.warnings.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
         return found
 
     def _shapes(self) -> Shapes:
@@ -163,12 +164,12 @@ class _Job:
             tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
         except DataError as error:
             # Its earlier result still serves.
-            self.notes.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
+            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
             return None
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.notes.append(f"the lines of {reference} are others: compared without what its measurement tells")
+            self.warnings.append(f"the lines of {reference} are others: compared without what its measurement tells")
             return None
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
@@ -435,4 +436,5 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         fit.plain.eta,
         fit.curve,
         changes,
+        tuple(job.warnings),
     )

@@ -196,6 +196,9 @@ def _verdicts(content: Content) -> _Section:
     unexplained = [job.job for job in done if not job.explained]
     if unexplained:
         parts.append(tag("p", f"{tables.names_of(unexplained)}: {UNEXPLAINED}.", class_="warning"))
+    warned = [tag("li", f"{job.job}: {text}") for job in done for text in job.warnings]
+    if warned:
+        parts.append(tag("ul", *warned, class_="warning"))
     if content.strip is not None:
         hits = tables.hits(done)
         # The picture keeps the size of its letters: it is as wide as its bolts need.
@@ -216,6 +219,8 @@ def _verdicts(content: Content) -> _Section:
         bolts = [bolt for job in done for bolt in job.bolts]
         signs = ["✕ judged loose", "? undecided", "· judged tight"]
         signs += ["framed: known to be removed"] if any(bolt.removed for bolt in bolts) else []
+        if any(bolt.probability_changed is not None for bolt in bolts):
+            signs.append("per cent: probability that it changed at all, of the loose kind of the mixture")
         signs += ["† see its note"] if any(bolt.note for bolt in bolts) else []
         key = [tag("li", text) for text in signs]
         parts.append(details("The figures of each bolt", tag("ul", *key, class_="key"), grid))
