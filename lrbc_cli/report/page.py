@@ -29,7 +29,7 @@ from lrbc_cli.report.reduction import Reduction
 from lrbc_cli.report.remarks import UNEXPLAINED, remarks_parts
 from lrbc_cli.report.results import STATUSES, Campaign, JobResult
 from lrbc_cli.report.style import css
-from lrbc_cli.report.svg import legend, svg
+from lrbc_cli.report.svg import legend, own_size, svg
 
 #: Profiles beyond this number are folded away.
 _PROFILES = 24
@@ -202,7 +202,7 @@ def _verdicts(content: Content) -> _Section:
     if content.strip is not None:
         hits = tables.hits(done)
         # The picture keeps the size of its letters: it is as wide as its bolts need.
-        drawn = tag("div", svg(content.strip), class_="plot strip", style=f"max-width:{1.35 * content.strip.width:.0f}px")
+        drawn = tag("div", svg(content.strip), class_="plot strip", style=own_size(content.strip))
         likely = any(bolt.probability_loose is not None for job in done for bolt in job.bolts)
         text = "Each row is a job, each cell a bolt: ✕ judged loose, ? undecided, a dot judged tight"
         text += "; below, the probability of being loose in per cent." if likely else "."
