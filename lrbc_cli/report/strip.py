@@ -124,7 +124,7 @@ def _hatching(boxes: FloatArray, cell: float) -> Curve:
     y: list[float] = []
     for left, right, low, high in boxes:
         width, height = (right - left) * cell, (low - high) * _HIGH
-        near = np.arange(4.0, 0.3 * (width + height), 4.0)
+        near = np.arange(4.0, 0.25 * (width + height), 4.0)
         for start in (*near, *(width + height - near)):
             a, b = max(0.0, start - height), min(width, start)
             x += [left + a / cell, left + b / cell, np.nan]
