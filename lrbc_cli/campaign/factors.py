@@ -6,13 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import norm
 
 from lrbc_cli.campaign.reader import ModelReader
 from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.factors import Recipe, make_recipe
 from lrbc_cli.model.fem import FeModel
+
+#: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
+LARGEST_SHARE = 2.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,13 @@ class CalibrationUse:
 
 
 def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> dict[str, dict[str, sp.csc_array]]:
-    """Matrices of the further groups of the calibration."""
+    """Matrices of the further groups of the calibration.
+
+    Raises
+    ------
+    DataError
+        Where one cannot be a share of the model's matrix.
+    """
     calibration = reader.campaign.calibration
     found: dict[str, dict[str, sp.csc_array]] = {}
     for name, group in ({} if calibration is None else calibration.groups).items():
@@ -65,8 +76,36 @@ def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> di
                     expected=f"a part of the model's {operator} matrix, in the same order of DOFs",
                     hint="export the group from the same model; the model's matrix has to contain it once",
                 )
+            _weigh_share(reader, ref, name, operator, matrix, whole)
             found[name][operator] = matrix
     return found
+
+
+def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, matrix: sp.csc_array, whole: sp.csc_array) -> None:
+    """Refuse a matrix that is far more than what the model has there; warn where the rest of the model is left without a positive diagonal.
+
+    A share of a sum of positive matrices has no diagonal entry above that of the sum. Prestress is not positive: a group may then lie a
+    little above the model, or against it, but not by factors.
+    """
+    there = abs(matrix).sign().multiply(abs(whole))
+    share = float(norm(matrix) / norm(there))
+    if share > LARGEST_SHARE:
+        raise DataError(
+            f"the {operator} of group {name} is no share of the model's: it is {share:.3g} times what the model has in these entries",
+            file=ref.path,
+            place=ref.group,
+            expected=f"a part of the model's {operator} matrix, in the same units",
+            found=f"a norm of {norm(matrix):.3g}, the model's there {norm(there):.3g}",
+            hint="export the group from the same model and in its units; the model's matrix has to contain it once",
+        )
+    own, all_ = np.real(matrix.diagonal()), np.real(whole.diagonal())
+    shown = np.abs(own) > 1e-6 * np.abs(own).max(initial=0.0)
+    wrong = shown & ((own * all_ < 0) | (np.abs(own) > np.abs(all_) * (1 + 1e-6)))
+    if wrong.any():
+        reader.warnings.append(
+            f"calibration.groups.{name}: its {operator} exceeds the model's, or has the opposite sign, at {int(wrong.sum())} of "
+            f"{int(shown.sum())} entries of the diagonal: the rest of the model is negative there, as only prestress makes it"
+        )
 
 
 def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:

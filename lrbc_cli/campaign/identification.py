@@ -58,6 +58,8 @@ class Identification:
         Where the weight was chosen by it.
     changes : ChangeSamples or None
         Changes at the bolts where their prior is a mixture.
+    warnings : tuple of str
+        Those of the notes that a user has to act on.
     """
 
     name: str
@@ -82,3 +84,4 @@ class Identification:
     regularisation: float = 0.0
     l_curve: LCurve | None = None
     changes: ChangeSamples | None = None
+    warnings: tuple[str, ...] = ()

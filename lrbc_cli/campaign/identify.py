@@ -20,12 +20,12 @@ from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.weights import line_weights, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
-from lrbc_cli.errors import ConfigError, DataError, NumericalError
+from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import DRAWS, Level, gauss_newton_by_levels, prior_draws
+from lrbc_cli.updating.levels import DRAWS, Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
@@ -89,6 +89,7 @@ class _Job:
         self.parameters, self.limits = parameterise(inputs, source, self.s)
         self.start = self.parameters.initial
         self.notes: list[str] = []
+        self.warnings: list[str] = []
         before = self._before(reference)
         self.tight_offsets = stored_offsets(reference)
         self.against_reference = before is not None
@@ -116,7 +117,7 @@ class _Job:
                 hint=f"see why {settings.reference} failed, or set update.prior: initial",
             )
         if found is None:
-            self.notes.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
+            self.warnings.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
         return found
 
     def _shapes(self) -> Shapes:
@@ -163,12 +164,12 @@ class _Job:
             tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
         except DataError as error:
             # Its earlier result still serves.
-            self.notes.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
+            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
             return None
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.notes.append(f"the lines of {reference} are others: compared without what its measurement tells")
+            self.warnings.append(f"the lines of {reference} are others: compared without what its measurement tells")
             return None
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
@@ -188,31 +189,26 @@ class _Job:
         further: dict[str, Floats] = {}
         begin = self.prior if span is not None else self.start
         if settings.regularisation == "l-curve":
-            curve = l_curve(misfit, begin, bounds, span=span)
+            drawn = {} if span is None else prior_draws(misfit, self.shapes, bounds)
+            draws += DRAWS if drawn else 0
+            curve = l_curve(misfit, begin, bounds, span=span, further=drawn)
             misfit = misfit.with_eta(curve.chosen)
             further = {"end of the L-curve": curve.nearest}
         if settings.method == "bfgs":
-            solution = self._bfgs(misfit, begin, bounds)
+            solution = self._descend(misfit, begin)
         else:
             tolerance = settings.tolerance or 1e-4
             if span is not None:
                 further |= prior_draws(misfit, self.shapes, bounds)
-                draws = DRAWS
+                draws += DRAWS
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=tolerance, max_iterations=settings.max_iterations, further=further, span=span
             )
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if automatic:
-            misfit, solution, noise = follow_noise(
-                misfit,
-                solution,
-                bounds,
-                self.shapes,
-                self.selected,
-                settings.prior_shape == "sparse" and self.shapes.by_bolt,
-                settings.tolerance or 1e-4,
-            )
+            sparse = settings.prior_shape == "sparse" and self.shapes.by_bolt
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, sparse)
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
@@ -222,8 +218,12 @@ class _Job:
     def _misfit(self, measured: Complexes, eta: float) -> Misfit:
         return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), self.weights)
 
-    def _bfgs(self, misfit: Misfit, start: Floats, bounds: Floats) -> Solution:
-        settings = self.settings
+    def _descend(self, misfit: Misfit, start: Floats) -> Solution:
+        """One descent by the method of the settings; the Jacobian of its evaluation is to z."""
+        settings, bounds = self.settings, self.parameters.bounds
+        if settings.method == "gauss-newton":
+            tolerance = settings.tolerance or 1e-4
+            return descend(misfit, start, bounds, self.shapes.T, tolerance=tolerance, max_iterations=settings.max_iterations)
         level = Level(misfit, self.prior, self.shapes.T)
         z = np.asarray(np.linalg.lstsq(self.shapes.T, start - self.prior, rcond=None)[0])
         found = bfgs(level, z, level.bounds(bounds), tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
@@ -250,14 +250,8 @@ class _Job:
         extras = self._extras()
         if not extras:
             return fit
-        if self.source.stage is None:
-            raise ConfigError(
-                "nuisances need the reduced model",
-                file=self.inputs.campaign.path,
-                place="update.nuisances",
-                expected="update.evaluation: auto, port or reduced",
-                found="update.evaluation: full",
-            )
+        # The campaign file is refused where it asks for drift of the full model.
+        assert self.source.stage is not None
         affine = affine_model(self.inputs, self.source.stage)
         model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
         noise = fit.knowledge.noise
@@ -268,16 +262,17 @@ class _Job:
         level = Level(misfit, misfit.prior, T)
         box = level.bounds(model.bounds)
 
-        def descend(z: Floats, iterations: int, tolerance: float) -> Solution:
-            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=iterations)
+        def onwards(z: Floats, iterations: int) -> Solution:
+            limit = min(iterations, self.settings.max_iterations)
+            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=DRIFT_TOLERANCE, max_iterations=limit)
 
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
         first = np.concatenate([fit.knowledge.z, np.zeros(len(extras))])
-        begun = [descend(z, 2, DRIFT_TOLERANCE) for z in (first, np.zeros(first.size))]
+        begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
         evaluations = fit.evaluations + sum(found.evaluations for found in begun)
         found = min(begun, key=lambda end: end.evaluation.total)
         for _ in range(DRIFT_ROUNDS):
-            found = descend(found.theta, DRIFT_ITERATIONS, DRIFT_TOLERANCE)
+            found = onwards(found.theta, DRIFT_ITERATIONS)
             evaluations += found.evaluations
             now = noise_of(misfit, found.evaluation, self.selected)
             settled = abs(now.variance / noise.variance - 1.0) < DRIFT_NOISE
@@ -441,4 +436,5 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         fit.plain.eta,
         fit.curve,
         changes,
+        tuple(job.warnings),
     )

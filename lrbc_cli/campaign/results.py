@@ -19,6 +19,7 @@ from lrbc_cli.campaign.judgement import (
     UNEXPLAINED,
     bands,
     bolt_trees,
+    doubtful,
     effective,
     remarks,
     rises,
@@ -127,6 +128,7 @@ def result_tree(
     removed = campaign.jobs[result.name].removed
     valid = validity(inputs, result)
     found = verdicts(inputs, result, reference, scatter, valid)
+    warnings = [*result.warnings, *doubtful(inputs, found)]
     knowledge = result.posterior
     provenance: dict[str, Any] = {
         "identity": identity,
@@ -191,7 +193,8 @@ def result_tree(
         },
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
-        "notes": [*result.measurement.warnings, *result.notes, *remarks(result), *rises(inputs, found)],
+        "warnings": warnings,
+        "notes": [*warnings, *result.measurement.warnings, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
 

@@ -173,10 +173,14 @@ class UpdateConfig(Strict):
     )
     penalty: PenaltyConfig = Field(default=PenaltyConfig(), description="What is penalised: departures, their slope and curvature.")
     method: Literal["gauss-newton", "bfgs"] = Field(
-        default="gauss-newton", description="Optimiser: gauss-newton (bounded least squares) or bfgs (as in the paper)."
+        default="gauss-newton",
+        description="Optimiser: gauss-newton (bounded least squares, from coarse to fine profiles and from several starts) or bfgs (as in "
+        "the paper, from one start). The L-curve, what drifted (`nuisances`) and `lrbc calibrate` take gauss-newton in any case.",
     )
     max_iterations: int = Field(
-        default=100, ge=1, description="Limit of iterations; a job that reaches it is `stopped`, its result usable."
+        default=100,
+        ge=1,
+        description="Limit of iterations of each descent; a job whose last descent reaches it is `stopped`, its result usable.",
     )
     tolerance: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None,

@@ -29,7 +29,7 @@ from lrbc_cli.report.reduction import Reduction
 from lrbc_cli.report.remarks import UNEXPLAINED, remarks_parts
 from lrbc_cli.report.results import STATUSES, Campaign, JobResult
 from lrbc_cli.report.style import css
-from lrbc_cli.report.svg import legend, svg
+from lrbc_cli.report.svg import legend, own_size, svg
 
 #: Profiles beyond this number are folded away.
 _PROFILES = 24
@@ -196,10 +196,13 @@ def _verdicts(content: Content) -> _Section:
     unexplained = [job.job for job in done if not job.explained]
     if unexplained:
         parts.append(tag("p", f"{tables.names_of(unexplained)}: {UNEXPLAINED}.", class_="warning"))
+    warned = [tag("li", f"{job.job}: {text}") for job in done for text in job.warnings]
+    if warned:
+        parts.append(tag("ul", *warned, class_="warning"))
     if content.strip is not None:
         hits = tables.hits(done)
         # The picture keeps the size of its letters: it is as wide as its bolts need.
-        drawn = tag("div", svg(content.strip), class_="plot strip", style=f"max-width:{1.35 * content.strip.width:.0f}px")
+        drawn = tag("div", svg(content.strip), class_="plot strip", style=own_size(content.strip))
         likely = any(bolt.probability_loose is not None for job in done for bolt in job.bolts)
         text = "Each row is a job, each cell a bolt: ✕ judged loose, ? undecided, a dot judged tight"
         text += "; below, the probability of being loose in per cent." if likely else "."
@@ -216,6 +219,8 @@ def _verdicts(content: Content) -> _Section:
         bolts = [bolt for job in done for bolt in job.bolts]
         signs = ["✕ judged loose", "? undecided", "· judged tight"]
         signs += ["framed: known to be removed"] if any(bolt.removed for bolt in bolts) else []
+        if any(bolt.probability_changed is not None for bolt in bolts):
+            signs.append("per cent: probability that it changed at all, of the loose kind of the mixture")
         signs += ["† see its note"] if any(bolt.note for bolt in bolts) else []
         key = [tag("li", text) for text in signs]
         parts.append(details("The figures of each bolt", tag("ul", *key, class_="key"), grid))

@@ -14,12 +14,14 @@ from lrbc_cli.report.chart import Axis, Chart, Item, Level, Marks, Panel, Tiles,
 from lrbc_cli.report.html import Cell, Markup, figure, table, tag
 from lrbc_cli.report.layout import BOTTOM, RIGHT, SMALL, TOP
 from lrbc_cli.report.reading import Node, read_document
-from lrbc_cli.report.svg import legend, svg
+from lrbc_cli.report.svg import legend, own_size, svg
 
 VERDICTS = ("seen", "weak", "blind")
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
+#: Room to the right of the bolts for what the lines stand for [points].
+_LABEL = 26.0
 _GLYPH = 0.6
 #: Bars are cut at this many times the limit of what is seen.
 _CUT = 5.0
@@ -153,9 +155,9 @@ def plan_chart(plan: Plan) -> Chart:
     shown = plan.responses[:_BARS]
     left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
     count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
-    width = float(np.clip(left + RIGHT + 30.0 * count, 560.0, 900.0))
+    width = float(np.clip(left + RIGHT + _LABEL + 30.0 * count, 560.0, 900.0))
     ranked = 20.0 + _BAR * max(len(shown), 1)
-    panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
+    panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
     subtitle = (
         f"{_state(plan.state)} · {number(plan.sigma, 3)} dB a line · {plan.counts['seen']} seen, {plan.counts['weak']} weak, "
         f"{plan.counts['blind']} blind with {sum(entry.planned for entry in plan.responses)} planned responses"
@@ -196,6 +198,10 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
                 # Above a ring that would cover it.
                 above = min(bolt.best, high) if bolt.best < bolt.distance + 0.09 * high else top
                 level = top - 0.05 * high if inside else above + 0.05 * high
+                # Clear of the lines.
+                for limit in sorted(plan.limits, reverse=True):
+                    if abs(level - limit) < 0.035 * high:
+                        level = limit - 0.04 * high if inside else limit + 0.04 * high
                 role = f"on-{bolt.verdict}" if inside else "text"
                 words.append(Word(role, at + 0.5, level, f"{bolt.distance:.{1 if bolt.distance < 99.95 else 0}f}", 7.0))
             if index % every == 0:
@@ -212,14 +218,15 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
         for word, found in boxes.items()
     ]
     items += [Level("plan-limit", plan.limits[0]), Level("plan-limit", plan.limits[1])]
+    room = _LABEL / cell
     # What the lines stand for, beyond the last bolt where nothing covers it.
     words += [
-        Word("text", at - 0.5, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end")
+        Word("text", at - 0.5 + 0.96 * room, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end")
         for limit, chance in zip(plan.limits, plan.chances, strict=True)
     ]
     if rings:
         items.append(Marks("plan-all", np.array([x for x, _ in rings]), np.array([y for _, y in rings]), "with all responses"))
-    axis = Axis("", 0.0, at - 0.5, tuple(ticks))
+    axis = Axis("", 0.0, at - 0.5 + room, tuple(ticks))
     return Panel(axis, linear_axis("d' of a loosened bolt", 0.0, high, 5), (*items, *words), weight)
 
 
@@ -382,7 +389,7 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
     parts: list[Markup | None] = [
         tag("p", text),
         legend(chart),
-        figure(svg(chart), chart.title, chart.subtitle),
+        tag("div", figure(svg(chart), chart.title, chart.subtitle), style=own_size(chart)),
         table("What the planned responses can tell of each bolt", head, rows, text_columns=2),
         table("What each response is worth", titles, worth, text_columns=2),
     ]

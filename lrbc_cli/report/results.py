@@ -92,6 +92,7 @@ class BoltVerdict:
     probability_loose: float | None
     change_std: float | None = None
     threshold: float | None = None
+    probability_changed: float | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,7 @@ class JobResult:
     seconds: Mapping[str, float]
     provenance: Mapping[str, Any]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     validity: Validity | None = None
     nuisances: tuple[Nuisance, ...] = ()
     noise: Noise | None = None
@@ -265,6 +267,7 @@ def read_job(output: Path, job: str) -> JobResult:
         seconds=numbers_of(node.raw("seconds")),
         provenance=mapping_of(node.raw("provenance")),
         notes=node.texts("notes") if node.has("notes") else (),
+        warnings=node.texts("warnings") if node.has("warnings") else (),
         validity=read_validity(node),
         nuisances=read_nuisances(node),
         noise=read_noise(node),
@@ -313,6 +316,7 @@ def _bolt(node: Node) -> BoltVerdict:
         probability_loose=_share(node, "probability_loose"),
         change_std=node.maybe_number("change_std"),
         threshold=node.maybe_number("threshold"),
+        probability_changed=_share(node, "probability_changed"),
     )
 
 

@@ -45,7 +45,7 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     labels = [_shortened(job.job) for job in shown]
     left = 16.0 + _GLYPH * SMALL * max(len(label) for label in labels)
     cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
-    items = _key(shown)
+    items = _key(shown, "undecided: ?, hatched corners")
     filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
     marks: dict[str, list[tuple[float, float]]] = {}
     words: list[Item] = []
@@ -92,7 +92,7 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     return Chart("Loosening over the configurations", "", alt, (panel,), width, height, left=left)
 
 
-def _key(jobs: Sequence[JobResult]) -> list[Item]:
+def _key(jobs: Sequence[JobResult], unsure: str = "undecided") -> list[Item]:
     """Items that draw nothing but stand in the legend."""
     bolts = [bolt for job in jobs for bolt in job.bolts]
     nothing = np.empty(0)
@@ -100,7 +100,7 @@ def _key(jobs: Sequence[JobResult]) -> list[Item]:
     if any(bolt.probability_loose is not None for bolt in bolts):
         words = [(0, "loose with 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
     key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
-    states = ["undecided"] if any(bolt.verdict == "undecided" for job in jobs if job.explained for bolt in job.bolts) else []
+    states = [unsure] if any(bolt.verdict == "undecided" for job in jobs if job.explained for bolt in job.bolts) else []
     states += [] if all(job.explained for job in jobs) else ["no verdict"]
     if states:
         key.append(Marks("unsure-dot", nothing, nothing, " or ".join(states)))
@@ -119,12 +119,13 @@ def _shortened(name: str, limit: int = 30) -> str:
 
 
 def _hatching(boxes: FloatArray, cell: float) -> Curve:
-    """Diagonal lines over boxes (left, right, low, high), 5 points apart; NaN sets them apart."""
+    """Diagonal lines over two corners of boxes (left, right, low, high), 4 points apart, clear of the text; NaN sets them apart."""
     x: list[float] = []
     y: list[float] = []
     for left, right, low, high in boxes:
         width, height = (right - left) * cell, (low - high) * _HIGH
-        for start in np.arange(5.0, width + height, 5.0):
+        near = np.arange(4.0, 0.25 * (width + height), 4.0)
+        for start in (*near, *(width + height - near)):
             a, b = max(0.0, start - height), min(width, start)
             x += [left + a / cell, left + b / cell, np.nan]
             y += [high + (start - a) / _HIGH, high + (start - b) / _HIGH, np.nan]

@@ -22,6 +22,12 @@ def svg(chart: Chart) -> Markup:
     return _element(drawing, label=chart.alt)
 
 
+def own_size(chart: Chart) -> str:
+    """Style of an element that holds a drawing at the size of its letters, however wide the page is."""
+    width = f"{1.35 * chart.width:.0f}px"
+    return f"max-width:{width};--drawn:{width}"
+
+
 def legend(chart: Chart) -> Markup:
     """Return the chart's legend as an HTML list."""
     entries = []

@@ -148,6 +148,7 @@ def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
         tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
         value,
         None if bolt.change is None or bolt.change_std is None else tag("small", tag("br"), f"± {fmt.fixed(bolt.change_std, 1)}"),
+        None if bolt.probability_changed is None else tag("small", tag("br"), fmt.probability(bolt.probability_changed)),
         tag("sup", "†") if bolt.note else None,
         tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
     ]
@@ -161,6 +162,8 @@ def sentence(bolt: BoltVerdict) -> str:
     words = [f"{bolt.name}: {bolt.verdict}"]
     if bolt.probability_loose is not None:
         words.append(f"probability of being loose {fmt.probability(bolt.probability_loose)}")
+    if bolt.probability_changed is not None:
+        words.append(f"probability of having changed {fmt.probability(bolt.probability_changed)}")
     words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
     if bolt.change is not None:
         spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"

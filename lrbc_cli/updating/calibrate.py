@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.updating.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import noise_of
@@ -342,7 +343,20 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
     free = high > low
     covariance = np.zeros((theta.size, theta.size))
     covariance[np.ix_(free, free)] = noise.variance * np.linalg.inv(J[:, free].T @ J[:, free])
-    return FactorFit(problem, replace(solution, theta=theta), noise, covariance, tuple(stages), (*notes, *_remarks(problem, theta)))
+    notes += [*_apart(problem, J, noise), *_remarks(problem, theta)]
+    return FactorFit(problem, replace(solution, theta=theta), noise, covariance, tuple(stages), tuple(notes))
+
+
+def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
+    """Notes on factors that are not told apart; ``jacobian`` has the rows of the penalty last."""
+    size, count = problem.parameters.size, len(problem.names)
+    rows = problem.rows()
+    low, high = problem.bounds.T
+    other = [i for i in range(low.size) if high[i] > low[i] and not size <= i < size + count]
+    data = jacobian[: jacobian.shape[0] - rows.shape[0], [*range(size, size + count), *other]] / np.sqrt(noise.variance)
+    std = np.array([extra.std for extra in problem.extras[:count]])
+    precision = rows[:, other].T @ rows[:, other]
+    return apart_notes(indistinguishable(problem.names, data, std, precision))
 
 
 def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.levels import descend
 from lrbc_cli.updating.misfit import Evaluation, Misfit, Sensitive
 from lrbc_cli.updating.noise import Noise, estimate_noise
 from lrbc_cli.updating.optimise import Solution
@@ -131,7 +130,12 @@ def sparse_weights(z: Floats, std: Floats) -> Floats:
 
 
 def follow_noise(
-    misfit: Misfit, solution: Solution, bounds: Floats, shapes: Shapes, selected: NDArray[np.int64], sparse: bool, tolerance: float
+    misfit: Misfit,
+    solution: Solution,
+    again: Callable[[Misfit, Floats], Solution],
+    shapes: Shapes,
+    selected: NDArray[np.int64],
+    sparse: bool,
 ) -> tuple[Misfit, Solution, Noise]:
     """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
 
@@ -141,18 +145,17 @@ def follow_noise(
         Its rows are in standard deviations of the prior; with a sparse prior they are ``shapes.penalty()``.
     solution : Solution
         Where to begin.
-    bounds : (size, 2) float array
+    again : callable
+        The descent of a round, with its own limit and stop rule: from a misfit and a theta to a solution whose Jacobian is to z.
     shapes : Shapes
     selected : int array
     sparse : bool
         A prior with long tails: few large changes cost less than many small ones.
-    tolerance : float
-        Stop rule of each descent.
 
     Returns
     -------
     Misfit, Solution, Noise
-        With the last weight; evaluations and history of all rounds.
+        With the last weight and the status of the last round; evaluations and history of all rounds.
     """
     rows = misfit.rows
     noise = noise_of(misfit, solution.evaluation, selected)
@@ -164,7 +167,7 @@ def follow_noise(
             misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
         before = noise.variance
         misfit = misfit.with_eta(max(before, 1e-6))
-        found = descend(misfit, solution.theta, bounds, shapes.T, tolerance=tolerance)
+        found = again(misfit, solution.theta)
         first = len(history)
         history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
         iterations += found.iterations

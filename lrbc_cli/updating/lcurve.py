@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
-from lrbc_cli.updating.levels import descend
+from lrbc_cli.updating.levels import descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.optimise import Solution
 
@@ -19,8 +20,11 @@ Floats = NDArray[np.float64]
 #: Weights tried, over the natural one of ``natural_weight``.
 RELATIVE = np.logspace(-3.0, 3.0, 9)
 
-#: Iterations at each weight, from the solution of the one before, and their stop rule.
+#: Iterations of a descent at a weight, and their stop rule.
 ITERATIONS, TOLERANCE = 8, 1e-3
+
+#: Another weight's end serves as a start where it costs less by this share.
+CHEAPER = 1e-9
 
 #: Least curvature of a corner [1/decade]: that of a circle of a radius of a decade, which is no corner any more.
 SHARPNESS = 1.0
@@ -88,8 +92,19 @@ def natural_weight(misfit: Misfit, theta: Floats) -> float:
     return float(residuals / np.sum(rows**2))
 
 
-def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float | None = None, span: Floats | None = None) -> LCurve:
-    """Try weights from the largest to the smallest and back, each from the solution of the one before, and look for the corner.
+def l_curve(
+    misfit: Misfit,
+    start: Floats,
+    bounds: Floats,
+    fallback: float | None = None,
+    span: Floats | None = None,
+    further: Mapping[str, Floats] | None = None,
+) -> LCurve:
+    """Try weights from the largest to the smallest and back, each from several starts, and look for the corner.
+
+    A curve of minima falls: with the weight the misfit falls and the departures rise. Ends in different basins need not, so every weight
+    is tried from the start and from the end of the one before, the smallest by levels too (a strong penalty holds the others in the
+    basin of the prior), and at last from the end of any other weight that costs less at it.
 
     Parameters
     ----------
@@ -101,6 +116,8 @@ def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float | Non
         Weight where the curve has no corner; the natural one where None.
     span : (size, m) float array or None
         Unknowns, see ``descend``.
+    further : mapping of str to (size,) float array
+        Further starts at the smallest weight, see ``gauss_newton_by_levels``.
 
     Returns
     -------
@@ -110,17 +127,37 @@ def l_curve(misfit: Misfit, start: Floats, bounds: Floats, fallback: float | Non
     etas = natural * RELATIVE
     found: dict[int, Solution] = {}
     evaluations = 1
-    # Downwards as a strong penalty lets go, a valley can be missed that opens later; back upwards it is kept as long as it is one.
-    for order in (range(etas.size - 1, -1, -1), range(1, etas.size)):
-        theta = start if not found else found[0].theta
-        for i in order:
-            solution = descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=TOLERANCE, max_iterations=ITERATIONS)
-            evaluations += solution.evaluations
-            if i not in found or solution.evaluation.total < found[i].evaluation.total:
-                found[i] = solution
-            theta = found[i].theta
-    data = np.array([found[i].evaluation.data for i in range(etas.size)])
-    penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
+
+    def keep(i: int, solution: Solution) -> None:
+        nonlocal evaluations
+        evaluations += solution.evaluations
+        if i not in found or solution.evaluation.total < found[i].evaluation.total:
+            found[i] = solution
+
+    def attempt(i: int, theta: Floats) -> None:
+        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=TOLERANCE, max_iterations=ITERATIONS))
+
+    last = etas.size - 1
+    for i in range(last, -1, -1):
+        attempt(i, start)
+        if i < last:
+            attempt(i, found[i + 1].theta)
+    least = misfit.with_eta(float(etas[0]))
+    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=TOLERANCE, max_iterations=4 * ITERATIONS, further=further, span=span))
+    # Back upwards a valley is kept as long as it is one.
+    for i in range(1, etas.size):
+        attempt(i, found[i - 1].theta)
+    for _ in range(etas.size):
+        data = np.array([found[i].evaluation.data for i in range(etas.size)])
+        penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
+        totals = data + etas[:, None] * penalty
+        cheapest = totals.argmin(axis=1)
+        worse = np.flatnonzero(totals.min(axis=1) < (1 - CHEAPER) * np.diag(totals))
+        if not worse.size:
+            break
+        thetas = [found[int(j)].theta for j in cheapest]
+        for at in worse:
+            attempt(int(at), thetas[at])
     corner = find_corner(etas, data, penalty)
     chosen = corner.eta if corner is not None else (natural if fallback is None else fallback)
     return LCurve(etas, data, penalty, corner, chosen, evaluations, np.array([found[i].theta for i in range(etas.size)]))

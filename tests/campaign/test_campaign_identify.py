@@ -11,8 +11,10 @@ import scipy.sparse as sp
 from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf
 
+from lrbc_cli.campaign import identify as identification
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.updating import levels
 
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
 S = 2j * np.pi * FREQUENCY
@@ -94,6 +96,26 @@ def test_bfgs(frame: Folder, box: Folder) -> None:
     measure(box, 10.0**MILD)
     tree = identify(box, "update.method=bfgs", "update.tolerance=1e-9", status="stopped")
     np.testing.assert_allclose(values(tree), MILD, atol=1e-3)
+
+
+def test_the_limit_of_iterations_holds_where_the_weight_follows_the_noise(frame: Folder) -> None:
+    for method in ("gauss-newton", "bfgs"):
+        # What a single iteration leaves may not explain the measurement.
+        keys = (AUTO, f"update.method={method}", "update.tolerance=1e-9", "update.largest_misfit=100")
+        tree = identify(frame, *keys, "update.max_iterations=1", job="loose-all", status="stopped")
+        assert tree["reason"] == "limit of 1 iterations"
+
+
+def test_bfgs_is_the_descent_at_every_weight(frame: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("gauss-newton")
+
+    monkeypatch.setattr(levels, "gauss_newton", refuse)
+    monkeypatch.setattr(identification, "gauss_newton", refuse)
+    tree = identify(frame, AUTO, "update.method=bfgs", job="loose-2")
+    assert tree["optimiser"]["regularisation"] == pytest.approx(
+        tree["noise"]["sigma_db"] ** 2 * tree["noise"]["correlation_factor"], rel=0.1
+    )
 
 
 # -- lines --------------------------------------------------------------------------------------------------------------

@@ -172,6 +172,31 @@ def test_l_curve(frame: Folder) -> None:
     assert any("no corner" in note and f"{natural:.3g}" in note for note in tight["notes"])
 
 
+def test_the_l_curve_of_changes_at_bolts_is_one(frame: Folder) -> None:
+    """The misfit falls with the weight, to the minimum that several starts find without any: no end in a worse basin."""
+    keys = ["update.regularisation=l-curve", "update.unknowns=bolts"]
+    results = {}
+    for last in (["update.regularisation=l-curve"], ["update.regularisation=1e-3"]):
+        words = [word for key in [*keys, *last] for word in ("--override", key)]
+        outcome = frame.run("update", "--json", *words)
+        assert outcome.code == 0, outcome.stderr
+        results[last[0]] = outcome.json["results"]
+    curves, ends = results.values()
+    for job, tree in curves.items():
+        curve = tree["l_curve"]
+        eta, data, penalty = (np.array(curve[key]) for key in ("eta", "data", "penalty"))
+        assert np.all(np.diff(data) >= -1e-6 * data[:-1])
+        assert np.all(np.diff(penalty) <= 1e-6 * penalty[:-1])
+        # No end costs more at its weight than another one would.
+        totals = data + eta[:, None] * penalty
+        np.testing.assert_allclose(totals.min(axis=1), np.diag(totals), rtol=1e-6)
+        if tree["prior"]["comparison"] == ends[job]["prior"]["comparison"]:
+            # The cost of the other is at a smaller weight; this stop rule is coarser.
+            assert data[0] <= 1.02 * 10.0 ** ends[job]["cost"]["final"]
+    assert curves["loose-2"]["l_curve"]["data"][0] < 0.1 * curves["loose-2"]["l_curve"]["data"][-1]
+    assert curves["loose-all"]["l_curve"]["data"][0] < 0.1 * curves["loose-all"]["l_curve"]["data"][-1]
+
+
 def test_l_curve_with_bfgs(frame: Folder) -> None:
     tree = identify(frame, "update.regularisation=l-curve", "update.method=bfgs", job="loose-2")
     assert tree["optimiser"]["regularisation"] == tree["l_curve"]["chosen"]

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse as sp
 from campaigns import ROOT, Folder, box, frame, lrbc
 
 FACTORS = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
@@ -275,6 +276,41 @@ class TestCampaignFile:
         assert outcome.code == 0, outcome.stderr
         assert outcome.json["factors"]["part"]["value"] == pytest.approx(1 / 1.04, rel=2e-3)
         assert "calibration: used (tight, 1 factor)" in folder.run("reduce").stderr
+
+    def test_two_groups_alike(self, tmp_path: Path) -> None:
+        """In the file, on the console and in the report."""
+        folder = frame(tmp_path / "frame")
+        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx"))
+        scipy.io.mmwrite(folder.data / "model" / "part.mtx", sp.coo_array(0.3 * K), symmetry="general", precision=17)
+        groups = {name: {"stiffness": "data/model/part.mtx"} for name in ("one", "two")}
+        with_calibration(folder, {"job": "tight", "groups": groups, "boundary": "held"})
+        outcome = folder.run("calibrate")
+        assert outcome.code == 0, outcome.stderr
+        words = "one and two cannot be told apart by these FRFs: only their combination is determined"
+        assert f"note: {words}" in outcome.stdout
+        assert any(note.startswith(words) for note in stored(folder)["notes"])
+        assert folder.run("update", "--job", "tight").code == 0
+        assert folder.run("report").code == 0
+        assert words in (folder.out / "report.html").read_text()
+
+    @pytest.mark.parametrize(
+        ("scale", "code", "words"), [(0.9, 0, ""), (1.2, 0, "exceeds the model's"), (-0.3, 0, "opposite sign"), (1e3, 3, "1e+03 times")]
+    )
+    def test_a_share_of_another_size(self, tmp_path: Path, scale: float, code: int, words: str) -> None:
+        """A part of the plate; a little more than the model has, or less than nothing, as prestress is; in other units."""
+        folder = frame(tmp_path / "frame")
+        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx")).tolil()
+        K[60:, :] = 0.0
+        K[:, 60:] = 0.0
+        scipy.io.mmwrite(folder.data / "model" / "part.mtx", sp.coo_array(scale * K), symmetry="general", precision=17)
+        with_calibration(folder, {"job": "tight", "groups": {"part": {"stiffness": "data/model/part.mtx"}}})
+        outcome = folder.run("check")
+        assert outcome.code == code, outcome.stderr
+        if words:
+            assert words in outcome.stderr
+            assert "part" in outcome.stderr
+        else:
+            assert "exceeds" not in outcome.stderr
 
     def test_a_group_that_is_no_share(self, tmp_path: Path) -> None:
         folder = frame(tmp_path / "frame")

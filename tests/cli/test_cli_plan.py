@@ -221,12 +221,14 @@ def test_the_report_shows_it(box: Folder) -> None:
 def test_bolts_at_the_corners_of_the_soundbox_are_blind(tmp_path: Any) -> None:
     """Those beyond the ends of the edge and beside its clamped corners; the middle is seen. So it turned out in the seven jobs."""
     out = tmp_path / "out"
-    outcome = lrbc("plan", ROOT / "configs" / "soundbox.yaml", "--json", "--cache", tmp_path / "cache", "--override", f"output={out}")
+    # The fits below are of squares.
+    words = ("--override", f"output={out}", "--override", "update.loss=squares")
+    outcome = lrbc("plan", ROOT / "configs" / "soundbox.yaml", "--json", "--cache", tmp_path / "cache", *words)
     assert outcome.code == 0, outcome.stderr
     found = rows(outcome.json)
     assert all(found[name]["verdict"] == "blind" for name in ("B01", "B02", "B03", "B15", "B16", "B17"))
     assert all("beyond the ends" in found[name]["note"] for name in ("B01", "B02", "B16", "B17"))
     assert all(found[f"B{k:02d}"]["verdict"] == "seen" for k in range(6, 13))
     # What fits of every other bolt, not linearised, leave of these changes: 4.4, 4.3 and 4.1 standard deviations.
-    np.testing.assert_allclose([found[name]["d_prime"] for name in ("B06", "B08", "B12")], [4.4, 4.27, 4.14], rtol=0.2)
+    np.testing.assert_allclose([found[name]["d_prime"] for name in ("B06", "B08", "B12")], [4.4, 4.27, 4.14], rtol=0.15)
     assert outcome.json["seconds"]["plan"] > 0

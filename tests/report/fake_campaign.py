@@ -163,6 +163,8 @@ def write_job(
             probability = None if end else float(1 / (1 + np.exp((change + 0.75) / 0.09)))
             verdict = "undecided" if end or 0.05 < probability < 0.95 else "loose" if probability >= 0.95 else "tight"
             found[-1] |= {"probability_loose": probability, "verdict": verdict, "change_std": 0.15, "threshold": -0.75}
+            # Bolts beyond the ends are not sampled.
+            found[-1]["probability_changed"] = None if end else float(1 / (1 + np.exp((change + 0.4) / 0.09)))
     evaluations = 14 + removed
     start, end = 5.1 + 0.05 * removed, 3.7 + 0.01 * removed
     history = [

@@ -9,7 +9,7 @@ from test_report_page import parsed
 from test_report_reading import spoil
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import figures, strip, style, summary_text, write_report
+from lrbc_cli.report import figures, strip, style, summary_text, tables, write_report
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.calibration import calibration_charts, read_calibration
 from lrbc_cli.report.chart import Area, Curve, Marks, Span, Tiles, Word
@@ -35,6 +35,25 @@ def rich(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def jobs_of(folder: Path):
     campaign = read_campaign(folder)
     return campaign, [read_job(folder, name) for name in campaign.jobs]
+
+
+def test_the_mixtures_probability_of_a_change(rich: Path, tmp_path: Path) -> None:
+    """In the table of bolts and in the words of each, where there is one."""
+    text = (rich / "report.html").read_text(encoding="utf-8")
+    _, jobs = jobs_of(rich)
+    bolts = [bolt for job in jobs if job.explained for bolt in job.bolts]
+    known = [bolt for bolt in bolts if bolt.probability_changed is not None]
+    assert 0 < len(known) < len(bolts)
+    assert "probability of having changed" in text
+    for bolt in known:
+        assert f"probability of having changed {fmt.probability(bolt.probability_changed)}" in tables.sentence(bolt)
+    assert "of the loose kind of the mixture" in text
+    write_campaign(tmp_path, (0, 4), lines=60)
+    write_report(tmp_path, workers=1)
+    assert "having changed" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+    spoil(tmp_path / "bolts-04" / "result.json", "bolts", 3, "probability_changed", value=1.5)
+    with pytest.raises(DataError, match="number from 0 to 1"):
+        read_job(tmp_path, "bolts-04")
 
 
 # -- reading ------------------------------------------------------------------------------------------------------------

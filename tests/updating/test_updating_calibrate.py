@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from derivatives import check_derivative
-from factors import FREQUENCY, SPRINGS, affine, duct_model, measured, problem, springs
+from factors import COEFFICIENTS, FREQUENCY, SPRINGS, affine, duct_model, measured, problem, springs
 from systems import direct_frf
 
-from lrbc_cli.model.factors import with_factors
+from lrbc_cli.model.factors import make_recipe, with_factors
+from lrbc_cli.updating.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.calibrate import fit_factors, moves_resonances, smoothed
 from lrbc_cli.updating.residuals import ResidualOptions
 
@@ -141,8 +144,80 @@ class TestRecovery:
             assert second.factors[name] == pytest.approx(first.factors[name], rel=5e-3)
         assert p.misfit(1.0)(theta).total == pytest.approx(first.problem.misfit(1.0)(first.solution.theta).total, rel=1e-6)
 
+    def test_what_cannot_be_told_apart_is_said(self):
+        """The same share twice: their product is determined, the prior shares it; a third factor is none of it."""
+        model, _ = duct_model()
+        model = replace(model, extras={"part": model.extras["part"], "same": model.extras["part"]})
+        recipe = make_recipe(COEFFICIENTS, True, True, {name: list(group) for name, group in model.extras.items()})
+        truth = {"stiffness.acoustic": 1.02, "part": 1.04, "same": 1.0}
+        values = measured(model, recipe, truth, TIGHT, 0.01)
+        fit = fit_factors(problem(affine(model, recipe), values, tuple(truth)))
+        assert fit.notes[-1] == (
+            "part and same cannot be told apart by these FRFs: only their combination is determined, the prior shares it between them"
+        )
+        # Half each, and neither is known.
+        assert fit.logarithms["part"] == pytest.approx(fit.logarithms["same"], abs=1e-3)
+        assert sum(fit.logarithms[name] for name in ("part", "same")) == pytest.approx(np.log(1.04), abs=3e-3)
+        assert min(fit.spread[name] for name in ("part", "same")) > 0.03
+        names = ("stiffness.acoustic", "part")
+        notes = fit_factors(problem(affine(model, recipe), values, names)).notes
+        assert not [note for note in notes if "cannot be told apart" in note]
+
     def test_what_lies_at_a_bound_is_said(self):
         """Air half as heavy is beyond the bounds of its mass."""
         model, recipe = duct_model()
         fit = fit_factors(problem(affine(model, recipe), measured(model, recipe, {"mass.acoustic": 0.5}, TIGHT, 0.01), ("mass.acoustic",)))
         assert any("at its bound" in note for note in fit.notes)
+
+
+class TestApart:
+    """Against linear problems whose weak directions are known."""
+
+    NAMES = ("a", "b", "c")
+    STD = np.array([0.05, 0.05, 1.0])
+
+    def found(self, data, others=None):
+        return indistinguishable(self.NAMES, data, self.STD, np.zeros((0, 0)) if others is None else others)
+
+    @pytest.mark.parametrize(
+        ("correlation", "said"), [(0.0, False), (0.9, False), (0.97, False), (-0.97, False), (0.985, True), (-0.985, True)]
+    )
+    def test_two(self, correlation, said):
+        R = np.eye(3)
+        R[0, 1] = R[1, 0] = correlation
+        data = 30.0 * np.linalg.cholesky(R).T
+        assert self.found(data) == ([(("a", "b"), True)] if said else [])
+
+    def test_units_do_not_matter(self):
+        data = np.random.default_rng(0).normal(size=(50, 3)) * 100.0
+        data[:, 2] = 1e-3 * data[:, 0] * (1 + 1e-6)
+        ((names, left),) = indistinguishable(self.NAMES, data, np.array([0.05, 0.05, 50.0]), np.zeros((0, 0)))
+        assert names == ("a", "c")
+        assert left
+
+    def test_three(self):
+        """Each pair is told apart, the three are not."""
+        data = np.random.default_rng(0).normal(size=(200, 3)) * 100.0
+        data[:, 2] = data[:, 0] + data[:, 1]
+        assert self.found(data) == [(("a", "b", "c"), True)]
+
+    def test_by_what_else_is_unknown(self):
+        """Two factors that differ by what a third unknown can do as well, unless its prior holds it."""
+        rng = np.random.default_rng(0)
+        common, other = rng.normal(size=(2, 200)) * 100.0
+        data = np.column_stack([common, common + other, rng.normal(size=200), other])
+        assert self.found(data, np.array([[1.0]])) == [(("a", "b"), True)]
+        assert self.found(data, np.array([[1e9]])) == []
+
+    def test_a_factor_that_nothing_feels(self):
+        data = np.random.default_rng(0).normal(size=(50, 3)) * 100.0
+        data[:, 1] = 0.0
+        assert self.found(data) == []
+
+    def test_with_data_that_would_tell_but_for_the_model(self):
+        rng = np.random.default_rng(0)
+        common = rng.normal(size=200)
+        data = 1e5 * np.column_stack([common, common + 0.05 * rng.normal(size=200), rng.normal(size=200)])
+        assert self.found(data) == [(("a", "b"), False)]
+        (note,) = apart_notes(self.found(data))
+        assert "prior" not in note

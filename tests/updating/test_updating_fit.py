@@ -46,7 +46,10 @@ class Case:
         return descend(misfit, self.prior, self.parameters.bounds, self.shapes.T)
 
     def follow(self, misfit: Misfit, *, sparse: bool = False):
-        return follow_noise(misfit, self.begin(misfit), self.parameters.bounds, self.shapes, SELECTED, sparse, 1e-8)
+        def again(misfit: Misfit, theta: np.ndarray):
+            return descend(misfit, theta, self.parameters.bounds, self.shapes.T, tolerance=1e-8)
+
+        return follow_noise(misfit, self.begin(misfit), again, self.shapes, SELECTED, sparse)
 
 
 def data_of(case: Case, misfit: Misfit) -> np.ndarray:

@@ -1,0 +1,157 @@
+"""Killed while a file is being written: nothing half written counts, what was there stays, the next run completes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+import scipy.io
+from campaigns import Folder, environment, frame
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+#: The command, killed when it has written the first half of a file; the file's name comes first.
+KILLED = """
+import os, signal, sys
+from lrbc_cli.io import atomic
+
+name = sys.argv.pop(1)
+
+def flush(path, flush=atomic._flush):
+    if path.name.startswith("." + name.partition(".")[0] + "-") and path.suffix == "." + name.partition(".")[2]:
+        os.truncate(path, path.stat().st_size // 2)
+        os.kill(os.getpid(), signal.SIGKILL)
+    flush(path)
+
+atomic._flush = flush
+from lrbc_cli.cli.main import main
+main()
+"""
+
+
+def kill(folder: Folder, file: str, command: str, *args: str) -> None:
+    line = [sys.executable, "-c", KILLED, file, command, str(folder.config), "--cache", str(folder.cache), *args]
+    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, env=environment())
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    # It did die with half a file, under another name.
+    assert [path for path in folder.path.rglob(f".{file.partition('.')[0]}-*") if path.is_file()]
+
+
+def assert_whole(folder: Folder) -> None:
+    for path in [*folder.out.rglob("*"), *folder.cache.rglob("*")]:
+        if path.name.startswith(".") or path.is_dir():
+            continue
+        if path.suffix == ".json":
+            json.loads(path.read_text())
+        elif path.suffix == ".csv":
+            with path.open(newline="") as file:
+                assert len({len(row) for row in csv.reader(file)}) == 1, path
+        else:
+            with h5py.File(path) as image:
+                assert len(image)
+
+
+def calibration(folder: Folder) -> Any:
+    tree = json.loads((folder.out / "calibration.json").read_text())
+    return {key: tree[key] for key in ("key", "status", "factors", "boundary", "misfit_db", "rounds")}
+
+
+def found(folder: Folder) -> Any:
+    return {
+        job: {key: tree[key] for key in ("status", "parameters", "misfit_db", "bolts")} | {"identity": tree["provenance"]["identity"]}
+        for job, tree in folder.results().items()
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    folder = frame(tmp_path_factory.mktemp("undisturbed") / "frame")
+    for command in ("calibrate", "update"):
+        outcome = folder.run(command)
+        assert outcome.code == 0, outcome.stderr
+    return folder
+
+
+@pytest.mark.parametrize("file", ["model.h5", "frf.csv", "calibration.json", "campaign.json"])
+def test_calibrate(tmp_path: Path, undisturbed: Folder, file: str) -> None:
+    folder = frame(tmp_path / "frame")
+    kill(folder, file, "calibrate")
+    assert_whole(folder)
+    # What vouches for the others comes after them.
+    there = (folder.out / "calibration.json").is_file()
+    assert there == (file == "campaign.json")
+    outcome = folder.run("calibrate", "--json")
+    assert outcome.code == 0, outcome.stderr
+    assert_whole(folder)
+    assert calibration(folder) == calibration(undisturbed)
+    assert folder.run("update").code == 0
+    assert found(folder) == found(undisturbed)
+
+
+def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
+    """The calibration that was there stays in use, and so do the results that rest on it."""
+    folder = undisturbed.copy(tmp_path / "frame")
+    before = (folder.out / "calibration.json").read_bytes()
+    kill(folder, "calibration.json", "calibrate", "--force")
+    assert (folder.out / "calibration.json").read_bytes() == before
+    outcome = folder.run("update", "--json")
+    assert "calibration: used" in outcome.stderr
+    assert outcome.json["kept"] == ["tight", "loose-2", "loose-all"]
+
+
+@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "profile.csv", "frf.csv", "fdac.csv", "result.json", "campaign.csv"])
+def test_update(tmp_path: Path, undisturbed: Folder, file: str) -> None:
+    folder = frame(tmp_path / "frame")
+    assert folder.run("calibrate").code == 0
+    kill(folder, file, "update")
+    assert_whole(folder)
+    for path in folder.out.glob("*/result.json"):
+        assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv"}
+    outcome = folder.run("update", "--json")
+    assert outcome.code == 0, outcome.stderr
+    assert set(outcome.json["kept"]) == ({"tight", "loose-2", "loose-all"} if file == "campaign.csv" else set())
+    assert_whole(folder)
+    assert found(folder) == found(undisturbed)
+    with (folder.out / "campaign.csv").open(newline="") as table:
+        assert [row["job"] for row in csv.DictReader(table)] == ["tight", "loose-2", "loose-all"]
+    assert folder.run("report").code == 0
+
+
+READERS = {"h5": lambda path: h5py.File(path).close(), "mat": scipy.io.loadmat}
+
+
+@pytest.mark.parametrize("ending", ["h5", "mat"])
+def test_export(tmp_path: Path, ending: str) -> None:
+    folder = frame(tmp_path / "frame")
+    target = folder.path / f"mine.{ending}"
+    options = ("--export", str(target), "--state-space")
+    kill(folder, target.name, "reduce", *options)
+    assert not target.exists()
+    assert folder.run("reduce", *options).code == 0
+    READERS[ending](target)
+    before = target.read_bytes()
+    kill(folder, target.name, "reduce", *options)
+    assert target.read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", ["h5", "mat"])
+@pytest.mark.parametrize("place", ["a folder", "below a file"])
+def test_export_to_a_place_that_cannot_be_written(frame: Folder, ending: str, place: str) -> None:
+    target = frame.path / f"mine.{ending}" if place == "a folder" else frame.config / f"mine.{ending}"
+    if place == "a folder":
+        (target / "inside").mkdir(parents=True)
+    before = frame.listing()
+    outcome = frame.run("reduce", "--export", str(target))
+    assert outcome.code == 2, outcome.stderr
+    assert target.name in outcome.stderr
+    assert "Traceback" not in outcome.stderr
+    after = frame.listing()
+    assert set(after) == set(before)
+    assert after["campaign.yaml"] == before["campaign.yaml"]
