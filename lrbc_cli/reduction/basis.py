@@ -249,6 +249,16 @@ class Projection:
         blocks, fields = _blocks_of(matrix, self.fields), self.fields
         return self._assemble({(f, g): fields[f].V.T @ (part @ fields[g].V) for (f, g), part in blocks.items()}, self.sizes)
 
+    def lift(self, states: Any) -> Any:
+        """(n, k) V a of reduced states (r, k)."""
+        out = np.empty((sum(field.dofs.size for field in self.fields), states.shape[1]), dtype=states.dtype)
+        start = 0
+        for field in self.fields:
+            part = states[start : start + field.Q.shape[1]]
+            out[field.dofs] = (field.Q @ part) / field.weight[:, None]
+            start += field.Q.shape[1]
+        return out
+
     def sketched(self, which: int, *, transposed: bool = False) -> Any:
         """Sketch of K V, C V or M V (or of Kᵀ V ...), (fields * rows, r)."""
         return self._assemble((self._turned_sketches if transposed else self._sketches)[which], [self.rows] * len(self.fields))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.dynamic import Factorisation
 from lrbc_cli.reduction.full import full_ports
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.ports import PortFrf
@@ -57,9 +59,63 @@ def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: Port
     """
     groups = quantity_groups(model)
     out = {}
-    for kind, vectors in certificate_vectors(model.terms, scale, exact.s).items():
+    for kind, vectors in certificate_vectors(model.terms, scale, exact.s, random_vectors(model.terms.size)).items():
         out[kind] = max(relative_error(groups, approximate.evaluate(D)[0], exact.evaluate(D)[0], exact.H00[0]) for D in vectors)
     return out
+
+
+def residual_errors(
+    model: FeModel,
+    scale: Floats,
+    reduced: ReducedModel,
+    factorisation: Factorisation,
+    lift: Callable[[Complexes], Complexes],
+    load: Callable[[Complexes], Complexes],
+) -> dict[str, float]:
+    """Relative error of y at one line by kind of parameter vector, from the residuals of the reduced solutions.
+
+    ``y - y_r = L Z(D)⁻¹ r`` with r the residual of the full system. It is solved with the factorisation at the reference values; what the
+    terms add to that takes the port FRFs of the reduced model, so that the error is known up to a share of its own size. Solves grow
+    with the vectors instead of the terms.
+
+    Parameters
+    ----------
+    model : FeModel
+    scale : (nt,) float array
+        From ``local_scale``.
+    reduced : ReducedModel
+    factorisation : Factorisation
+        With the terms at the reference values.
+    lift : callable
+        From reduced to full solutions, (r, k) to (n, k).
+    load : callable
+        From amplitudes of all inputs to loads, (n_in + nt, k) to (n, k).
+    """
+    s = np.array([factorisation.s])
+    groups, n_in = quantity_groups(model), model.B.shape[1]
+    kinds = certificate_vectors(model.terms, scale, s, count=random_vectors(model.terms.size))
+    vectors = [D for Ds in kinds.values() for D in Ds]
+    ports = reduced.ports(s, workers=1)
+    Z = reduced.dynamic_stiffness(s, reduced.reference_dynamic(s))[0]
+    driven = [ports.drive(D) for D in vectors]
+    amplitudes = np.hstack([np.vstack([np.eye(n_in), u[0]]) for _, u in driven])
+    states = np.linalg.solve(Z, np.hstack([reduced.B, reduced.left]) @ amplitudes)
+    residual = load(amplitudes) - factorisation.owner.apply(factorisation.s, lift(states))
+    missing = factorisation.solve(residual).reshape(model.size, len(vectors), n_in)
+    to_quantity = factorisation.s**model.output_power
+    errors = []
+    for at, (D, (y, _)) in enumerate(zip(vectors, driven, strict=True)):
+        w = missing[:, at]
+        direct = (model.L @ w)[np.arange(y.shape[1]), reduced.input_of] * to_quantity
+        error = replace(ports, H00=direct[None], Hp0=np.asarray(model.terms.right.T @ w)[None]).evaluate(D)[0]
+        errors.append(relative_error(groups, y[0], y[0] + error, ports.H00[0]))
+    found = iter(errors)
+    return {kind: max(itertools.islice(found, len(Ds))) for kind, Ds in kinds.items()}
+
+
+def random_vectors(terms: int) -> int:
+    """How many random parameter vectors a line is measured with: fewer where each is a large system."""
+    return 16 if terms <= 150 else 4
 
 
 def lines_between(band_hz: tuple[float, float], points: Sequence[float], count: int) -> Floats:

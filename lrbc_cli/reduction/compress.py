@@ -72,9 +72,14 @@ class Compressor:
     def __init__(self, reducer: Reducer, sweep: Sweep, limit: float) -> None:
         self._reducer, self._limit = reducer, limit
         self.modes = [Modes.of(spread) for spread in sweep.spread]
+        P, T = reducer.projection, la.block_diag(*[modes.vectors for modes in self.modes])
+        self._starts = np.cumsum([0, *P.sizes[:-1]])
+        self._turned = [T.T @ A @ T for A in reducer.operators()]
+        self._inputs, self._outputs = T.T @ P.inputs, P.outputs @ T
         count = sweep.ports.lines
-        worst = np.argsort(sweep.estimate, kind="stable")[-CHECKS:]
-        at = np.union1d(np.linspace(0, count - 1, min(CHECKS, count)).round().astype(int), worst)
+        checks = max(CHECKS * 100 // max(reducer.model.terms.size, 100), 3)
+        worst = np.argsort(sweep.estimate, kind="stable")[-checks:]
+        at = np.union1d(np.linspace(0, count - 1, min(checks, count)).round().astype(int), worst)
         self._ports = sweep.ports.select(at, np.arange(reducer.input_of.size))
         self._vectors = [D[at] for D in reducer.estimator.vectors]
 
@@ -84,13 +89,14 @@ class Compressor:
 
     def error(self, counts: Sequence[int]) -> float:
         """Relative difference of y to the rich model with so many columns a field."""
-        reducer, P = self._reducer, self._reducer.projection
-        T = la.block_diag(*self.turns(counts))
-        K, C, M = (T.T @ A @ T for A in reducer.operators())
+        reducer = self._reducer
+        # Only the leading part of the operators in principal directions is used.
+        keep = np.concatenate([start + np.arange(count) for start, count in zip(self._starts, counts, strict=True)])
+        K, C, M = (A[np.ix_(keep, keep)] for A in self._turned)
         structure = counts[0] if reducer.structure else 0
-        none = np.zeros((T.shape[1], 0))
-        solver = Solver((K, C, M), structure, T.T @ P.inputs, none, symmetric=reducer.Z.symmetric)
-        outputs, s = P.outputs @ T @ solver.turn, self._ports.s
+        none = np.zeros((keep.size, 0))
+        solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=reducer.Z.symmetric)
+        outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s
         H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)
 
         def work(part: slice) -> None:

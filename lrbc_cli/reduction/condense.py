@@ -46,13 +46,16 @@ def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
         return None
 
 
-def turned(A: Any, T: Floats, structure: int) -> Any:
-    """``Tᵀ A T``; what round-off leaves beside the diagonal of the air's block becomes zero."""
-    out = T.T @ A @ T
-    air = out[structure:, structure:]
+def turned(A: Any, modes: Floats, structure: int) -> Any:
+    """``Tᵀ A T`` for T that turns the air's coordinates only; what round-off leaves beside the diagonal of its block becomes zero."""
+    ns = structure
+    out = np.array(A)
+    out[:, ns:] = out[:, ns:] @ modes
+    out[ns:] = modes.T @ out[ns:]
+    air = out[ns:, ns:]
     diagonal = np.diag(np.diag(air))
     if np.abs(air - diagonal).max() <= NEGLIGIBLE * max(float(np.abs(air).max()), np.finfo(float).tiny):
-        out[structure:, structure:] = diagonal
+        out[ns:, ns:] = diagonal
     return out
 
 
@@ -78,14 +81,14 @@ def with_diagonal_air(model: ReducedModel) -> ReducedModel:
     T[ns:, ns:] = modes
     return replace(
         model,
-        K=turned(model.K, T, ns),
-        C=turned(model.C, T, ns),
-        M=turned(model.M, T, ns),
+        K=turned(model.K, modes, ns),
+        C=turned(model.C, modes, ns),
+        M=turned(model.M, modes, ns),
         B=T.T @ model.B,
         L=model.L @ T,
         left=T.T @ model.left,
         right=T.T @ model.right,
-        extras={name: {operator: turned(A, T, ns) for operator, A in group.items()} for name, group in model.extras.items()},
+        extras={name: {operator: turned(A, modes, ns) for operator, A in group.items()} for name, group in model.extras.items()},
     )
 
 

@@ -61,8 +61,9 @@ class Estimator:
         self.grid_hz: Floats = np.linspace(low, high, count)
         s = 2j * np.pi * self.grid_hz
         model = reducer.model
-        chosen = certificate_vectors(model.terms, reducer.scale, s, count=2)
-        self.vectors = [D for kind in ("free", "loose", "local", "clamped", "random") for D in chosen[kind]]
+        chosen = certificate_vectors(model.terms, reducer.scale, s, count=1 if reducer.lines.many else 2)
+        kinds = ("free", "clamped", "random") if reducer.lines.many else ("free", "loose", "local", "clamped", "random")
+        self.vectors = [D for kind in kinds for D in chosen[kind]]
         self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
 
     def sweep(self) -> Sweep:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,10 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Factors above this size are made one at a time.
 SIDE_BY_SIDE_BYTES = 400e6
 
+#: Inputs above which only the first line is solved for all of them, and later ones for so many random combinations.
+MANY_INPUTS = 150
+COMBINATIONS = 96
+
 #: A second moment pays where a factorisation takes more time than this many blocks of solves.
 MOMENT_PAYS = 4.0
 
@@ -39,10 +44,10 @@ class FullLine:
     ----------
     frequency_hz : float
     factorisation : Factorisation
-    X : (n, m) complex array
-        Solutions for all inputs.
-    exact : PortFrf
-        At this line.
+    X : (n, m) complex array or None
+        Solutions for all inputs, where they were asked for.
+    exact : PortFrf or None
+        At this line, where all inputs were solved.
     snapshots : (n, k) complex array or None
         What enriches a basis, where it was asked for at once.
     order : int
@@ -51,8 +56,8 @@ class FullLine:
 
     frequency_hz: float
     factorisation: Factorisation
-    X: Complexes
-    exact: PortFrf
+    X: Complexes | None
+    exact: PortFrf | None
     snapshots: Complexes | None = None
     order: int = 0
 
@@ -67,9 +72,17 @@ class FullLines:
     model : FeModel
     input_of : (n_out,) int array
     reference : (nt, 3) float array
+    scale : (nt,) float array
+        From ``local_scale``.
+
+    Attributes
+    ----------
+    many : bool
+        So many inputs that they are compressed before solving: what one line's solutions span, random combinations at the next one leave
+        only where it is new. Errors are then measured by residuals.
     """
 
-    def __init__(self, Z: DynamicStiffness, model: FeModel, input_of: NDArray[np.int64], reference: Floats) -> None:
+    def __init__(self, Z: DynamicStiffness, model: FeModel, input_of: NDArray[np.int64], reference: Floats, scale: Floats) -> None:
         self._stations = [Z]
         self._model, self._input_of, self._reference = model, input_of, reference
         self.inputs: sp.csc_array = model.inputs
@@ -78,6 +91,16 @@ class FullLines:
         covered = Z.symmetric and model.terms.symmetric
         self.dual: sp.csc_array = (model.L.T if covered else self.outputs.T).tocsc()
         self._one_solve: float | None = None
+        self.many = self.inputs.shape[1] > MANY_INPUTS
+        self._spanned = False
+        self._scale = scale
+
+    @cached_property
+    def combinations(self) -> Complexes | Floats:
+        """(n, k) the loads and random combinations of the term inputs, each term weighted with its local stiffness."""
+        n_in = self._model.B.shape[1]
+        mix = np.random.default_rng(20180405).normal(size=(self._scale.size, COMBINATIONS)) * np.sqrt(self._scale)[:, None]
+        return np.hstack([self.inputs[:, :n_in].toarray(), self.inputs[:, n_in:] @ mix])
 
     @property
     def width(self) -> int:
@@ -121,15 +144,19 @@ class FullLines:
     def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
         s = 2j * np.pi * frequency_hz
         factorisation = Z.factor(s)
-        X = factorisation.solve(self.inputs.toarray())
         if self._one_solve is None:
             start = time.perf_counter()
             factorisation.solve(self.inputs[:, [0]].toarray()[:, 0], refine=1)
             self._one_solve = time.perf_counter() - start
-        lines = np.array([s])
-        D_ref = reference_dynamic(self._reference, lines)
-        exact = port_frf(np.asarray(self.outputs @ X)[None], lines, D_ref, self._model.output_power, self._input_of)
-        line = FullLine(frequency_hz, factorisation, X, exact)
+        if self.many and (self._spanned or not expand):
+            line = FullLine(frequency_hz, factorisation, None, None)
+        else:
+            X = factorisation.solve(self.inputs.toarray())
+            self._spanned = True
+            lines = np.array([s])
+            D_ref = reference_dynamic(self._reference, lines)
+            exact = port_frf(np.asarray(self.outputs @ X)[None], lines, D_ref, self._model.output_power, self._input_of)
+            line = FullLine(frequency_hz, factorisation, X, exact)
         return self.expanded(line) if expand else line
 
     def expanded(self, line: FullLine) -> FullLine:
@@ -137,7 +164,8 @@ class FullLines:
         if line.snapshots is not None:
             return line
         s, factorisation = 2j * np.pi * line.frequency_hz, line.factorisation
-        blocks = [line.X, factorisation.solve_transposed(self.dual.toarray())]
+        primal = factorisation.solve(self.combinations) if line.X is None else line.X
+        blocks = [primal, factorisation.solve_transposed(self.dual.toarray())]
         order = self.order()
         if order > 1:
             # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.
@@ -148,9 +176,14 @@ class FullLines:
 
     def order(self) -> int:
         """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves, by measured times."""
-        columns, seconds = max(self._stations[0].solve_seconds)
-        block = seconds / columns * (self.inputs.shape[1] + self.dual.shape[1])
-        return 2 if self.factor_seconds > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
+        Z = self._stations[0]
+        # PARDISO's first factorisation contains its analysis.
+        factored = Z.factor_seconds[1:] if Z.backend == "pardiso" else Z.factor_seconds
+        if not factored:
+            return 1
+        most = max(columns for columns, _ in Z.solve_seconds)
+        block = min(seconds for columns, seconds in Z.solve_seconds if columns == most) / most * (self.inputs.shape[1] + self.dual.shape[1])
+        return 2 if min(factored) > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
 
 
 def _cores() -> int:

@@ -41,10 +41,9 @@ class Solver:
         self._none = np.zeros((size, 0))
         modes = None if np.iscomplexobj(operators[1]) or structure == 0 else air_modes(operators[0], operators[2], structure)
         if modes is not None:
-            T = la.block_diag(np.eye(structure), modes)
-            K, C, M = (turned(A, T, structure) for A in operators)
+            K, C, M = (turned(A, modes, structure) for A in operators)
             if air_is_diagonal(K, C, M, structure, self._none, self._none):
-                self.turn, operators = T, (K, C, M)
+                self.turn, operators = la.block_diag(np.eye(structure), modes), (K, C, M)
             else:
                 modes = None
         self.condensed = modes is not None
