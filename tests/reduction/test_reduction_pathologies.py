@@ -107,11 +107,14 @@ class TestResonantExpansionPoint:
         model = fe_model(
             K, M, loads=csc(unit(n, 21) + unit(n, first + 20)), outputs=unit(n, 51, first + 31, first + 60), left=unit(n, 0, first - 1)
         )
+        refusal = None
         try:
             judged(model, band=band, backend=backend)
         except NumericalError as error:
-            assert "singular at" in error.message
-            assert error.hint
+            refusal = error
+        if refusal is not None:
+            assert "singular at" in refusal.message
+            assert refusal.hint
 
 
 class TestUndamped:
