@@ -36,7 +36,10 @@ from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, referen
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Expansion points after which the search gives up.
-MOST_POINTS = 12
+MOST_POINTS = 8
+
+#: Runs with the number of points that was found; the fastest counts, as for the tool.
+REPEATS = 3
 
 
 def available() -> bool:
@@ -149,7 +152,7 @@ class Benchmark:
         """A fresh one, as its analysis belongs to the time of a run."""
         return DynamicStiffness(self.K, self.C, self.M, self.model.is_acoustic, backend=self.backend)
 
-    def fewest(self, name: str, way: Callable[[Complexes], Any]) -> Side | None:
+    def fewest(self, name: str, way: Callable[[Complexes], Any], repeats: int, tell: Callable[[str], None]) -> Side | None:
         """The first number of points that holds the tolerance, and the seconds of that run alone; None where none does."""
         low, high = self.band
         for count in range(2, MOST_POINTS + 1):
@@ -158,15 +161,23 @@ class Benchmark:
             rom = way(2j * np.pi * at)
             seconds = time.perf_counter() - start
             error = self.error(self.ports(rom))
+            tell(f"{name}, {count} points: {seconds:.1f} s, r {rom.order}, worst error {error:.1e}")
             if error <= self.tolerance:
+                for _ in range(repeats - 1):
+                    start = time.perf_counter()
+                    way(2j * np.pi * at)
+                    seconds = min(seconds, time.perf_counter() - start)
                 return Side(name, seconds, count, int(rom.order), error)
         return None
 
 
-def side_by_side(inputs: Inputs, reduction: Reduction, seconds: float, line: float, backend: str, lines: int, quick: bool) -> list[Figure]:
+def side_by_side(
+    inputs: Inputs, reduction: Reduction, seconds: float, line: float, backend: str, *, quick: bool, tell: Callable[[str], None]
+) -> list[Figure]:
     """Rows of the table: this tool, with its certificate, and pyMOR without."""
     import pymor
 
+    lines = 5 if quick else 20
     bench = Benchmark(inputs, backend, lines)
     part = f"Side by side with pyMOR {pymor.__version__} ({lines} other lines, {len(bench.vectors)} vectors)"
     ours = bench.error(reduction.model.ports(bench.s))
@@ -183,7 +194,7 @@ def side_by_side(inputs: Inputs, reduction: Reduction, seconds: float, line: flo
         ways.append(("pyMOR, SOBHIReductor", bench.bitangential))
     found = []
     for name, way in ways:
-        side = bench.fewest(name, way)
+        side = bench.fewest(name, way, 1 if quick else REPEATS, tell)
         if side is None:
             figures.append(Figure(part, name, float("nan"), f"tolerance not reached with {MOST_POINTS} points"))
         else:
@@ -191,6 +202,7 @@ def side_by_side(inputs: Inputs, reduction: Reduction, seconds: float, line: flo
             figures.append(Figure(part, name, side.seconds, text(side)))
     if found:
         best = min(side.seconds for side in found)
-        ratio = seconds / best
-        figures.append(at_most(part, "seconds, this tool over pyMOR", ratio, 0.5, f"{ratio:.2f}", "0.5"))
+        alone = seconds - reduction.seconds["certificate"]
+        for name, own in (("seconds, this tool over pyMOR", seconds), ("the same without certificate, as pyMOR has none", alone)):
+            figures.append(at_most(part, name, own / best, 0.5, f"{own / best:.2f} ({own:.2f} s / {best:.2f} s)", "0.5"))
     return figures

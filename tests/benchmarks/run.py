@@ -99,7 +99,7 @@ def measure_all(config: Path, backend: str, quick: bool, job: str, pymor: bool) 
     figures += measure.accuracy(inputs, reduction, backend, 10 if quick else 50, 5 if quick else 20)
     if pymor:
         tell("pyMOR")
-        figures += pymor_side.side_by_side(inputs, reduction, seconds, line, backend, 5 if quick else 20, quick)
+        figures += pymor_side.side_by_side(inputs, reduction, seconds, line, backend, quick=quick, tell=tell)
     tell("done")
     return figures
 
