@@ -15,6 +15,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.full import full_operators
+from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.vectors import local_scale, reference_values
 
@@ -121,10 +122,12 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     # A second moment is taken where factors are large against the blocks of solves.
     moments = 2 if 2 * analysis.triangle / n > 12 * columns else 1
     size = min(SIZE_RELATION * columns, options.max_size or n, n)
+    # Two lines side by side have two factors.
+    width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1
     images = BASIS_ARRAYS if Z.symmetric else BASIS_ARRAYS + 1
     memory = {
         "operators": float(PATTERN_BYTES[backend] * Z.entries),
-        "factors": analysis.bytes or SUPERLU_BYTES * analysis.nonzeros,
+        "factors": analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros,
         "snapshots": float(SNAPSHOT_COPIES * COMPLEX * n * columns * moments),
         # Each field has its share of the columns only.
         "basis": images * REAL * size * float(n if not model.is_acoustic.any() or model.is_acoustic.all() else 0.5 * n),
