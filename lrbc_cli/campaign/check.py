@@ -11,10 +11,11 @@ import numpy as np
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.memory import GB, limit_of, reduction_cost
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.unknowns import select_lines
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso
 
@@ -33,6 +34,8 @@ class Findings:
         By job.
     jobs : list of JobPlan
     tree : dict
+    predicted : dict or None
+        Memory and time of the reduction that is to be built.
     """
 
     sections: dict[str, list[str]] = field(default_factory=dict)
@@ -40,6 +43,7 @@ class Findings:
     errors: dict[str, LrbcError] = field(default_factory=dict)
     jobs: list[JobPlan] = field(default_factory=list)
     tree: dict[str, Any] = field(default_factory=dict)
+    predicted: dict[str, Any] | None = None
 
 
 def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
@@ -64,7 +68,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.sections["model"] = _model(inputs, out)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
-    out.sections["reduced model"] = _reduction(inputs, decision)
+    out.sections["reduced model"] = _reduction(inputs, decision, out)
     use = inputs.calibration
     if use is not None:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
@@ -79,6 +83,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         "parameters": {group.name: group.count for group in inputs.groups},
         "responses": [r.name for r in inputs.responses],
         "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
+        "reduction": out.predicted,
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
         "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in out.jobs},
         "errors": {name: error.message for name, error in out.errors.items()},
@@ -153,21 +158,38 @@ def _triangles(matrix: Any) -> tuple[int, int]:
     return int((coo.row > coo.col).sum()), int((coo.row < coo.col).sum())
 
 
-def _reduction(inputs: Inputs, decision: cache.CacheDecision) -> list[str]:
+def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> list[str]:
     r = inputs.campaign.reduction
     backend = r.backend if r.backend != "auto" else ("pardiso" if pardiso.library() else "superlu")
     lines = [f"band {r.band[0]:g} to {r.band[1]:g} Hz, tolerance {r.tolerance:g}, back end {backend}"]
-    n, nnz = inputs.model.size, inputs.model.K.nnz + inputs.model.M.nnz
-    # Fill of nested dissection in three dimensions grows as n^(4/3); constants from the sample models.
-    fill = 9.0e6 * (n / 21_000) ** (4 / 3) * (nnz / n / 62.0)
-    memory = 16 * fill * (0.6 if backend == "pardiso" else 1.3) + 8 * n * 4 * 250 + 3e8
-    seconds = (0.2 if backend == "pardiso" else 0.7) * (n / 21_000) ** 2
     if decision.hit:
         lines.append(f"cache: hit ({decision.reason})")
     else:
         lines.append(f"cache: miss ({decision.reason})")
-        lines.append(f"rough estimate: {20 * seconds:.0f} s on two cores, {memory / 1e9:.1f} GB")
+        try:
+            cost, peak = reduction_cost(inputs)
+        except NumericalError as error:
+            out.warnings.append(error.problem)
+            return lines
+        limit, source = limit_of(inputs)
+        lines.append(
+            f"estimate: about {_rounded(cost.seconds)} s, a peak of {peak / GB:.2f} GB ({cost.memory['factors'] / GB:.2f} GB of it for "
+            f"{cost.nonzeros / 1e6:.2f} million entries of the factors) of {limit / GB:.1f} GB {source}"
+        )
+        if peak > limit:
+            out.warnings.append(f"the memory does not suffice for the reduction: {peak / GB:.2f} GB of {limit / GB:.2f} GB {source}")
+        out.predicted = {
+            "peak_bytes": round(peak),
+            "available_bytes": round(limit) if np.isfinite(limit) else None,
+            "seconds": cost.seconds,
+            "factor_nonzeros": cost.nonzeros,
+            "parts_bytes": {part: round(size) for part, size in cost.memory.items()},
+        }
     return lines
+
+
+def _rounded(seconds: float) -> str:
+    return f"{seconds:.0f}" if seconds >= 9.5 else f"{seconds:.1g}"
 
 
 def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) -> list[str]:

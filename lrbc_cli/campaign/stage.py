@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.memory import options_of, require_memory
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_ports, reduce_model
+from lrbc_cli.reduction.build import Reduction, full_ports, reduce_model
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.updating.misfit import FrfModel, port_model, reduced_model
@@ -68,7 +69,7 @@ def obtain_reduction(
     Raises
     ------
     NumericalError
-        Where the tolerance is not reached and not accepted; what was built is kept.
+        Where the memory does not suffice, and where the tolerance is not reached and not accepted; what was built is kept.
     """
     start = time.perf_counter()
     parts = cache.key_parts(inputs)
@@ -84,8 +85,8 @@ def obtain_reduction(
         decision = replace(decision, hit=False, reason="--force")
     if reduction is None:
         settings = inputs.campaign.reduction
-        options = ReductionOptions(settings.band, settings.tolerance, settings.held_out, max_size=settings.max_size)
-        reduction = reduce_model(inputs.model, inputs.input_of, options, backend=settings.backend, progress=progress)
+        require_memory(inputs)
+        reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
         reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
         cache.store(decision, parts, reduction)
     if not reduction.reached and not accept:

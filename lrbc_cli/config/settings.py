@@ -39,6 +39,11 @@ class ReductionConfig(Strict):
         default=None, ge=1, description="Largest order of the reduced model; absent: as large as the tolerance needs."
     )
     held_out: int = Field(default=5, ge=5, le=1000, description="Number of lines outside the basis at which the error is measured.")
+    memory_limit: float | None = Field(
+        default=None,
+        gt=0,
+        description="Memory in GB that a reduction may use, predicted before it begins; absent: what the machine has available.",
+    )
 
 
 class EveryLine(Strict):

@@ -17,6 +17,7 @@ from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.coupling import Coupling, coupling_of
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.ordering import nested_dissection
+from lrbc_cli.reduction.symbolic import column_counts
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
@@ -54,6 +55,8 @@ class SuperLuSolver:
             # Threaded BLAS on small supernodes made this many times slower on busy cores.
             with threadpool_limits(limits=1, user_api="blas"):
                 self._lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+        except MemoryError as error:
+            raise NumericalError("SuperLU failed (not enough memory)", hint="a coarser model, or reduction.backend: pardiso") from error
         except RuntimeError as error:
             raise NumericalError(f"SuperLU failed ({error})") from error
 
@@ -66,6 +69,28 @@ class SuperLuSolver:
     def nonzeros(self) -> int:
         """Non-zeros of the factors."""
         return int(self._lu.nnz)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What a factorisation will take.
+
+    Attributes
+    ----------
+    nonzeros : int
+        Entries of the factors that are stored.
+    triangle : int
+        Entries of one triangular factor.
+    operations : float
+        Real operations of LDLᵀ with real entries; complex ones cost four times as much, LU twice.
+    bytes : float or None
+        What the solver itself says it will allocate.
+    """
+
+    nonzeros: int
+    triangle: int
+    operations: float
+    bytes: float | None = None
 
 
 class DynamicStiffness:
@@ -124,6 +149,7 @@ class DynamicStiffness:
         major, minor = (rows, cols) if backend == "pardiso" else (cols, rows)
         key = np.sort(major * n + minor)
         self._major, self._minor = key // n, key % n
+        self.entries = int(union.nnz)
         indptr = np.searchsorted(self._major, np.arange(n + 1))
         self._values = []
         for matrix in (K, C, M):
@@ -163,6 +189,16 @@ class DynamicStiffness:
     def half(self) -> bool:
         """Whether only one of two equal factors is stored."""
         return self.backend == "pardiso" and self.symmetric
+
+    def analyse(self) -> Analysis:
+        """Fill and operations of a factorisation, from the pattern alone."""
+        if isinstance(self._solver, pardiso.Pardiso):
+            nonzeros, operations, size = self._solver.analyse()
+            return Analysis(nonzeros, nonzeros if self.half else nonzeros // 2, operations, size)
+        n = self.size
+        indptr, indices = np.searchsorted(self._major, np.arange(n + 1)), self._minor
+        fill = column_counts(sp.csr_array((np.ones(indices.size, dtype=np.int8), indices, indptr), shape=(n, n)))
+        return Analysis(2 * fill.nonzeros - n, fill.nonzeros, fill.operations)
 
     def operator(self, s: complex) -> sp.csr_array:
         """Z(s) as a sparse array."""

@@ -91,6 +91,7 @@ class FullLines:
         covered = Z.symmetric and model.terms.symmetric
         self.dual: sp.csc_array = (model.L.T if covered else self.outputs.T).tocsc()
         self._one_solve: float | None = None
+        self._pools: list[ThreadPoolExecutor] = []
         self.many = self.inputs.shape[1] > MANY_INPUTS
         self._spanned = False
         self._scale = scale
@@ -106,7 +107,7 @@ class FullLines:
     def width(self) -> int:
         """How many lines are solved at a time: one until a first factorisation has shown its size, and where it has threads of its own."""
         Z = self._stations[0]
-        alone = Z.backend != "superlu" or not Z.factor_seconds or _cores() < 2 or 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES
+        alone = Z.backend != "superlu" or not Z.factor_seconds or cores() < 2 or 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES
         return 1 if alone else 2
 
     @property
@@ -135,11 +136,12 @@ class FullLines:
         """
         while len(self._stations) < len(frequencies_hz):
             self._stations.append(self._stations[0].twin())
-        if len(frequencies_hz) == 1:
-            return [self._line(self._stations[0], frequencies_hz[0], expand)]
-        with ThreadPoolExecutor(len(frequencies_hz)) as pool:
-            tasks = [pool.submit(self._line, Z, frequency, expand) for Z, frequency in zip(self._stations, frequencies_hz, strict=False)]
-            return [task.result() for task in tasks]
+        # SciPy keeps SuperLU's memory by thread: factors that another thread releases are lost, so each station has one of its own.
+        while len(self._pools) < len(self._stations):
+            self._pools.append(ThreadPoolExecutor(1))
+        work = zip(self._pools, self._stations, frequencies_hz, strict=False)
+        tasks = [pool.submit(self._line, Z, frequency, expand) for pool, Z, frequency in work]
+        return [task.result() for task in tasks]
 
     def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
         s = 2j * np.pi * frequency_hz
@@ -186,7 +188,7 @@ class FullLines:
         return 2 if min(factored) > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -85,6 +85,27 @@ class Pardiso:
         self._data: Complexes = np.zeros(indices.size, dtype=complex)
         self._analysed = False
 
+    def analyse(self) -> tuple[int, float, float]:
+        """Order and analyse the pattern, without values.
+
+        Returns
+        -------
+        nonzeros : int
+            Of the factors.
+        operations : float
+            Real operations of the factorisation LDLᵀ of a real matrix with this pattern.
+        bytes : float
+            Peak of analysis, or factors with the analysis kept, whichever is more.
+        """
+        self._iparm[18] = -1
+        self._call(11)
+        self._analysed = True
+        peak, kept, factors = (1024.0 * float(self._iparm[i]) for i in (14, 15, 16))
+        # Counted in millions, for complex numbers and both factors of LU.
+        operations = 1e6 * float(self._iparm[18]) / (4 if self._type == 6 else 8)
+        self._iparm[18] = 0
+        return self.nonzeros, operations, max(peak, kept + factors)
+
     def factor(self, data: Complexes) -> None:
         """Numeric factorisation of the values ``data`` on the pattern; analyses at the first call."""
         self._data = np.ascontiguousarray(data, dtype=complex)

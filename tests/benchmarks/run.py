@@ -1,6 +1,6 @@
 """What the SoundBox costs, in seconds and in units of one line of the full model; ratios hold within one run.
 
-    python tests/benchmarks/run.py [--quick] [--backend superlu|pardiso] [--json FILE] [--markdown FILE]
+    python tests/benchmarks/run.py [--quick] [--backend superlu|pardiso] [--pymor] [--json FILE] [--markdown FILE]
 
 A full line is one numeric factorisation on an analysed pattern, one solve and one refinement step, median of five; the unit is the smaller
 of two such medians, before and after the reduction.
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import measure
+import pymor_side
 from measure import Figure
 
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
@@ -56,7 +57,7 @@ def table(figures: Sequence[Figure]) -> str:
     return "\n".join(lines)
 
 
-def measure_all(config: Path, backend: str, quick: bool, job: str) -> list[Figure]:
+def measure_all(config: Path, backend: str, quick: bool, job: str, pymor: bool) -> list[Figure]:
     """All parts, in order; progress goes to stderr."""
     started = time.perf_counter()
 
@@ -96,6 +97,9 @@ def measure_all(config: Path, backend: str, quick: bool, job: str) -> list[Figur
         figures += measure.campaign(config, backend, jobs, folder)
     tell("accuracy")
     figures += measure.accuracy(inputs, reduction, backend, 10 if quick else 50, 5 if quick else 20)
+    if pymor:
+        tell("pyMOR")
+        figures += pymor_side.side_by_side(inputs, reduction, seconds, line, backend, quick=quick, tell=tell)
     tell("done")
     return figures
 
@@ -105,6 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer repeats, lines, vectors and jobs")
     parser.add_argument("--backend", choices=("superlu", "pardiso"), help="default: pardiso where it is installed")
+    parser.add_argument("--pymor", action="store_true", help="the reduction side by side with pyMOR (pip install pymor)")
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--job", default="bolts-04", help="the job that is identified alone")
     parser.add_argument("--json", type=Path, metavar="FILE")
@@ -113,11 +118,13 @@ def main() -> None:
     backend = arguments.backend or ("pardiso" if pardiso.library() else "superlu")
     if backend == "pardiso" and not pardiso.library():
         parser.error("pardiso is not installed: pip install 'lrbc[accelerated]'")
+    if arguments.pymor and not pymor_side.available():
+        parser.error("pymor is not installed: pip install pymor")
     about: dict[str, Any] = {"date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"), "backend": backend}
     about |= measure.machine() | {"quick": arguments.quick}
     everyone, own = measure.processor_seconds()
     start = time.perf_counter()
-    figures = measure_all(arguments.config, backend, arguments.quick, arguments.job)
+    figures = measure_all(arguments.config, backend, arguments.quick, arguments.job, arguments.pymor)
     used = [now - then for now, then in zip(measure.processor_seconds(), (everyone, own), strict=True)]
     about["others"] = max(used[0] - used[1], 0.0) / ((time.perf_counter() - start) * (about["cores"] or 1))
     text = f"{head(about, versions())}\n\n{table(figures)}\n"

@@ -56,7 +56,14 @@ def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     reduced = section(result.stdout, "reduced model")
     assert reduced[0].startswith("band 30 to 500 Hz, tolerance 0.001, back end ")
     assert "cache: miss (the cache is empty)" in reduced
-    assert any("estimate" in line and "GB" in line for line in reduced)
+    estimate = next(line for line in reduced if line.startswith("estimate:"))
+    for part in (" s, a peak of ", " GB", "entries of the factors", "available on this machine"):
+        assert part in estimate
+    predicted = folder.run("check", "--json").json["reduction"]
+    assert predicted["peak_bytes"] > sum(predicted["parts_bytes"].values()) > 0
+    assert predicted["seconds"] > 0
+    # Non-zeros of this small model: more than its matrix has, less than a full one would.
+    assert 9070 / 2 < predicted["factor_nonzeros"] < 414**2
     jobs = section(result.stdout, "jobs")
     assert any(line.startswith("tight: 471 lines from 30 to 500 Hz") and "4 of 4 responses matched" in line for line in jobs)
     stated = "quantities not stated in the file, taken as in the campaign: acc1, acc2, acc3, acc4"
@@ -77,6 +84,8 @@ def test_the_plan_for_programs(frame: Folder) -> None:
     assert tree["parameters"] == {"left_edge": 10}
     assert tree["responses"] == ["acc1", "acc2", "acc3", "acc4"]
     assert tree["cache"]["hit"] is True
+    # Nothing is to be built.
+    assert tree["reduction"] is None
     assert tree["jobs"] == {job: {"run": False, "reason": "nothing changed"} for job in ("tight", "loose-2", "loose-all")}
     assert tree["errors"] == {}
     assert tree["warnings"] == []

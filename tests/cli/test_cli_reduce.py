@@ -11,6 +11,7 @@ import scipy.io
 import scipy.sparse as sp
 from campaigns import Folder, box, chain_folder, frame
 
+from lrbc_cli.campaign import memory
 from lrbc_cli.io.frf import read_frf
 
 REDUCTION_KEYS = {
@@ -226,6 +227,90 @@ def test_a_tolerance_that_is_not_reached(tmp_path: Path) -> None:
     assert certificate["worst"] > certificate["tolerance"]
     assert folder.run("simulate", *small, "--accept-tolerance", "--out", str(tmp_path / "x.csv")).code == 0
     assert len(read_frf(tmp_path / "x.csv").records) == 4
+
+
+def test_an_unreachable_tolerance(box: Folder) -> None:
+    """One clear message, the model kept with what it reached, earlier results untouched, and no second attempt."""
+    before = box.results()
+    tiny = ("--override", "reduction.tolerance=1e-15")
+    result = box.run("reduce", *tiny, "--json")
+    assert result.code == 4
+    assert result.stdout == ""
+    problem, expected, found, hint = result.stderr.splitlines()
+    assert problem.endswith("the reduced model does not reach its tolerance")
+    assert expected == "  expected: a measured error of at most 1.0e-15"
+    assert "to mend:" in hint
+    assert "--accept-tolerance" in hint
+    kept = next(path for path in cached(box) if str(path) in found)
+    reached = float(found.split()[1])
+    assert 1e-15 < reached < 1e-6
+    stamp = kept.stat().st_mtime_ns
+    # Results that need no other reduced model stay; these jobs need it.
+    update = box.run("update", *tiny)
+    assert update.code == 4
+    assert "does not reach its tolerance" in update.stderr
+    assert kept.stat().st_mtime_ns == stamp
+    assert box.results() == before
+    assert box.run("update", "--json").json["kept"] == ["tight", "loose"]
+    accepted = box.run("update", *tiny, "--accept-tolerance")
+    assert accepted.code == 0
+    assert kept.stat().st_mtime_ns == stamp
+    certificate = box.result("tight")["provenance"]["certificate"]
+    assert (certificate["reached"], certificate["tolerance"]) == (False, 1e-15)
+    assert certificate["worst"] == pytest.approx(reached, rel=0.1)
+
+
+# -- memory -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", ["superlu", "auto"])
+def test_too_little_memory_is_refused_before_anything_is_built(box: Folder, backend: str) -> None:
+    options = ("--override", f"reduction.backend={backend}", "--override", "reduction.memory_limit=0.01")
+    result = box.run("reduce", "--force", *options)
+    assert result.code == 4
+    assert result.stdout == ""
+    problem, expected, found, hint = result.stderr.splitlines()
+    assert problem.endswith("the memory does not suffice for the reduction")
+    assert expected == "  expected: at most 0.01 GB (reduction.memory_limit)"
+    assert "a predicted peak of" in found
+    assert "reduction.memory_limit=GIGABYTES" in hint
+    assert len(cached(box)) == 1
+    # What is in the cache needs no memory, and a limit changes no result.
+    assert box.run("reduce", *options, "--json").json["cache"]["hit"] is True
+    assert box.run("update", *options, "--json").json["kept"] == ["tight", "loose"]
+    # A campaign on another band would have to build.
+    assert box.run("update", *options, "--override", "reduction.band=[25.0, 400.0]").code == 4
+    roomy = (*options[:3], "reduction.memory_limit=1e6")
+    assert box.run("reduce", "--force", *roomy).code == 0
+
+
+def test_the_machine_sets_the_limit(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1e3)
+    result = box.run("reduce", "--force")
+    assert result.code == 4
+    assert "available on this machine" in result.stderr
+    found = box.run("check", "--override", "reduction.band=[25.0, 400.0]")
+    assert found.code == 0
+    assert any("the memory does not suffice for the reduction" in line for line in found.stdout.splitlines())
+    # To try all the same.
+    assert box.run("reduce", "--force", "--override", "reduction.memory_limit=64").code == 0
+
+
+def test_memory_is_read_from_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 1e7 < memory.resident_bytes() < 1e12
+    everything = memory.available_bytes()
+    assert 1e6 < everything < 1e15
+    limit, used = tmp_path / "max", tmp_path / "current"
+    monkeypatch.setattr(memory, "CGROUPS", ((limit, used),))
+    limit.write_text("300000000\n")
+    used.write_text("100000000\n")
+    assert memory.available_bytes() == min(2e8, memory.available_bytes())
+    assert memory.available_bytes() <= 2e8
+    limit.write_text("max\n")
+    assert memory.available_bytes() > 2e8
+    used.write_text("400000000\n")
+    limit.write_text("300000000\n")
+    assert memory.available_bytes() == 0.0
 
 
 # -- singular systems ---------------------------------------------------------------------------------------------------

@@ -1,0 +1,150 @@
+"""Whether the memory of this machine suffices for a reduction, before it begins."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.reduction.build import ReductionOptions
+from lrbc_cli.reduction.predict import Cost, memory_bound, predict
+
+GB = 1e9
+
+#: Files that limit the memory of a container, and what is used of it.
+CGROUPS = (
+    (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")),
+    (Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"), Path("/sys/fs/cgroup/memory/memory.usage_in_bytes")),
+)
+
+
+def available_bytes() -> float:
+    """Memory that this process can still have: what the system calls available, within the limit of its container.
+
+    Where the system does not tell (macOS), all of its memory; infinite where not even that is known.
+    """
+    found = float("inf")
+    if sys.platform == "win32":
+        found = _windows_status("ullAvailPhys")
+    else:
+        meminfo = _number_in(Path("/proc/meminfo"), "MemAvailable:")
+        if meminfo is not None:
+            found = 1024.0 * meminfo
+        elif "SC_PHYS_PAGES" in os.sysconf_names:
+            found = float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
+    for limit, used in CGROUPS:
+        try:
+            room = float(limit.read_text(encoding="ascii")) - float(used.read_text(encoding="ascii"))
+        except (OSError, ValueError):  # no container, or "max"
+            continue
+        found = min(found, max(room, 0.0))
+    return found
+
+
+def resident_bytes() -> float:
+    """Memory that this process holds now; where the system tells the peak only, that."""
+    if sys.platform == "win32":
+        return _windows_working_set()
+    resident = _number_in(Path("/proc/self/status"), "VmRSS:")
+    if resident is not None:
+        return 1024.0 * resident
+    import resource
+
+    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return peak if sys.platform == "darwin" else 1024.0 * peak
+
+
+def options_of(inputs: Inputs) -> ReductionOptions:
+    """What the campaign asks of its reduced model."""
+    r = inputs.campaign.reduction
+    return ReductionOptions(r.band, r.tolerance, r.held_out, max_size=r.max_size)
+
+
+def reduction_cost(inputs: Inputs) -> tuple[Cost, float]:
+    """Predicted cost of the reduction, and the peak of this process with it [bytes]."""
+    held = resident_bytes()
+    cost = predict(inputs.model, options_of(inputs), backend=inputs.campaign.reduction.backend)
+    return cost, held + cost.additional
+
+
+def limit_of(inputs: Inputs) -> tuple[float, str]:
+    """Peak that this process may reach [bytes], and who says so."""
+    stated = inputs.campaign.reduction.memory_limit
+    if stated is not None:
+        return stated * GB, "reduction.memory_limit"
+    return resident_bytes() + available_bytes(), "available on this machine"
+
+
+def require_memory(inputs: Inputs) -> None:
+    """Refuse a reduction that the memory does not suffice for; analysed closely only where a simple bound is in doubt.
+
+    Raises
+    ------
+    NumericalError
+        With the prediction and what there is.
+    """
+    limit, source = limit_of(inputs)
+    if resident_bytes() + memory_bound(inputs.model) <= limit:
+        return
+    cost, peak = reduction_cost(inputs)
+    if peak <= limit:
+        return
+    largest = max(cost.memory, key=lambda part: cost.memory[part])
+    hints = ["a coarser model"]
+    if largest in ("snapshots", "basis", "estimate"):
+        hints.append("fewer terms or responses")
+    elif cost.backend == "superlu":
+        hints.append("reduction.backend: pardiso, which needs half of it for symmetric models")
+    raise NumericalError(
+        "the memory does not suffice for the reduction",
+        expected=f"at most {limit / GB:.2f} GB ({source})",
+        found=f"a predicted peak of {peak / GB:.2f} GB, {cost.memory[largest] / GB:.2f} GB of it for the {largest}",
+        hint=f"{' or '.join(hints)}; to try all the same, state what may be used, --override reduction.memory_limit=GIGABYTES",
+    )
+
+
+def _number_in(file: Path, name: str) -> float | None:
+    try:
+        lines = file.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return None
+    return next((float(line.split()[1]) for line in lines if line.startswith(name)), None)
+
+
+def _windows_status(field: str) -> float:
+    class Status(ctypes.Structure):
+        _fields_ = (
+            ("dwLength", ctypes.c_uint32),
+            ("dwMemoryLoad", ctypes.c_uint32),
+            *((name, ctypes.c_uint64) for name in ("ullTotalPhys", "ullAvailPhys", "ullTotalPageFile", "ullAvailPageFile")),
+            *((name, ctypes.c_uint64) for name in ("ullTotalVirtual", "ullAvailVirtual", "ullAvailExtendedVirtual")),
+        )
+
+    status = Status(dwLength=ctypes.sizeof(Status))
+    windows: Any = getattr(ctypes, "windll", None)
+    if windows is None or not windows.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)):
+        return float("inf")
+    return float(getattr(status, field))
+
+
+def _windows_working_set() -> float:
+    class Counters(ctypes.Structure):
+        _fields_ = (
+            ("cb", ctypes.c_uint32),
+            ("PageFaultCount", ctypes.c_uint32),
+            *((name, ctypes.c_size_t) for name in ("PeakWorkingSetSize", "WorkingSetSize", "a", "b", "c", "d", "e", "f")),
+        )
+
+    counters = Counters(cb=ctypes.sizeof(Counters))
+    windows: Any = getattr(ctypes, "windll", None)
+    if windows is None:
+        return 0.0
+    windows.kernel32.GetCurrentProcess.restype = ctypes.c_void_p
+    process = ctypes.c_void_p(windows.kernel32.GetCurrentProcess())
+    if not windows.psapi.GetProcessMemoryInfo(process, ctypes.byref(counters), counters.cb):
+        return 0.0
+    return float(counters.WorkingSetSize)

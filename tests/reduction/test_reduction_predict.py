@@ -1,0 +1,109 @@
+"""Predicted memory against the peak of a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from systems import csc, fe_model, grid
+
+from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction.outcome import ReductionOptions
+from lrbc_cli.reduction.predict import memory_bound, predict
+
+BACKENDS = ["superlu", *(["pardiso"] if pardiso.library() else [])]
+#: With as many modes as there are terms.
+BAND = (20.0, 70.0)
+
+
+def columns(n: int, dofs) -> sp.csc_array:
+    """Unit columns, never dense."""
+    at = np.asarray(dofs)
+    return csc(sp.coo_array((np.ones(at.size), (at, np.arange(at.size))), shape=(n, at.size)))
+
+
+def cube(side: int = 22, terms: int = 12):
+    """Springs on a block of masses: 10648 DOFs, and factors as full as those of a finite-element model of its size."""
+    n = side**3
+    K, M = csc(4e4 * grid(side, side, side)), csc(0.05 * sp.eye_array(n))
+    outputs = columns(n, (np.array([0.1, 0.35, 0.8]) * n).astype(int))
+    left = columns(n, 40 + 5 * np.arange(terms))
+    return fe_model(K, M, loads=columns(n, [n // 3]), outputs=outputs, left=left, damping=(20.0, 2e-6))
+
+
+SCRIPT = """
+import json, sys
+sys.path[:0] = {paths!r}
+import numpy as np
+from pathlib import Path
+from test_reduction_predict import BAND, cube
+from lrbc_cli.reduction.build import ReductionOptions, reduce_model
+from lrbc_cli.reduction.predict import predict
+
+def status(name):
+    return 1024 * next(int(l.split()[1]) for l in Path("/proc/self/status").read_text().splitlines() if l.startswith(name))
+
+model, options = cube(), ReductionOptions(BAND)
+before = status("VmRSS:")
+if {predicting!r}:
+    cost = predict(model, options, backend={backend!r})
+    print(json.dumps({{"before": before, "additional": cost.additional, "nonzeros": cost.nonzeros}}))
+else:
+    reduction = reduce_model(model, np.zeros(3, dtype=np.int64), options, backend={backend!r})
+    print(json.dumps({{"peak": status("VmHWM:"), "reached": reduction.reached, "size": reduction.model.size}}))
+"""
+
+
+def run(backend: str, predicting: bool) -> dict:
+    here = Path(__file__).parent
+    paths = [str(here), str(here.parent / "helpers"), *sys.path]
+    code = SCRIPT.format(paths=paths, backend=backend, predicting=predicting)
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="peaks are read from /proc")
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_peak_is_predicted_within_thirty_percent(backend):
+    predicted, measured = run(backend, True), run(backend, False)
+    assert measured["reached"]
+    peak = predicted["before"] + predicted["additional"]
+    assert peak == pytest.approx(measured["peak"], rel=0.3)
+    # The interpreter does not carry it: what the reduction adds is met within the same bounds.
+    assert predicted["additional"] == pytest.approx(measured["peak"] - predicted["before"], rel=0.4)
+
+
+class TestPrediction:
+    @pytest.mark.parametrize("backend", BACKENDS)
+    def test_what_it_depends_on(self, backend):
+        small, large = cube(12), cube(18)
+        options = ReductionOptions(BAND)
+        first, second = (predict(model, options, backend=backend) for model in (small, large))
+        for part in ("operators", "factors", "snapshots", "basis"):
+            # 3.4 times the DOFs; factors grow faster.
+            assert second.memory[part] > 3.0 * first.memory[part]
+        assert second.memory["factors"] > 4.0 * first.memory["factors"]
+        assert second.seconds > first.seconds > 0
+        many = predict(cube(12, terms=36), options, backend=backend)
+        assert many.memory["snapshots"] > 2 * first.memory["snapshots"]
+        assert many.memory["factors"] < 1.1 * first.memory["factors"]
+
+    def test_a_largest_size_bounds_the_basis(self):
+        model = cube(12)
+        free, bounded = (predict(model, ReductionOptions(BAND, max_size=size), backend="superlu") for size in (None, 10))
+        assert bounded.memory["basis"] == pytest.approx(free.memory["basis"] * 10 / 64)
+        assert bounded.additional < free.additional
+
+    @pytest.mark.parametrize("side", [9, 14, 22])
+    def test_the_quick_bound_is_above_the_prediction(self, side):
+        model = cube(side)
+        assert memory_bound(model) > predict(model, ReductionOptions(BAND), backend="superlu").additional
+        assert np.isfinite(memory_bound(model))
