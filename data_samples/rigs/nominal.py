@@ -24,7 +24,7 @@ COMPONENTS = ("UZ", "ROTX", "ROTY", "TWIST")
 COMPONENT_SIGN = (1.0, 1.0, -1.0, 1.0)
 # Blocks are stored in steps of 2^-BITS of a power of two above their largest entry: exact symmetry and row sums.
 BITS = 31
-#: Corners and midsides of the tetrahedron on the lower half of a cell's front, in halves of its sides; that on the upper half is its mirror image.
+#: Corners and midsides of the tetrahedron on the lower half of a cell's front, in halves of its sides; the other is its mirror image.
 CELL_NODES = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (2, 2, 2), (1, 0, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 1, 1), (2, 2, 1)])
 #: Pressures on the plate are taken so far inside the cavity [m]. It adds entries of one step of ``BITS``; the stored sample has them.
 INSIDE = 1e-9
@@ -112,7 +112,7 @@ def acoustic_matrices(basis: skfem.Basis, materials: Materials) -> tuple[sp.csr_
 
 
 def tetrahedron_pressure(x: Array, y: Array, z: float, lower: bool) -> Array:
-    """(10, q) quadratic shape functions on a tetrahedron at the front of a unit cell, y < x where `lower`, with the nodes of ``CELL_NODES``."""
+    """(10, q) quadratic shape functions on a tetrahedron at the front of a unit cell, y < x where `lower`; nodes as ``CELL_NODES``."""
     u, v = (x, y) if lower else (y, x)
     corner = (1 - u, u - v, v - z, np.full_like(u, z))
     return np.stack([c * (2 * c - 1) for c in corner] + [4 * a * b for a, b in combinations(corner, 2)])

@@ -87,8 +87,8 @@ class Terms:
     ----------
     edges : tuple of str
     count : int
-        Of all edges together, spread evenly. Where the nodes of the edges have no more rotations across them, those along them come too, then
-        both rotations of the nodes on the next line inside, and so on.
+        Of all edges together, spread evenly. Where the nodes of the edges have no more rotations across them, those along them come too,
+        then both rotations of the nodes on the next line inside, and so on.
     """
 
     edges: tuple[str, ...] = ("left",)
@@ -133,7 +133,7 @@ class Terms:
 
 
 def write_model(design: Design, folder: Path) -> Model:
-    """Write ``model.h5``, ``dofs.csv``, ``bolts.csv`` and the load ``hammer.mtx``, since a mesh need not have a node at the hammer point."""
+    """Write ``model.h5``, ``dofs.csv``, ``bolts.csv`` and the load ``hammer.mtx``: a mesh need not have a node at the hammer."""
     model = build(design)
     write(design, model, folder)
     load = point_load(design, *design.hammer)

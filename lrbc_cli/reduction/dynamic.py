@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,9 +19,14 @@ from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.ordering import nested_dissection
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
+#: Right-hand sides, (n,) or (n, m), or sparse (n, m).
+Columns: TypeAlias = NDArray[Any] | sp.csc_array
 
 #: A refined solve whose residual stays above this fraction of its right-hand side is reported as singular.
 RESIDUAL_LIMIT = 1e-6
+
+#: Right-hand sides that are solved for together: more gain nothing, and each takes several vectors besides its solution.
+COLUMNS = 32
 
 
 class Solver(Protocol):
@@ -105,37 +110,29 @@ class DynamicStiffness:
         n = K.shape[0]
         self.size = n
 
-        union = (abs(K) + abs(C) + abs(M) + sp.eye_array(n)).tocsr()
-        union = (union + union.T).tocsr()
-        if backend == "superlu":
-            self._perm = nested_dissection(union, ordering)
-        else:
-            self._perm = np.arange(n)
+        # Patterns are counted in bytes: on large models the operators' values would be copied several times over.
+        union = _ones(K) + _ones(C) + _ones(M) + sp.eye_array(n, dtype=np.int8, format="csc")
+        union = (union + union.T).tocsc()
         self._permuted = backend == "superlu"
-        self._rows = [op.tocsr() for op in (K, C, M)]
-        inverse = np.empty(n, dtype=np.int64)
-        inverse[self._perm] = np.arange(n)
-        self._inverse = inverse
-        rows, cols = (inverse[index] for index in (union.tocoo().row, union.tocoo().col))
-        upper = backend == "pardiso" and self.symmetric
-        if upper:
-            rows, cols = rows[rows <= cols], cols[rows <= cols]
-        # PARDISO wants rows, SuperLU columns.
-        major, minor = (rows, cols) if backend == "pardiso" else (cols, rows)
-        key = np.sort(major * n + minor)
-        self._major, self._minor = key // n, key % n
-        indptr = np.searchsorted(self._major, np.arange(n + 1))
-        self._values = []
-        for matrix in (K, C, M):
-            coo = matrix.tocoo()
-            r, c = inverse[coo.row], inverse[coo.col]
-            keep = r <= c if upper else np.ones(r.size, dtype=bool)
-            entry = (r * n + c if backend == "pardiso" else c * n + r)[keep]
-            data = np.zeros(key.size, dtype=coo.data.dtype)
-            data[np.searchsorted(key, entry)] = coo.data[keep]
-            self._values.append(data)
-        self._diagonal = np.searchsorted(key, np.arange(n) * n + np.arange(n))
-        self._indptr = indptr
+        self._perm = nested_dissection(union.T, ordering) if self._permuted else np.arange(n)
+        self._inverse = np.empty(n, dtype=np.int64)
+        self._inverse[self._perm] = np.arange(n)
+
+        def stored(matrix: sp.csc_array) -> sp.csr_array:
+            """As the solver wants it: PARDISO by rows, of the upper triangle where symmetric; SuperLU by columns, reordered."""
+            if self._permuted:
+                found = matrix[self._perm][:, self._perm].T
+            else:
+                found = sp.triu(matrix, format="csr") if self.half else matrix.tocsr()
+            found.sort_indices()
+            return found
+
+        pattern = stored(union)
+        del union
+        self._values = [_spread(stored(matrix), pattern) for matrix in (K, C, M)]
+        self._counts, self._minor = np.diff(pattern.indptr), pattern.indices
+        self._diagonal = np.flatnonzero(self._major() == self._minor)
+        self._indptr = pattern.indptr
         self._begin()
 
     def _begin(self) -> None:
@@ -154,6 +151,10 @@ class DynamicStiffness:
         other._begin()
         return other
 
+    def _major(self) -> NDArray[np.int64]:
+        """Row of each stored entry for PARDISO, column for SuperLU."""
+        return np.repeat(np.arange(self.size), self._counts)
+
     @property
     def nonzeros(self) -> int:
         """Non-zeros of the latest factors."""
@@ -170,8 +171,14 @@ class DynamicStiffness:
 
     def apply(self, s: complex, X: Complexes, *, transposed: bool = False) -> Complexes:
         """Z(s) X, or Z(s)ᵀ X."""
-        K, C, M = (op.T for op in self._rows) if transposed else self._rows
-        return np.asarray(s**2 * (M @ X) + s * (C @ X) + K @ X)
+        K, C, M = ((op.T if transposed else op) for op in (self.K, self.C, self.M))
+        out = (M @ X).astype(complex, copy=False)
+        out *= s**2
+        damped = (C @ X).astype(complex, copy=False)
+        damped *= s
+        out += damped
+        out += K @ X
+        return np.asarray(out)
 
     def factor(self, s: complex) -> Factorisation:
         """Factorise Z(s); the returned object is valid until the next call.
@@ -183,17 +190,17 @@ class DynamicStiffness:
         """
         start = time.perf_counter()
         k, c, m = self._values
-        data = s**2 * m + s * c + k
+        data = s**2 * m
+        data += s * c
+        data += k
         left = np.ones(self.size, dtype=complex)
         if self.coupling.kappa is not None:
             left[self._acoustic] = -1.0 / (self.coupling.kappa * s**2)
         left = left[self._perm]
-        row = self._major if self.backend == "pardiso" else self._minor
-        col = self._minor if self.backend == "pardiso" else self._major
-        data = left[row] * data
+        data *= left[self._minor] if self._permuted else np.repeat(left, self._counts)
         size = np.abs(data[self._diagonal])
         largest = np.zeros(self.size)
-        np.maximum.at(largest, col, np.abs(data))
+        np.maximum.at(largest, self._major() if self._permuted else self._minor, np.abs(data))
         # A (nearly) empty diagonal is scaled by the largest entry of its column instead.
         size = np.where(size > 1e-8 * largest, size, largest)
         if np.any(size == 0.0) or not np.all(np.isfinite(size)):
@@ -204,12 +211,14 @@ class DynamicStiffness:
                 hint="remove DOFs without stiffness and mass (fixed or orphan nodes) from the export",
             )
         d = 1.0 / np.sqrt(size)
-        self._solver.factor(d[row] * data * d[col])
+        data *= d[self._minor]
+        data *= np.repeat(d, self._counts)
+        self._solver.factor(data)
         self._state = (s, np.asarray(left * d), np.asarray(d + 0j))
         self.factor_seconds.append(time.perf_counter() - start)
         return Factorisation(self, s)
 
-    def _solve(self, s: complex, rhs: Complexes, *, transposed: bool, refine: int) -> Complexes:
+    def _solve(self, s: complex, rhs: Columns, *, transposed: bool, refine: int) -> Complexes:
         if self._state is None or self._state[0] != s:
             raise NumericalError("the factorisation was replaced by a later one")
         start = time.perf_counter()
@@ -219,27 +228,48 @@ class DynamicStiffness:
         swap = transposed and not self.symmetric
 
         def once(b: Complexes) -> Complexes:
-            scaled = (before if b.ndim == 1 else before[:, None]) * (b[self._perm] if self._permuted else b)
-            y = self._solver.solve(scaled, transposed=swap)
-            y *= after if b.ndim == 1 else after[:, None]
+            y = self._solver.solve(before[:, None] * (b[self._perm] if self._permuted else b), transposed=swap)
+            y *= after[:, None]
             return np.asarray(y[self._inverse] if self._permuted else y)
 
-        b = np.asarray(rhs, dtype=complex)
-        x = once(b)
-        regular = bool(np.all(np.isfinite(x)))
-        if refine and regular:
-            for _ in range(refine):
-                x = x + once(b - self.apply(s, x, transposed=transposed))
-            # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
-            weight = np.abs(before) if b.ndim == 1 else np.abs(before)[:, None]
-            rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
-            regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
-        self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
-        if not regular:
-            raise NumericalError(
-                f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
-            )
-        return x
+        def solved(b: Complexes) -> Complexes:
+            x = once(b)
+            regular = bool(np.all(np.isfinite(x)))
+            if refine and regular:
+                for _ in range(refine):
+                    x += once(b - self.apply(s, x, transposed=transposed))
+                # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
+                weight = np.abs(before)[:, None]
+                rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
+                regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
+            if not regular:
+                raise NumericalError(
+                    f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
+                )
+            return x
+
+        columns = rhs[:, None] if rhs.ndim == 1 else rhs
+        # Fortran order: PARDISO's own, and a part of the columns lies together.
+        out = np.empty(columns.shape, dtype=complex, order="F")
+        for first in range(0, columns.shape[1], COLUMNS):
+            part = columns[:, first : first + COLUMNS]
+            dense = part if isinstance(part, np.ndarray) else part.toarray()
+            out[:, first : first + COLUMNS] = solved(np.asarray(dense, dtype=complex))
+        self.solve_seconds.append((columns.shape[1], time.perf_counter() - start))
+        return np.asarray(out[:, 0] if rhs.ndim == 1 else out)
+
+
+def _ones(matrix: sp.csc_array) -> sp.csc_array:
+    """The pattern of a matrix, a byte an entry."""
+    return sp.csc_array((np.ones(matrix.indices.size, dtype=np.int8), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def _spread(matrix: sp.csr_array, pattern: sp.csr_array) -> NDArray[Any]:
+    """Values of a matrix on a pattern that contains its own, zero elsewhere; both with sorted indices."""
+    mine, whole = (sp.csr_array((np.full(A.indices.size, 1, dtype=np.int8), A.indices, A.indptr), shape=A.shape) for A in (matrix, pattern))
+    values = np.zeros(pattern.indices.size, dtype=matrix.dtype)
+    values[(mine + whole).data == 2] = matrix.data
+    return values
 
 
 @dataclass(frozen=True)
@@ -249,11 +279,11 @@ class Factorisation:
     owner: DynamicStiffness
     s: complex
 
-    def solve(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
-        """Z(s)⁻¹ B, (n,) or (n, m), with ``refine`` steps of iterative refinement."""
+    def solve(self, rhs: Columns, *, refine: int = 0) -> Complexes:
+        """Z(s)⁻¹ B, (n,) or (n, m), dense or sparse, with ``refine`` steps of iterative refinement."""
         return self.owner._solve(self.s, rhs, transposed=False, refine=refine)
 
-    def solve_transposed(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
+    def solve_transposed(self, rhs: Columns, *, refine: int = 0) -> Complexes:
         """Z(s)⁻ᵀ B."""
         return self.owner._solve(self.s, rhs, transposed=True, refine=refine)
 

@@ -4,8 +4,8 @@
     lrbc reduce runs/box-100k/campaign.yaml
 
 The mesh has nearly as many DOFs as wanted: every line of the sample's mesh is divided into more or fewer cells. The terms are
-rotations at the nodes of the edges named, which are pinned; the other edges are clamped. Into the folder go model.h5, dofs.csv, bolts.csv, the load
-hammer.mtx, the terms EDGE.csv and campaign.yaml.
+rotations at the nodes of the edges named, which are pinned; the other edges are clamped. Into the folder go model.h5, dofs.csv,
+bolts.csv, the load hammer.mtx, the terms campaign-EDGE.csv and campaign.yaml.
 """
 
 from __future__ import annotations
