@@ -44,25 +44,29 @@ def peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / MB
 
 
-def _inputs(config: str, backend: str, *overrides: str) -> Inputs:
-    return read_inputs(load_campaign(Path(config), [f"reduction.backend={backend}", *overrides]))
+def _inputs(config: str, backend: str, *overrides: str, fixed: bool = False) -> Inputs:
+    """Inputs of a campaign; with start values and bounds that need not be found where `fixed`."""
+    asked = [f"reduction.backend={backend}", *overrides]
+    if fixed:
+        groups = load_campaign(Path(config)).parameters
+        asked += [text for name in groups for text in (f"parameters.{name}.initial=3.0", f"parameters.{name}.bounds=[-1.0, 6.0]")]
+    return read_inputs(load_campaign(Path(config), asked))
 
 
-def one_factorisation(config: str, backend: str) -> dict[str, Any]:
-    """Read the model, analyse and factorise it once: seconds and peak memory of that; then full lines in the same process."""
+def one_factorisation(config: str, backend: str, lines: int) -> dict[str, Any]:
+    """Read the model, analyse and factorise it once: seconds and peak memory of that; then full lines, their median."""
     start = time.perf_counter()
     inputs = _inputs(config, backend)
     read, read_peak = time.perf_counter() - start, peak()
-    model, high = inputs.model, 2 * np.pi * inputs.campaign.reduction.band[1]
+    model, (low, upper) = inputs.model, inputs.campaign.reduction.band
+    high = 2 * np.pi * upper
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     start = time.perf_counter()
     Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
     prepared = time.perf_counter() - start
     Z.factor(1j * high)
-    factor_peak, nonzeros = peak(), Z.nonzeros
-    first = Z.factor_seconds[0]
-    del Z
-    line, _ = measure.full_line(inputs, backend)
+    factor_peak, nonzeros, first = peak(), Z.nonzeros, Z.factor_seconds[0]
+    line, _ = measure.full_lines(Z, inputs, np.linspace(low, upper, lines + 2)[1:-1])
     return {
         "n": model.size,
         "terms": model.terms.size,
@@ -109,6 +113,7 @@ def one_reduction(config: str, backend: str, folder: str, cost_lines: int = 0) -
         "reached": reduction.reached,
     }
     if cost_lines:
+        inputs = _inputs(config, backend, fixed=True)
         found |= cost(inputs, stage_from(inputs, Path(folder)), cost_lines)
     return found
 
@@ -124,27 +129,25 @@ def stage_from(inputs: Inputs, folder: Path) -> ReductionStage:
 def cost(inputs: Inputs, stage: ReductionStage, count: int, repeats: int = 5) -> dict[str, Any]:
     """Seconds of the port FRFs of `count` lines, once, and of one evaluation of the cost (29) with its gradient on them."""
     s = 2j * np.pi * np.linspace(*inputs.campaign.reduction.band, count)
+    for old in stage.decision.path.parent.glob("ports-*.h5"):
+        old.unlink()
     source = frf_source(inputs, stage)
     parameters, _ = parameterise(inputs, source, s)
     for old in stage.decision.path.parent.glob("ports-*.h5"):
         old.unlink()
+    fresh = frf_source(inputs, stage)
     start = time.perf_counter()
-    model = replace_source(source).model(s, parameters, None, inputs.used)
+    model = fresh.model(s, parameters, None, inputs.used)
     table = time.perf_counter() - start
-    theta = parameters.initial
     # A measurement that is not the model's own, so that no residual vanishes.
+    theta = parameters.initial
     misfit = Misfit(model, 1.1 * model.frf(theta - 0.5), theta, 0.04)
     return {"cost_lines": count, "table_s": table, "cost_s": measure.timed(lambda: misfit(theta), repeats), "unknowns": theta.size}
 
 
-def replace_source(source: Any) -> Any:
-    """The same without the tables that it holds."""
-    return frf_source(source.inputs, source.stage)
-
-
 def costs(config: str, backend: str, folder: str, counts: list[int]) -> dict[str, Any]:
     """``cost`` for several numbers of lines, interleaved three times; medians."""
-    inputs = _inputs(config, backend)
+    inputs = _inputs(config, backend, fixed=True)
     stage = stage_from(inputs, Path(folder))
     runs = [[cost(inputs, stage, count) for count in counts] for _ in range(3)]
     rows = [
