@@ -38,9 +38,12 @@ class Solver(Protocol):
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
         """Unrefined solution."""
 
+    def release(self) -> None:
+        """Give the memory of the factors back; solves need another factorisation."""
+
     @property
     def nonzeros(self) -> int:
-        """Non-zeros of the factors."""
+        """Non-zeros of the latest factors."""
 
 
 class SuperLuSolver:
@@ -49,16 +52,18 @@ class SuperLuSolver:
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any]) -> None:
         self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)
         self._lu: Any = None
+        self._nonzeros = 0
 
     def factor(self, data: Complexes) -> None:
         """Factorise; the earlier factors are released first."""
         n = self._indptr.size - 1
         matrix = sp.csc_matrix((data, self._indices, self._indptr), shape=(n, n))
-        self._lu = None
+        self.release()
         try:
             # Threaded BLAS on small supernodes made this many times slower on busy cores.
             with threadpool_limits(limits=1, user_api="blas"):
                 self._lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+                self._nonzeros = int(self._lu.nnz)
         except RuntimeError as error:
             raise NumericalError(f"SuperLU failed ({error})") from error
 
@@ -67,10 +72,14 @@ class SuperLuSolver:
         with threadpool_limits(limits=1, user_api="blas"):
             return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
 
+    def release(self) -> None:
+        """Give the memory of the factors back."""
+        self._lu = None
+
     @property
     def nonzeros(self) -> int:
-        """Non-zeros of the factors."""
-        return int(self._lu.nnz)
+        """Non-zeros of the latest factors."""
+        return self._nonzeros
 
 
 class DynamicStiffness:
@@ -218,9 +227,14 @@ class DynamicStiffness:
         self.factor_seconds.append(time.perf_counter() - start)
         return Factorisation(self, s)
 
+    def release(self) -> None:
+        """Give the memory of the factors back; the analysis stays, and solves need another factorisation."""
+        self._state = None
+        self._solver.release()
+
     def _solve(self, s: complex, rhs: Columns, *, transposed: bool, refine: int) -> Complexes:
         if self._state is None or self._state[0] != s:
-            raise NumericalError("the factorisation was replaced by a later one")
+            raise NumericalError("the factorisation was released, or replaced by a later one")
         start = time.perf_counter()
         _, left, right = self._state
         before, after = (right, left) if transposed else (left, right)

@@ -122,8 +122,13 @@ class Pardiso:
         if error.value:
             raise NumericalError(f"PARDISO failed ({_MESSAGES.get(error.value, f'error {error.value}')})")
 
+    def release(self) -> None:
+        """Release the factors; the analysis stays."""
+        if self._analysed:
+            self._call(0)
+
     def close(self) -> None:
-        """Release the factors."""
+        """Release the factors and the analysis."""
         if self._analysed:
             self._analysed = False
             self._call(-1)
