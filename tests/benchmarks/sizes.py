@@ -271,6 +271,7 @@ def document(found: dict[str, Any]) -> str:
             ("one evaluation", lambda r: measure.duration(r["per_evaluation_s"])),
             ("port FRFs [s]", lambda r: f"{r['seconds']['port']:.2f}"),
             ("identification [s]", lambda r: f"{r['seconds']['total']:.2f}"),
+            ("of all cores [s]", lambda r: f"{r['seconds']['processor']:.2f}"),
             ("misfit [dB]", lambda r: f"{r['misfit_db']:.2f}"),
         ]
         parts.append(f"One identification at r = {identification['r']}:\n\n" + rows_table(columns, identification["rows"]))

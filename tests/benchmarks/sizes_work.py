@@ -191,11 +191,13 @@ def identifications(configs: list[str], backend: str, folder: str, job: str, rep
         for i, (inputs, stage) in enumerate(ready):
             for old in stage.decision.path.parent.glob("ports-*.h5"):
                 old.unlink()
-            runs[i].append(identify(inputs, frf_source(inputs, stage), job))
+            used = time.process_time()
+            found_now = identify(inputs, frf_source(inputs, stage), job)
+            runs[i].append(replace(found_now, seconds=found_now.seconds | {"processor": time.process_time() - used}))
     rows = []
     for (inputs, _), (_, kept), found in zip(ready, loaded, runs, strict=True):
         evaluations = found[0].line_evaluations / found[0].selected.size
-        seconds = {key: float(np.median([run.seconds[key] for run in found])) for key in ("read", "port", "optimise", "total")}
+        seconds = {key: float(np.median([run.seconds[key] for run in found])) for key in ("read", "port", "optimise", "total", "processor")}
         rows.append(
             {
                 "n": inputs.model.size,
@@ -204,7 +206,8 @@ def identifications(configs: list[str], backend: str, folder: str, job: str, rep
                 "lines": int(found[0].selected.size),
                 "evaluations": evaluations,
                 "seconds": seconds,
-                "per_evaluation_s": float(np.median([run.seconds["optimise"] for run in found])) / evaluations,
+                # The fastest run is the one that other processes disturbed least.
+                "per_evaluation_s": min(run.seconds["optimise"] for run in found) / evaluations,
                 "misfit_db": float(np.mean(found[0].misfit_final[inputs.used])),
             }
         )
