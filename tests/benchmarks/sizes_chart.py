@@ -23,7 +23,7 @@ def exponent(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def _short(value: float, _: object = None) -> str:
-    return f"{value / 1000:g}k" if value >= 1000 else f"{value:g}"
+    return f"{value / 1000:.3g}k" if value >= 1000 else f"{value:g}"
 
 
 def _curve(axes: Axes, x: Sequence[float], y: Sequence[float], name: str, colour: str, *, power: bool = True) -> None:
