@@ -70,6 +70,19 @@ def nuisances_text(scatter: Scatter) -> str:
     return ", ".join(f"{key}: {value:g}" for key, value in known.items() if value)
 
 
+def group_lines(name: str, select: str) -> list[str]:
+    """A parameter group along an edge."""
+    return [
+        f"  {name}:",
+        "    kind: stiffness",
+        f"    select: {select}",
+        "    initial: auto",
+        "    bounds: auto",
+        "    smoothing: [0.333333, 0.666667, 0.333333]",
+        "    damping: {initial: 0.0, bounds: [-3.0, 4.0]}",
+    ]
+
+
 def campaign_text(
     design: Design,
     name: str,
@@ -78,6 +91,9 @@ def campaign_text(
     scatter: Scatter | None = None,
     *,
     baselines: bool = False,
+    frf: str = "frf",
+    hammer: str | None = None,
+    groups: Mapping[str, str] | None = None,
 ) -> str:
     """The campaign file.
 
@@ -89,11 +105,17 @@ def campaign_text(
     model : str
         Folder of the model, relative to the file.
     jobs : mapping of str to names of bolts
-        What is removed; the first job is the reference. Measurements lie in ``frf/``.
+        What is removed; the first job is the reference.
     scatter : Scatter or None
         What drifts between the jobs: the update is told its standard deviations, never what was drawn.
     baselines : bool
         The second job is a further tight state, for the scatter between tight states.
+    frf : str
+        Folder of the measurements, relative to the file.
+    hammer : str or None
+        The load, where it is no node of the model.
+    groups : mapping or None
+        What each parameter group selects; None for the rotations along the left edge.
 
     Raises
     ------
@@ -110,6 +132,11 @@ def campaign_text(
     def numbers(*values: float) -> str:
         return "[" + ", ".join(f"{round(v, 6):g}" for v in values) + "]"
 
+    if hammer is None:
+        hammer = f"{{near: {numbers(*design.hammer_point)}, component: UZ}}"
+    if groups is None:
+        box = ", ".join((numbers(x0 - 0.001, x0 + 0.001), numbers(y0, y1), numbers(z - 0.001, z + 0.001)))
+        groups = {"left_edge": f"{{component: ROTY, box: [{box}]}}"}
     lines = [
         f"# {design.title}: a virtual rig, measured. What was drawn for it stands in truth.json, which is not read.",
         "",
@@ -125,21 +152,13 @@ def campaign_text(
         f"  dofs: {model}/dofs.csv",
         "",
         "excitation:",
-        f"  hammer: {{near: {numbers(*design.hammer_point)}, component: UZ}}",
+        f"  hammer: {hammer}",
         "",
         "responses:",
         *(f"  {mic}: {{near: {numbers(*xyz)}, component: PRES}}" for mic, xyz in design.microphones.items()),
         "",
         "parameters:",
-        "  left_edge:",
-        "    kind: stiffness",
-        "    select:",
-        "      component: ROTY",
-        f"      box: [{numbers(x0 - 0.001, x0 + 0.001)}, {numbers(y0, y1)}, {numbers(z - 0.001, z + 0.001)}]",
-        "    initial: auto",
-        "    bounds: auto",
-        "    smoothing: [0.333333, 0.666667, 0.333333]",
-        "    damping: {initial: 0.0, bounds: [-3.0, 4.0]}",
+        *(line for group, select in groups.items() for line in group_lines(group, select)),
         "",
         f"bolts: {model}/bolts.csv",
         "",
@@ -166,7 +185,7 @@ def campaign_text(
     ]
     for job, removed in jobs.items():
         known = f", removed: [{', '.join(removed)}]" if removed else ""
-        lines.append(f"  {job}: {{frf: frf/{job}.uff{known}}}")
+        lines.append(f"  {job}: {{frf: {frf}/{job}.uff{known}}}")
     return "\n".join(lines) + "\n"
 
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
+#: Edges of a plate: x = x0, x = x1, y = y0, y = y1.
+EDGES = ("left", "right", "bottom", "top")
 Corners = tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
@@ -116,12 +118,15 @@ class Mesh:
         Cells along z between z = 0, the depths of the microphones inside, and the back wall.
     plate : int
         Plate elements along one side of a cell of the aperture.
+    neck : int
+        Cells along z in the neck.
     """
 
     aperture: tuple[int, int]
     sides: tuple[int, int, int, int]
     depths: tuple[int, ...]
     plate: int
+    neck: int = 1
 
 
 def _soundbox_microphones() -> Mapping[str, Point]:
@@ -178,6 +183,10 @@ class Design:
     foundation : Foundation
     nominal, true : Mesh
         Of the nominal model (tetrahedra) and of the rig (hexahedra).
+    pinned : tuple of str
+        Edges of the nominal plate that may turn (``left``, ``right``, ``bottom``, ``top``); the others and the corners are clamped.
+    held_at_nodes : bool
+        The pinned edges are held at their nodes only, so that the slope along them is free too.
     jobs : mapping
         Numbers of the removed bolts by job, the first job with none.
     """
@@ -204,10 +213,14 @@ class Design:
     nominal: Mesh = field(default_factory=lambda: Mesh((8, 7), (1, 1, 3, 2), (1, 6, 4, 3), 5))
     true: Mesh = field(default_factory=lambda: Mesh((8, 8), (2, 2, 3, 3), (1, 7, 4, 4), 3))
     jobs: Mapping[str, tuple[int, ...]] = field(default_factory=_soundbox_jobs)
+    pinned: tuple[str, ...] = ("left",)
+    held_at_nodes: bool = False
 
     def __post_init__(self) -> None:
         if tuple(n * self.nominal.plate for n in self.nominal.aperture) != self.plate_cells:
             raise ValueError(f"{self.name}: the plate's elements do not divide the cells of the aperture")
+        if not set(self.pinned) <= set(EDGES):
+            raise ValueError(f"{self.name}: no edges of a plate: {', '.join(sorted(set(self.pinned) - set(EDGES)))}")
         if any(self.jobs[self.reference]):
             raise ValueError(f"{self.name}: the first job has no bolt removed")
 

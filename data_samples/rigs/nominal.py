@@ -6,6 +6,7 @@ Pinned left edge, the other edges clamped, hard walls; quadratic tetrahedra for 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import h5py
@@ -23,6 +24,10 @@ COMPONENTS = ("UZ", "ROTX", "ROTY", "TWIST")
 COMPONENT_SIGN = (1.0, 1.0, -1.0, 1.0)
 # Blocks are stored in steps of 2^-BITS of a power of two above their largest entry: exact symmetry and row sums.
 BITS = 31
+#: Corners and midsides of the tetrahedron on the lower half of a cell's front, in halves of its sides; the other is its mirror image.
+CELL_NODES = np.array([(0, 0, 0), (2, 0, 0), (2, 2, 0), (2, 2, 2), (1, 0, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 1, 1), (2, 2, 1)])
+#: Pressures on the plate are taken so far inside the cavity [m]. It adds entries of one step of ``BITS``; the stored sample has them.
+INSIDE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ def symmetric(matrix: sp.csr_array) -> sp.csr_array:
 def acoustic_basis(design: Design) -> tuple[skfem.Basis, IntArray]:
     """Quadratic tetrahedra of the cavity, and the lattice index (n, 3) of each DOF."""
     mesh = design.nominal
-    grid = block_grid(design, mesh.aperture, mesh.sides, mesh.depths, 1, snap=True)
+    grid = block_grid(design, mesh.aperture, mesh.sides, mesh.depths, mesh.neck, snap=True)
     cells = tetrahedra(grid)
     tets = skfem.MeshTet(np.ascontiguousarray(grid.points.T), np.ascontiguousarray(cells.T), sort_t=False, validate=False)
     basis = skfem.Basis(tets, skfem.ElementTetP2(), intorder=4)
@@ -106,50 +111,89 @@ def acoustic_matrices(basis: skfem.Basis, materials: Materials) -> tuple[sp.csr_
     return symmetric(stiffness), symmetric(mass)
 
 
-def coupling_matrix(design: Design, basis: skfem.Basis) -> sp.csr_array:
+def tetrahedron_pressure(x: Array, y: Array, z: float, lower: bool) -> Array:
+    """(10, q) quadratic shape functions on a tetrahedron at the front of a unit cell, y < x where `lower`; nodes as ``CELL_NODES``."""
+    u, v = (x, y) if lower else (y, x)
+    corner = (1 - u, u - v, v - z, np.full_like(u, z))
+    return np.stack([c * (2 * c - 1) for c in corner] + [4 * a * b for a, b in combinations(corner, 2)])
+
+
+def coupling_matrix(design: Design, basis: skfem.Basis, lattice: IntArray) -> sp.csr_array:
     """``int N_w N_p`` over the aperture: plate DOFs (all nodes, w w_y w_x w_xy) times pressures.
 
+    Parameters
+    ----------
+    design : Design
+    basis, lattice
+        From ``acoustic_basis``.
+
+    Notes
+    -----
     The diagonals of the acoustic faces are diagonals of the plate elements too, so both shape functions are polynomials on each half of a
-    plate element, and quadrature of degree 8 is exact.
+    plate element, and quadrature of degree 8 is exact. Plate elements at the same place in their cells have equal integrals.
     """
-    (x0, y0, z0), (cells_x, cells_y), (hx, hy) = design.plate_origin, design.plate_cells, design.plate_step
+    (cells_x, cells_y), (hx, hy), mesh = design.plate_cells, design.plate_step, design.nominal
     points, weights = skfem.quadrature.get_quadrature(skfem.ElementTriP1, 8)
     # The two halves of a unit square with the diagonal (0, 0)-(1, 1).
-    halves = [(points[0] + points[1], points[1]), (points[1], points[0] + points[1])]
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(cells_x), np.arange(cells_y), indexing="ij"))
-    total = sp.csr_array((4 * (cells_x + 1) * (cells_y + 1), basis.N))
-    for tx, ty in halves:
-        x = x0 + hx * (i[:, None] + tx)
-        y = y0 + hy * (j[:, None] + ty)
-        # Just inside the cavity, so that the search for the element is unambiguous.
-        at = np.stack([x.ravel(), y.ravel(), np.full(x.size, z0 + 1e-9)])
-        pressure = sp.csr_array(basis.probes(at))
-        nx, ny = hermite(tx, hx), hermite(ty, hy)
-        local = np.empty((4, 4, tx.size))
-        dofs = np.empty((4, 4, i.size), dtype=np.int64)
-        for corner in range(4):
-            ca, cb = divmod(corner, 2)
-            node = (i + ca) * (cells_y + 1) + j + cb
-            for kind in range(4):
-                a, b = divmod(kind, 2)
-                local[corner, kind] = nx[2 * ca + a] * ny[2 * cb + b]
-                dofs[corner, kind] = 4 * node + kind
-        scaled = local.reshape(16, -1) * (weights * hx * hy)
-        rows = np.repeat(dofs.reshape(16, -1).T[:, :, None], tx.size, axis=2).ravel()
-        cols = np.repeat(np.arange(x.size).reshape(i.size, 1, tx.size), 16, axis=1).ravel()
-        values = np.tile(scaled.ravel(), i.size)
-        sampling = sp.csr_array(sp.coo_array((values, (rows, cols)), shape=(total.shape[0], x.size)))
-        total = total + sampling @ pressure
-    return sp.csr_array(total)
+    halves = {True: (points[0] + points[1], points[1]), False: (points[1], points[0] + points[1])}
+    # The pressure of each point of the first layer of the neck, by twice its lattice index.
+    front = np.flatnonzero(lattice[:, 2] <= 2)
+    number = np.full(lattice[front].max(axis=0) + 1, -1, dtype=np.int64)
+    number[tuple(lattice[front].T)] = front
+    p, inside = mesh.plate, -INSIDE * mesh.neck / design.plate_origin[2]
+    cell_i, cell_j = (a.ravel() for a in np.meshgrid(*map(np.arange, mesh.aperture), indexing="ij"))
+    rows, cols, values = [], [], []
+    for at_i, at_j, half in product(range(p), range(p), halves):
+        tx, ty = halves[half]
+        lower = at_i > at_j or (at_i == at_j and half)
+        nx, ny = hermite(tx, hx).reshape(2, 2, -1), hermite(ty, hy).reshape(2, 2, -1)
+        deflection = np.einsum("iaq,jbq->ijabq", nx, ny).reshape(16, -1) * (weights * hx * hy)
+        local = deflection @ tetrahedron_pressure((at_i + tx) / p, (at_j + ty) / p, inside, lower).T
+        i, j = p * cell_i + at_i, p * cell_j + at_j
+        nodes = [(i + a) * (cells_y + 1) + j + b for a in (0, 1) for b in (0, 1)]
+        plate = np.stack([4 * node + kind for node in nodes for kind in range(4)])
+        offsets = CELL_NODES if lower else CELL_NODES[:, [1, 0, 2]]
+        pressure = np.stack([number[2 * (mesh.sides[0] + cell_i) + a, 2 * (mesh.sides[2] + cell_j) + b, c] for a, b, c in offsets])
+        shape = (16, 10, cell_i.size)
+        rows.append(np.broadcast_to(plate[:, None], shape).ravel())
+        cols.append(np.broadcast_to(pressure[None], shape).ravel())
+        values.append(np.broadcast_to(local[:, :, None], shape).ravel())
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))
+    return sp.csr_array(sp.coo_array(entries, shape=(4 * (cells_x + 1) * (cells_y + 1), basis.N)))
+
+
+def edge_nodes(design: Design, edge: str, row: int = 0) -> tuple[IntArray, IntArray]:
+    """Indices (i, j) of the nodes along an edge without its ends, `row` lines inside of it."""
+    nx, ny = design.plate_cells
+    upright = edge in ("left", "right")
+    along = np.arange(row + 1, (ny if upright else nx) - row)
+    across = np.full(along.size, row if edge in ("left", "bottom") else (nx if upright else ny) - row)
+    return (across, along) if upright else (along, across)
 
 
 def free_plate_dofs(design: Design) -> IntArray:
-    """DOFs that the supports leave: pinned left edge (w_x and w_xy kept), the other edges clamped; corners are clamped."""
+    """DOFs that the supports leave: the slope across a pinned edge and the twist, nothing on the other edges and at the corners."""
     cells_x, cells_y = design.plate_cells
     keep = np.zeros((cells_x + 1, cells_y + 1, 4), dtype=bool)
     keep[1:-1, 1:-1] = True
-    keep[0, 1:-1, 2:] = True
+    for edge in design.pinned:
+        across, along = (2, 1) if edge in ("left", "right") else (1, 2)
+        i, j = edge_nodes(design, edge)
+        keep[i, j, across] = keep[i, j, 3] = True
+        keep[i, j, along] = design.held_at_nodes
     return np.flatnonzero(keep.ravel())
+
+
+def point_load(design: Design, x: float, y: float) -> sp.csc_array:
+    """(plate DOFs, 1) unit force in +z anywhere on the nominal plate: the deflection's shape functions at the point."""
+    (x0, y0, _), cells, steps = design.plate_origin, design.plate_cells, design.plate_step
+    at = ((x - x0) / steps[0], (y - y0) / steps[1])
+    cell = [min(max(int(a), 0), count - 1) for a, count in zip(at, cells, strict=True)]
+    nx, ny = (hermite(np.array(a - c), h) for a, c, h in zip(at, cell, steps, strict=True))
+    column = np.zeros((cells[0] + 1, cells[1] + 1, 2, 2))
+    column[cell[0] : cell[0] + 2, cell[1] : cell[1] + 2] = np.einsum("ia,jb->ijab", nx.reshape(2, 2), ny.reshape(2, 2))
+    free = free_plate_dofs(design)
+    return sp.csc_array((column.ravel()[free] * np.tile(COMPONENT_SIGN, column.size // 4)[free])[:, None])
 
 
 def build(design: Design) -> Model:
@@ -165,7 +209,7 @@ def build(design: Design) -> Model:
     free = free_plate_dofs(design)
     sign = sp.diags_array(np.tile(COMPONENT_SIGN, (cells_x + 1) * (cells_y + 1))[free])
     ks, ms, kx = (sp.csr_array(sign @ m[free][:, free] @ sign) for m in plate_matrices(cells_x, cells_y, hx, hy, materials))
-    coupling = quantise(sp.csr_array(sign @ coupling_matrix(design, basis)[free][:, order]))
+    coupling = quantise(sp.csr_array(sign @ coupling_matrix(design, basis, lattice)[free][:, order]))
 
     stiffness = sp.csr_array(sp.block_array([[ks, coupling], [None, ka]], format="csr"))
     mass = sp.csr_array(sp.block_array([[ms, None], [-coupling.T, ma]], format="csr"))

@@ -154,7 +154,7 @@ class Air:
 
     def __init__(self, design: Design) -> None:
         mesh = design.true
-        self.basis = hexahedra(block_grid(design, mesh.aperture, mesh.sides, mesh.depths, 1, snap=False))
+        self.basis = hexahedra(block_grid(design, mesh.aperture, mesh.sides, mesh.depths, mesh.neck, snap=False))
         self.stiffness = sp.csr_array(_laplace.assemble(self.basis))
         self.mass = sp.csr_array(_product.assemble(self.basis))
 

@@ -13,22 +13,27 @@ from lrbc_cli.model.fem import FeModel
 
 def parts_of(model: FeModel) -> NDArray[np.int64]:
     """(n,) number of the connected part that each DOF belongs to; matrices and terms connect."""
-    rows, cols = [], []
-    for matrix in (model.K, model.C, model.M):
-        coo = matrix.tocoo()
-        keep = coo.data != 0
-        rows.append(coo.row[keep])
-        cols.append(coo.col[keep])
-    n = model.size
-    # A term connects all DOFs of its two vectors with the first of them.
-    both = sp.vstack([model.terms.left, model.terms.right], format="csc")
-    for start, stop in zip(both.indptr[:-1], both.indptr[1:], strict=True):
-        dofs = both.indices[start:stop] % n
-        rows.append(dofs)
-        cols.append(np.full(dofs.size, dofs[0]))
-    row, col = np.concatenate(rows), np.concatenate(cols)
-    pattern = sp.csr_array((np.ones(row.size, dtype=bool), (row, col)), shape=(n, n))
-    return np.asarray(connected_components(pattern, directed=False)[1], dtype=np.int64)
+    part = np.arange(model.size)
+    # A term connects all DOFs of its two vectors.
+    terms = sp.vstack([model.terms.left, model.terms.right], format="csc")
+    # One after the other: what the first has joined, later ones need not join again.
+    for matrix, column in ((model.K, None), (model.C, None), (model.M, None), (terms, _first_rows(terms) % model.size)):
+        row = part[matrix.indices % model.size]
+        col = part[np.repeat(np.arange(model.size) if column is None else column, np.diff(matrix.indptr))]
+        joins = (row != col) & (matrix.data != 0)
+        if joins.any():
+            count = int(part.max()) + 1
+            links = sp.csr_array((np.ones(int(joins.sum()), dtype=bool), (row[joins], col[joins])), shape=(count, count))
+            part = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)[part]
+    return part
+
+
+def _first_rows(matrix: sp.csc_array) -> NDArray[np.int64]:
+    """Row of the first entry of each column, 0 where it is empty."""
+    first = np.zeros(matrix.shape[1], dtype=np.int64)
+    some = np.diff(matrix.indptr) > 0
+    first[some] = matrix.indices[matrix.indptr[:-1][some]]
+    return first
 
 
 def require_reach(model: FeModel, responses: list[str], excitations: list[str], input_of: list[int]) -> None:

@@ -44,6 +44,17 @@ def asymmetry(matrix: sp.csc_array) -> float:
     return _norm((matrix - matrix.T).tocsc()) / norm if norm else 0.0
 
 
+def _block_norms(X: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(2, 2) Frobenius norms of the blocks, structure first."""
+    column = np.repeat(is_acoustic, np.diff(X.indptr))
+    at = 2 * is_acoustic[X.indices].astype(np.int8) + column
+    # Squares of entries of 1e-200 would vanish.
+    size = np.abs(X.data)
+    largest = float(size.max(initial=0.0)) or 1.0
+    squares = np.bincount(at, weights=(size / largest) ** 2, minlength=4)
+    return np.asarray(largest * np.sqrt(squares).reshape(2, 2))
+
+
 def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> Coupling:
     """Find out whether Z(s) is symmetric, symmetrisable (u-p), or neither.
 
@@ -56,26 +67,22 @@ def coupling_of(K: sp.csc_array, C: sp.csc_array, M: sp.csc_array, is_acoustic: 
     -------
     Coupling
     """
-    s, a = np.flatnonzero(~is_acoustic), np.flatnonzero(is_acoustic)
-
-    def block(X: sp.csc_array, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> sp.csc_array:
-        return X[rows][:, cols].tocsc()
-
-    defects = [asymmetry(block(X, i, i)) for X in (K, C, M) for i in (s, a)]
-    # Coupling blocks against the geometric mean of the fields' own blocks: their units differ, and either may dwarf the coupling.
-    stray, mixed = [], []
+    defects, stray, mixed = [], [], []
     for X, foreign in ((K, "as"), (M, "sa"), (C, "both")):
-        upper, lower = block(X, s, a), block(X, a, s)
-        scale = np.sqrt(_norm(block(X, s, s)) * _norm(block(X, a, a))) or max(_norm(upper), _norm(lower)) or 1.0
-        stray.append(max(_norm(upper) if foreign != "as" else 0.0, _norm(lower) if foreign != "sa" else 0.0) / scale)
-        mixed.append(_norm((upper - lower.T).tocsc()) / scale)
+        norm, lack = _block_norms(X, is_acoustic), _block_norms((X - X.T).tocsc(), is_acoustic)
+        defects += [lack[f, f] / norm[f, f] if norm[f, f] else 0.0 for f in (0, 1)]
+        # Coupling blocks against the geometric mean of the fields' own blocks: their units differ, and either may dwarf the coupling.
+        scale = np.sqrt(norm[0, 0] * norm[1, 1]) or max(norm[0, 1], norm[1, 0]) or 1.0
+        stray.append(max(norm[0, 1] if foreign != "as" else 0.0, norm[1, 0] if foreign != "sa" else 0.0) / scale)
+        mixed.append(lack[0, 1] / scale)
     whole = max(*defects, *mixed)
     if whole < EQUAL:
         # No acoustic rows need scaling; a symmetric coupling needs none either.
         return Coupling(True, None, whole, "symmetric")
     if not is_acoustic.any() or is_acoustic.all():
         return Coupling(False, None, whole, f"unsymmetric (relative asymmetry {whole:.1e}): LU")
-    A, B = block(K, s, a), block(M, a, s)
+    s, a = np.flatnonzero(~is_acoustic), np.flatnonzero(is_acoustic)
+    A, B = K[:, a].tocsr()[s].tocsc(), M[:, s].tocsr()[a].tocsc()
     dot = float(np.real(B.multiply(A.T).sum()))
     if not A.nnz or not B.nnz or dot == 0.0:
         return Coupling(False, None, whole, f"unsymmetric and not of u-p form (relative asymmetry {whole:.1e}): LU")

@@ -93,12 +93,10 @@ def proportional_damping(
     (n, n) csc_array
     """
 
-    def part(matrix: sp.csc_array, weights: tuple[float, float]) -> sp.coo_array:
-        coo = matrix.tocoo()
-        row_field, column_field = is_acoustic[coo.row], is_acoustic[coo.col]
-        same = row_field == column_field
-        factor = np.where(row_field, weights[1], weights[0])[same]
-        return sp.coo_array((factor * coo.data[same], (coo.row[same], coo.col[same])), shape=matrix.shape)
+    def part(matrix: sp.csc_array, weights: tuple[float, float]) -> sp.csc_array:
+        column = np.repeat(is_acoustic, np.diff(matrix.indptr))
+        factor = np.where(column, weights[1], weights[0]) * (is_acoustic[matrix.indices] == column)
+        return sp.csc_array((factor * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
     C = (part(M, (structure[0], acoustic[0])) + part(K, (structure[1], acoustic[1]))).tocsc()
     C.eliminate_zeros()

@@ -109,6 +109,7 @@ class Reducer:
     def enrich(self, line: FullLine) -> tuple[int, int]:
         """Add the moments at a factorised line to the basis; returns (order, added directions)."""
         line = self.lines.expanded(line)
+        self.lines.release(line)
         assert line.snapshots is not None
         new = [new_directions(f, line.snapshots[f.dofs], self.deflation) for f in self.fields]
         self.clock.lap("basis")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,9 +20,17 @@ from lrbc_cli.reduction.ordering import nested_dissection
 from lrbc_cli.reduction.symbolic import column_counts
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
+#: Right-hand sides, (n,) or (n, m), or sparse (n, m).
+Columns: TypeAlias = NDArray[Any] | sp.csc_array
 
 #: A refined solve whose residual stays above this fraction of its right-hand side is reported as singular.
 RESIDUAL_LIMIT = 1e-6
+
+#: Right-hand sides that are solved for together: more gain nothing, and each takes several vectors besides its solution.
+COLUMNS = 32
+
+#: More of them where one array of them stays below this.
+COLUMN_BYTES = 128e6
 
 
 class Solver(Protocol):
@@ -34,9 +42,12 @@ class Solver(Protocol):
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
         """Unrefined solution."""
 
+    def release(self) -> None:
+        """Give the memory of the factors back; solves need another factorisation."""
+
     @property
     def nonzeros(self) -> int:
-        """Non-zeros of the factors."""
+        """Non-zeros of the latest factors."""
 
 
 class SuperLuSolver:
@@ -45,16 +56,18 @@ class SuperLuSolver:
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any]) -> None:
         self._indptr, self._indices = indptr.astype(np.int32), indices.astype(np.int32)
         self._lu: Any = None
+        self._nonzeros = 0
 
     def factor(self, data: Complexes) -> None:
         """Factorise; the earlier factors are released first."""
         n = self._indptr.size - 1
         matrix = sp.csc_matrix((data, self._indices, self._indptr), shape=(n, n))
-        self._lu = None
+        self.release()
         try:
             # Threaded BLAS on small supernodes made this many times slower on busy cores.
             with threadpool_limits(limits=1, user_api="blas"):
                 self._lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True})
+                self._nonzeros = int(self._lu.nnz)
         except MemoryError as error:
             raise NumericalError("SuperLU failed (not enough memory)", hint="a coarser model, or reduction.backend: pardiso") from error
         except RuntimeError as error:
@@ -65,10 +78,14 @@ class SuperLuSolver:
         with threadpool_limits(limits=1, user_api="blas"):
             return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
 
+    def release(self) -> None:
+        """Give the memory of the factors back."""
+        self._lu = None
+
     @property
     def nonzeros(self) -> int:
-        """Non-zeros of the factors."""
-        return int(self._lu.nnz)
+        """Non-zeros of the latest factors."""
+        return self._nonzeros
 
 
 @dataclass(frozen=True)
@@ -130,38 +147,30 @@ class DynamicStiffness:
         n = K.shape[0]
         self.size = n
 
-        union = (abs(K) + abs(C) + abs(M) + sp.eye_array(n)).tocsr()
-        union = (union + union.T).tocsr()
-        if backend == "superlu":
-            self._perm = nested_dissection(union, ordering)
-        else:
-            self._perm = np.arange(n)
+        # Patterns are counted in bytes: on large models the operators' values would be copied several times over.
+        union = _ones(K) + _ones(C) + _ones(M) + sp.eye_array(n, dtype=np.int8, format="csc")
+        union = (union + union.T).tocsc()
         self._permuted = backend == "superlu"
-        self._rows = [op.tocsr() for op in (K, C, M)]
-        inverse = np.empty(n, dtype=np.int64)
-        inverse[self._perm] = np.arange(n)
-        self._inverse = inverse
-        rows, cols = (inverse[index] for index in (union.tocoo().row, union.tocoo().col))
-        upper = backend == "pardiso" and self.symmetric
-        if upper:
-            rows, cols = rows[rows <= cols], cols[rows <= cols]
-        # PARDISO wants rows, SuperLU columns.
-        major, minor = (rows, cols) if backend == "pardiso" else (cols, rows)
-        key = np.sort(major * n + minor)
-        self._major, self._minor = key // n, key % n
+        self._perm = nested_dissection(union.T, ordering) if self._permuted else np.arange(n)
+        self._inverse = np.empty(n, dtype=np.int64)
+        self._inverse[self._perm] = np.arange(n)
+
+        def stored(matrix: sp.csc_array) -> sp.csr_array:
+            """As the solver wants it: PARDISO by rows, of the upper triangle where symmetric; SuperLU by columns, reordered."""
+            if self._permuted:
+                found = matrix[self._perm][:, self._perm].T
+            else:
+                found = sp.triu(matrix, format="csr") if self.half else matrix.tocsr()
+            found.sort_indices()
+            return found
+
+        pattern = stored(union)
         self.entries = int(union.nnz)
-        indptr = np.searchsorted(self._major, np.arange(n + 1))
-        self._values = []
-        for matrix in (K, C, M):
-            coo = matrix.tocoo()
-            r, c = inverse[coo.row], inverse[coo.col]
-            keep = r <= c if upper else np.ones(r.size, dtype=bool)
-            entry = (r * n + c if backend == "pardiso" else c * n + r)[keep]
-            data = np.zeros(key.size, dtype=coo.data.dtype)
-            data[np.searchsorted(key, entry)] = coo.data[keep]
-            self._values.append(data)
-        self._diagonal = np.searchsorted(key, np.arange(n) * n + np.arange(n))
-        self._indptr = indptr
+        del union
+        self._values = [_spread(stored(matrix), pattern) for matrix in (K, C, M)]
+        self._counts, self._minor = np.diff(pattern.indptr), pattern.indices
+        self._diagonal = np.flatnonzero(self._major() == self._minor)
+        self._indptr = pattern.indptr
         self._begin()
 
     def _begin(self) -> None:
@@ -180,6 +189,10 @@ class DynamicStiffness:
         other._begin()
         return other
 
+    def _major(self) -> NDArray[np.int64]:
+        """Row of each stored entry for PARDISO, column for SuperLU."""
+        return np.repeat(np.arange(self.size), self._counts)
+
     @property
     def nonzeros(self) -> int:
         """Non-zeros of the latest factors."""
@@ -196,8 +209,8 @@ class DynamicStiffness:
             nonzeros, operations, size = self._solver.analyse()
             return Analysis(nonzeros, nonzeros if self.half else nonzeros // 2, operations, size)
         n = self.size
-        indptr, indices = np.searchsorted(self._major, np.arange(n + 1)), self._minor
-        fill = column_counts(sp.csr_array((np.ones(indices.size, dtype=np.int8), indices, indptr), shape=(n, n)))
+        pattern = sp.csr_array((np.ones(self._minor.size, dtype=np.int8), self._minor, self._indptr), shape=(n, n))
+        fill = column_counts(pattern)
         return Analysis(2 * fill.nonzeros - n, fill.nonzeros, fill.operations)
 
     def operator(self, s: complex) -> sp.csr_array:
@@ -206,8 +219,14 @@ class DynamicStiffness:
 
     def apply(self, s: complex, X: Complexes, *, transposed: bool = False) -> Complexes:
         """Z(s) X, or Z(s)ᵀ X."""
-        K, C, M = (op.T for op in self._rows) if transposed else self._rows
-        return np.asarray(s**2 * (M @ X) + s * (C @ X) + K @ X)
+        K, C, M = ((op.T if transposed else op) for op in (self.K, self.C, self.M))
+        out = (M @ X).astype(complex, copy=False)
+        out *= s**2
+        damped = (C @ X).astype(complex, copy=False)
+        damped *= s
+        out += damped
+        out += K @ X
+        return np.asarray(out)
 
     def factor(self, s: complex) -> Factorisation:
         """Factorise Z(s); the returned object is valid until the next call.
@@ -219,17 +238,17 @@ class DynamicStiffness:
         """
         start = time.perf_counter()
         k, c, m = self._values
-        data = s**2 * m + s * c + k
+        data = s**2 * m
+        data += s * c
+        data += k
         left = np.ones(self.size, dtype=complex)
         if self.coupling.kappa is not None:
             left[self._acoustic] = -1.0 / (self.coupling.kappa * s**2)
         left = left[self._perm]
-        row = self._major if self.backend == "pardiso" else self._minor
-        col = self._minor if self.backend == "pardiso" else self._major
-        data = left[row] * data
+        data *= left[self._minor] if self._permuted else np.repeat(left, self._counts)
         size = np.abs(data[self._diagonal])
         largest = np.zeros(self.size)
-        np.maximum.at(largest, col, np.abs(data))
+        np.maximum.at(largest, self._major() if self._permuted else self._minor, np.abs(data))
         # A (nearly) empty diagonal is scaled by the largest entry of its column instead.
         size = np.where(size > 1e-8 * largest, size, largest)
         if np.any(size == 0.0) or not np.all(np.isfinite(size)):
@@ -240,14 +259,21 @@ class DynamicStiffness:
                 hint="remove DOFs without stiffness and mass (fixed or orphan nodes) from the export",
             )
         d = 1.0 / np.sqrt(size)
-        self._solver.factor(d[row] * data * d[col])
+        data *= d[self._minor]
+        data *= np.repeat(d, self._counts)
+        self._solver.factor(data)
         self._state = (s, np.asarray(left * d), np.asarray(d + 0j))
         self.factor_seconds.append(time.perf_counter() - start)
         return Factorisation(self, s)
 
-    def _solve(self, s: complex, rhs: Complexes, *, transposed: bool, refine: int) -> Complexes:
+    def release(self) -> None:
+        """Give the memory of the factors back; the analysis stays, and solves need another factorisation."""
+        self._state = None
+        self._solver.release()
+
+    def _solve(self, s: complex, rhs: Columns, *, transposed: bool, refine: int) -> Complexes:
         if self._state is None or self._state[0] != s:
-            raise NumericalError("the factorisation was replaced by a later one")
+            raise NumericalError("the factorisation was released, or replaced by a later one")
         start = time.perf_counter()
         _, left, right = self._state
         before, after = (right, left) if transposed else (left, right)
@@ -255,27 +281,49 @@ class DynamicStiffness:
         swap = transposed and not self.symmetric
 
         def once(b: Complexes) -> Complexes:
-            scaled = (before if b.ndim == 1 else before[:, None]) * (b[self._perm] if self._permuted else b)
-            y = self._solver.solve(scaled, transposed=swap)
-            y *= after if b.ndim == 1 else after[:, None]
+            y = self._solver.solve(before[:, None] * (b[self._perm] if self._permuted else b), transposed=swap)
+            y *= after[:, None]
             return np.asarray(y[self._inverse] if self._permuted else y)
 
-        b = np.asarray(rhs, dtype=complex)
-        x = once(b)
-        regular = bool(np.all(np.isfinite(x)))
-        if refine and regular:
-            for _ in range(refine):
-                x = x + once(b - self.apply(s, x, transposed=transposed))
-            # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
-            weight = np.abs(before) if b.ndim == 1 else np.abs(before)[:, None]
-            rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
-            regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
-        self.solve_seconds.append((1 if b.ndim == 1 else b.shape[1], time.perf_counter() - start))
-        if not regular:
-            raise NumericalError(
-                f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
-            )
-        return x
+        def solved(b: Complexes) -> Complexes:
+            x = once(b)
+            regular = bool(np.all(np.isfinite(x)))
+            if refine and regular:
+                for _ in range(refine):
+                    x += once(b - self.apply(s, x, transposed=transposed))
+                # A pivot of the size of round-off gives no error and a finite solution, which does not solve.
+                weight = np.abs(before)[:, None]
+                rest = np.linalg.norm(weight * (b - self.apply(s, x, transposed=transposed))[self._perm], axis=0)
+                regular = bool(np.all(rest <= RESIDUAL_LIMIT * np.linalg.norm(weight * b[self._perm], axis=0)))
+            if not regular:
+                raise NumericalError(
+                    f"the dynamic stiffness is singular at {abs(s) / (2 * np.pi):.6g} Hz", hint="add damping, or choose another band"
+                )
+            return x
+
+        columns = rhs[:, None] if rhs.ndim == 1 else rhs
+        # Fortran order: PARDISO's own, and a part of the columns lies together.
+        out = np.empty(columns.shape, dtype=complex, order="F")
+        step = max(COLUMNS, int(COLUMN_BYTES / (16 * self.size)))
+        for first in range(0, columns.shape[1], step):
+            part = columns[:, first : first + step]
+            dense = part if isinstance(part, np.ndarray) else part.toarray()
+            out[:, first : first + step] = solved(np.asarray(dense, dtype=complex))
+        self.solve_seconds.append((columns.shape[1], time.perf_counter() - start))
+        return np.asarray(out[:, 0] if rhs.ndim == 1 else out)
+
+
+def _ones(matrix: sp.csc_array) -> sp.csc_array:
+    """The pattern of a matrix, a byte an entry."""
+    return sp.csc_array((np.ones(matrix.indices.size, dtype=np.int8), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def _spread(matrix: sp.csr_array, pattern: sp.csr_array) -> NDArray[Any]:
+    """Values of a matrix on a pattern that contains its own, zero elsewhere; both with sorted indices."""
+    mine, whole = (sp.csr_array((np.full(A.indices.size, 1, dtype=np.int8), A.indices, A.indptr), shape=A.shape) for A in (matrix, pattern))
+    values = np.zeros(pattern.indices.size, dtype=matrix.dtype)
+    values[(mine + whole).data == 2] = matrix.data
+    return values
 
 
 @dataclass(frozen=True)
@@ -285,11 +333,11 @@ class Factorisation:
     owner: DynamicStiffness
     s: complex
 
-    def solve(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
-        """Z(s)⁻¹ B, (n,) or (n, m), with ``refine`` steps of iterative refinement."""
+    def solve(self, rhs: Columns, *, refine: int = 0) -> Complexes:
+        """Z(s)⁻¹ B, (n,) or (n, m), dense or sparse, with ``refine`` steps of iterative refinement."""
         return self.owner._solve(self.s, rhs, transposed=False, refine=refine)
 
-    def solve_transposed(self, rhs: NDArray[Any], *, refine: int = 0) -> Complexes:
+    def solve_transposed(self, rhs: Columns, *, refine: int = 0) -> Complexes:
         """Z(s)⁻ᵀ B."""
         return self.owner._solve(self.s, rhs, transposed=True, refine=refine)
 

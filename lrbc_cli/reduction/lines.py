@@ -153,7 +153,7 @@ class FullLines:
         if self.many and (self._spanned or not expand):
             line = FullLine(frequency_hz, factorisation, None, None)
         else:
-            X = factorisation.solve(self.inputs.toarray())
+            X = factorisation.solve(self.inputs)
             self._spanned = True
             lines = np.array([s])
             D_ref = reference_dynamic(self._reference, lines)
@@ -161,13 +161,19 @@ class FullLines:
             line = FullLine(frequency_hz, factorisation, X, exact)
         return self.expanded(line) if expand else line
 
+    def release(self, line: FullLine) -> None:
+        """Give the memory of large factors back; the line cannot be solved again."""
+        Z = line.factorisation.owner
+        if 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES:
+            Z.release()
+
     def expanded(self, line: FullLine) -> FullLine:
         """The same with its snapshots: the moments of the inputs and of the duals."""
         if line.snapshots is not None:
             return line
         s, factorisation = 2j * np.pi * line.frequency_hz, line.factorisation
         primal = factorisation.solve(self.combinations) if line.X is None else line.X
-        blocks = [primal, factorisation.solve_transposed(self.dual.toarray())]
+        blocks = [primal, factorisation.solve_transposed(self.dual)]
         order = self.order()
         if order > 1:
             # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.

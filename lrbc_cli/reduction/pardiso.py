@@ -114,7 +114,7 @@ class Pardiso:
 
     def solve(self, rhs: Complexes, *, refine: int = 0, transposed: bool = False) -> Complexes:
         """Solution of A X = rhs, or Aᵀ X = rhs; rhs (n,) or (n, m), Fortran order is kept."""
-        b = np.array(rhs, dtype=complex, order="F", ndmin=2 if rhs.ndim == 2 else 1)
+        b = np.asfortranarray(rhs, dtype=complex)
         x = np.empty_like(b, order="F")
         self._iparm[7] = refine
         self._iparm[11] = 2 if transposed else 0
@@ -143,8 +143,13 @@ class Pardiso:
         if error.value:
             raise NumericalError(f"PARDISO failed ({_MESSAGES.get(error.value, f'error {error.value}')})")
 
+    def release(self) -> None:
+        """Release the factors; the analysis stays."""
+        if self._analysed:
+            self._call(0)
+
     def close(self) -> None:
-        """Release the factors."""
+        """Release the factors and the analysis."""
         if self._analysed:
             self._analysed = False
             self._call(-1)

@@ -118,26 +118,31 @@ def processor_seconds() -> tuple[float, float]:
     return everyone, own.user + own.system + own.children_user + own.children_system
 
 
+def full_lines(Z: DynamicStiffness, inputs: Inputs, frequencies: Floats) -> tuple[float, float]:
+    """Median seconds of a full line on an analysed pattern, and of its factorisation."""
+    b = inputs.model.B[:, [0]].toarray()[:, 0]
+    times, factors = [], []
+    for frequency in frequencies:
+        start = time.perf_counter()
+        factorisation = Z.factor(2j * np.pi * float(frequency))
+        factors.append(time.perf_counter() - start)
+        factorisation.solve(b, refine=1)
+        times.append(time.perf_counter() - start)
+    return float(np.median(times)), float(np.median(factors))
+
+
 def full_line(inputs: Inputs, backend: str) -> tuple[float, list[Figure]]:
     """Factorisation on an analysed pattern, one solve, one refinement step; median of five lines (seconds)."""
     model, (low, upper) = inputs.model, inputs.campaign.reduction.band
     high = 2 * np.pi * upper
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
-    b = model.B[:, [0]].toarray()[:, 0]
     start = time.perf_counter()
     Z.factor(2j * np.pi * upper)
     first = time.perf_counter() - start
-    times, factors = [], []
-    for frequency in np.linspace(low, upper, 7)[1:-1]:
-        start = time.perf_counter()
-        factorisation = Z.factor(2j * np.pi * float(frequency))
-        factors.append(time.perf_counter() - start)
-        factorisation.solve(b, refine=1)
-        times.append(time.perf_counter() - start)
-    line = float(np.median(times))
+    line, factor = full_lines(Z, inputs, np.linspace(low, upper, 7)[1:-1])
     part = "Full model"
-    text = f"{line:.3f} s (factorisation {np.median(factors):.3f} s; the first, with analysis, {first:.2f} s)"
+    text = f"{line:.3f} s (factorisation {factor:.3f} s; the first, with analysis, {first:.2f} s)"
     return line, [Figure(part, f"full line, {model.size} DOFs, {backend}", line, text)]
 
 

@@ -12,7 +12,7 @@ from systems import beam, chain, csc, duct, grid
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import proportional_damping
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import DynamicStiffness
+from lrbc_cli.reduction.dynamic import COLUMNS, DynamicStiffness
 
 needs_pardiso = pytest.mark.skipif(pardiso.library() is None, reason="MKL is not installed")
 needs_metis = pytest.mark.skipif(importlib.util.find_spec("pymetis") is None, reason="pymetis is not installed")
@@ -156,6 +156,30 @@ class TestSafety:
             with pytest.raises(NumericalError, match="replaced by a later one"):
                 solve(rhs)
         assert np.all(np.isfinite(new.solve(rhs)))
+
+    def test_released_factors_do_not_answer_and_the_analysis_stays(self, backend):
+        Z, rhs = DynamicStiffness(*coupled(), backend=backend), np.ones(130)
+        old = Z.factor(300j)
+        x, nonzeros = old.solve(rhs), Z.nonzeros
+        for _ in range(2):
+            Z.release()
+        assert Z.nonzeros == nonzeros
+        with pytest.raises(NumericalError, match="was released"):
+            old.solve(rhs)
+        np.testing.assert_array_equal(Z.factor(300j).solve(rhs), x)
+
+    def test_more_columns_than_are_solved_at_a_time(self, backend):
+        Z = DynamicStiffness(*coupled(), backend=backend)
+        rhs = np.random.default_rng(2).normal(size=(130, 2 * COLUMNS + 3)) * (np.arange(2 * COLUMNS + 3) % 2 == 0)
+        factorisation = Z.factor(300j)
+        expected = np.linalg.solve(Z.operator(300j).toarray(), rhs)
+        for solve, right in ((factorisation.solve, expected), (factorisation.solve_transposed, None)):
+            whole = solve(rhs, refine=1)
+            if right is not None:
+                np.testing.assert_allclose(whole, right, rtol=0, atol=1e-9 * np.abs(right).max())
+            np.testing.assert_array_equal(solve(csc(rhs), refine=1), whole)
+            for column in (0, COLUMNS - 2, COLUMNS, 2 * COLUMNS + 2):
+                np.testing.assert_allclose(whole[:, column], solve(rhs[:, column], refine=1), rtol=0, atol=1e-12 * np.abs(whole).max())
 
     def test_an_orphan_node_is_named(self, backend):
         K, C, M, acoustic = structure()
