@@ -244,7 +244,7 @@ class Reducer:
         return sweep
 
     def _is_good(self, estimate: Floats, effectivity: float) -> bool:
-        return float(estimate.max()) * effectivity <= 3 * self.options.tolerance
+        return float(estimate.max()) * effectivity <= self.options.tolerance
 
     def _may_grow(self) -> bool:
         return len(self.enriched) < self.options.max_points and not self.capped

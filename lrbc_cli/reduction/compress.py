@@ -25,6 +25,9 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Lines at which a smaller basis is compared with the rich one: so many spread over the band, and as many with the worst estimates.
 CHECKS = 11
 
+#: How much more is allowed at the other lines of the grid.
+ELSEWHERE = 2.0
+
 #: What is left out is changed by this factor at a time.
 STRIDE = 3.0
 
@@ -80,15 +83,14 @@ class Compressor:
         checks = max(CHECKS * 100 // max(reducer.model.terms.size, 100), 3)
         worst = np.argsort(sweep.estimate, kind="stable")[-checks:]
         at = np.union1d(np.linspace(0, count - 1, min(checks, count)).round().astype(int), worst)
-        self._ports = sweep.ports.select(at, np.arange(reducer.input_of.size))
-        self._vectors = [D[at] for D in reducer.estimator.vectors]
+        self._at, self._ports, self._vectors = at, sweep.ports, reducer.estimator.vectors
 
     def turns(self, counts: Sequence[int]) -> list[Floats]:
         """The first columns of each field."""
         return [modes.vectors[:, :count] for modes, count in zip(self.modes, counts, strict=True)]
 
-    def error(self, counts: Sequence[int]) -> float:
-        """Relative difference of y to the rich model with so many columns a field."""
+    def error(self, counts: Sequence[int], at: NDArray[np.int64] | None = None) -> float:
+        """Relative difference of y to the rich model with so many columns a field, at some lines of the grid or at all."""
         reducer = self._reducer
         # Only the leading part of the operators in principal directions is used.
         keep = np.concatenate([start + np.arange(count) for start, count in zip(self._starts, counts, strict=True)])
@@ -96,7 +98,8 @@ class Compressor:
         structure = counts[0] if reducer.structure else 0
         none = np.zeros((keep.size, 0))
         solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=reducer.Z.symmetric)
-        outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s
+        at = np.arange(self._ports.lines) if at is None else at
+        outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s[at]
         H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)
 
         def work(part: slice) -> None:
@@ -104,7 +107,8 @@ class Compressor:
 
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
         ports = port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
-        return float(distance(self._ports, ports, self._vectors, reducer.quantity_groups()).max(initial=0.0))
+        rich = self._ports.select(at, np.arange(reducer.input_of.size))
+        return float(distance(rich, ports, [D[at] for D in self._vectors], reducer.quantity_groups()).max(initial=0.0))
 
     def search(self, start: float) -> list[int]:
         """Columns of each field: the largest share left out, in strides, that keeps the difference within the limit.
@@ -118,24 +122,27 @@ class Compressor:
         def counts_at(shares: Sequence[float]) -> list[int]:
             return [max(modes.count(share), 1) for modes, share in zip(self.modes, shares, strict=True)]
 
-        rich = [modes.vectors.shape[1] for modes in self.modes]
+        def holds(shares: Sequence[float]) -> bool:
+            return self.error(counts_at(shares), self._at) <= self._limit
+
         shares = [start] * len(self.modes)
-        if self.error(counts_at(shares)) <= self._limit:
-            while shares[0] < 0.1 and self.error(counts_at([STRIDE * share for share in shares])) <= self._limit:
+        if holds(shares):
+            while shares[0] < 0.1 and holds([STRIDE * share for share in shares]):
                 shares = [STRIDE * share for share in shares]
         else:
-            while shares[0] > np.finfo(float).eps:
+            while not holds(shares):
                 shares = [share / STRIDE for share in shares]
-                if self.error(counts_at(shares)) <= self._limit:
-                    break
-            else:
-                return rich
+                if shares[0] < np.finfo(float).eps:
+                    return [modes.vectors.shape[1] for modes in self.modes]
         # One field may be content with less than the other.
         if len(shares) > 1:
             for field in range(len(shares)):
                 coarser = [share * (STRIDE if f == field else 1.0) for f, share in enumerate(shares)]
-                if self.error(counts_at(coarser)) <= self._limit:
+                if holds(coarser):
                     shares = coarser
+        # A resonance between the lines that were compared may want more.
+        while shares[0] > np.finfo(float).eps and self.error(counts_at(shares)) > ELSEWHERE * self._limit:
+            shares = [share / STRIDE for share in shares]
         return counts_at(shares)
 
     def within(self, limit: int) -> list[int]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
 from lrbc_cli.reduction.sweep import Solver
@@ -64,6 +65,7 @@ class Estimator:
         chosen = certificate_vectors(model.terms, reducer.scale, s, count=1 if reducer.lines.many else 2)
         kinds = ("free", "clamped", "random") if reducer.lines.many else ("free", "loose", "local", "clamped", "random")
         self.vectors = [D for kind in kinds for D in chosen[kind]]
+        self._local = local_responses(model, complex(s[count // 2]), reducer.input_of)
         self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
 
     def sweep(self) -> Sweep:
@@ -104,7 +106,7 @@ class Estimator:
             size = np.abs(s[part, None] ** reducer.model.output_power[None, :])
             for at, (y, _) in enumerate(driven):
                 of_vector = residual[:, at * n_in : (at + 1) * n_in]
-                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm[:, :R] * size, y))
+                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm[:, :R] * size, y, ports.H00))
             both = np.concatenate([X, Y], axis=2)
             spreads[part.start] = [_spread(_times(turn[low:high, low:high], both[:, low:high])) for low, high in itertools.pairwise(ends)]
 
@@ -117,7 +119,7 @@ class Estimator:
         reducer = self._reducer
         return port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
 
-    def _relative(self, residual: Floats, dual: Floats, y: Complexes) -> Floats:
+    def _relative(self, residual: Floats, dual: Floats, y: Complexes, reference: Complexes) -> Floats:
         """(F,) estimated relative error for one parameter vector, the worst over inputs and quantities."""
         worst = np.zeros(y.shape[0])
         for column in range(residual.shape[1]):
@@ -126,7 +128,10 @@ class Estimator:
                 rows = group[mine[group]]
                 if rows.size:
                     error = residual[:, column] * np.linalg.norm(dual[:, rows], axis=1)
-                    worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), np.finfo(float).tiny))
+                    # What is silent counts as the certificate counts it.
+                    floor = max(ROUNDING * float(np.linalg.norm(self._local[rows])), np.finfo(float).tiny)
+                    silent = np.maximum(SILENT * np.linalg.norm(reference[:, rows], axis=1), floor)
+                    worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), silent))
         return worst
 
     def _row_weight(self, s: NDArray[np.complexfloating[Any, Any]], kappa: float | None) -> Floats:
