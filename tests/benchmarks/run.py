@@ -22,6 +22,7 @@ from typing import Any
 import measure
 import pymor_side
 from measure import Figure
+from smallest import smallest_basis
 
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
 from lrbc_cli.campaign.results import versions
@@ -96,7 +97,9 @@ def measure_all(config: Path, backend: str, quick: bool, job: str, pymor: bool) 
         tell("campaign")
         figures += measure.campaign(config, backend, jobs, folder)
     tell("accuracy")
-    figures += measure.accuracy(inputs, reduction, backend, 10 if quick else 50, 5 if quick else 20)
+    figures += measure.accuracy(inputs, reduction, backend, 10 if quick else 200, 5 if quick else 50)
+    tell("smallest basis")
+    figures += smallest_basis(inputs, reduction, backend, quick=quick)
     if pymor:
         tell("pyMOR")
         figures += pymor_side.side_by_side(inputs, reduction, seconds, line, backend, quick=quick, tell=tell)
