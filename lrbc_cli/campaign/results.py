@@ -393,7 +393,7 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
             {
                 "step": i + 1,
                 "size": t.size,
-                "factorised_hz": t.frequency_hz,
+                "factorised_hz": t.frequency_hz if np.isfinite(t.frequency_hz) else None,
                 "measured_error": t.measured_error,
                 "frequency_hz": t.grid_hz if np.all(np.isfinite(t.estimate)) else [],
                 "estimate": t.estimate if np.all(np.isfinite(t.estimate)) else [],

@@ -62,8 +62,8 @@ def energy_weight(K: sp.csc_array, M: sp.csc_array, omega: float, stiffness: flo
     return np.asarray(np.sqrt(np.maximum(diagonal, floor)))
 
 
-def new_directions(field: Field, X: Complexes, deflation: float) -> Floats:
-    """Orthonormal directions that the snapshots X add to a field.
+def new_directions(field: Field, blocks: Sequence[Complexes], deflation: float) -> Floats:
+    """Orthonormal directions that snapshots add to a field.
 
     Complex snapshots enter as real and imaginary part. Each snapshot is scaled to norm one first; directions whose singular
     value is below ``deflation`` are near-dependent and dropped.
@@ -71,8 +71,8 @@ def new_directions(field: Field, X: Complexes, deflation: float) -> Floats:
     Parameters
     ----------
     field : Field
-    X : (n_f, m) complex array
-        Snapshots in the units of the DOFs.
+    blocks : sequence of (n, m) complex arrays
+        Snapshots of all fields in the units of the DOFs.
     deflation : float
 
     Returns
@@ -80,11 +80,18 @@ def new_directions(field: Field, X: Complexes, deflation: float) -> Floats:
     (n_f, k) float array
         In weighted coordinates.
     """
-    Y = np.empty((field.dofs.size, 2 * X.shape[1]))
-    np.multiply(X.real, field.weight[:, None], out=Y[:, : X.shape[1]])
-    np.multiply(X.imag, field.weight[:, None], out=Y[:, X.shape[1] :])
+    count = sum(block.shape[1] for block in blocks)
+    Y = np.empty((field.dofs.size, 2 * count), order="F")
+    start = 0
+    for block in blocks:
+        # Part by part: on large models every copy of all snapshots counts.
+        for column in range(block.shape[1]):
+            values = block[field.dofs, column]
+            np.multiply(values.real, field.weight, out=Y[:, start])
+            np.multiply(values.imag, field.weight, out=Y[:, count + start])
+            start += 1
     norm = np.sqrt(np.einsum("ij,ij->j", Y, Y))
-    norm = np.hypot(norm[: X.shape[1]], norm[X.shape[1] :])
+    norm = np.hypot(norm[:count], norm[count:])
     Y /= np.tile(np.where(norm > 0, norm, 1.0), 2)
     for _ in range(2):  # twice is enough (Kahan, Parlett)
         Y -= field.Q @ (field.Q.T @ Y)

@@ -111,7 +111,7 @@ class Reducer:
         line = self.lines.expanded(line)
         self.lines.release(line)
         assert line.snapshots is not None
-        new = [new_directions(f, line.snapshots[f.dofs], self.deflation) for f in self.fields]
+        new = [new_directions(f, line.snapshots, self.deflation) for f in self.fields]
         self.clock.lap("basis")
         self.projection.extend(new)
         self.clock.lap("projection")
@@ -186,18 +186,19 @@ class Reducer:
         options = self.options
         low, high = options.band_hz
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
-        self._expand(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles), progress)
+        rich = self._expand(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles), progress)
         held_out: list[float] = []
         effectivity = 1.0
         # Valid for the basis as it is: emptied whenever it grows.
         measured: dict[float, dict[str, float]] = {}
-        sweep = rich = self._sweep()
+        sweep = rich
         full, compressed = self.reduced(), False
         while len(held_out) < options.held_out:
             if not compressed and (self._is_good(rich.estimate, effectivity) or not self._may_grow()):
                 full, size = self.reduced(), self.projection.size
                 self.compress(rich)
                 compressed, sweep = True, self._sweep()
+                self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid_hz, sweep.estimate))
                 progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
             # A line that is likely to enrich the basis decides where the next one is.
             width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
@@ -224,7 +225,7 @@ class Reducer:
                 else:
                     held_out.append(frequency)
                     self.clock.lap("certificate")
-                self._record(frequency, order, added, error, sweep.estimate)
+                self._record(frequency, order, added, error)
                 progress(
                     f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
                     + (f"expansion point, +{added}" if order else "held out")
@@ -232,14 +233,17 @@ class Reducer:
                 if added:
                     grown, measured = True, {}
             if grown:
-                sweep = rich = self._sweep()
+                sweep = rich = self._sweep(seen=True)
                 compressed = False
                 # A larger basis can be measured again only where the exact port FRFs are known.
                 held_out = [frequency for frequency in held_out if frequency in self.exact]
         return self._finish(held_out, measured, full if compressed else self.reduced(), rich, sweep)
 
-    def _sweep(self) -> Sweep:
+    def _sweep(self, *, seen: bool = False) -> Sweep:
+        """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
         sweep = self.estimator.sweep()
+        if seen:
+            self.trace[-1] = replace(self.trace[-1], estimate=sweep.estimate)
         self.clock.lap("estimate")
         return sweep
 
@@ -249,19 +253,25 @@ class Reducer:
     def _may_grow(self) -> bool:
         return len(self.enriched) < self.options.max_points and not self.capped
 
-    def _expand(self, frequencies_hz: Floats, progress: Callable[[str], None]) -> None:
-        rest = [float(frequency) for frequency in frequencies_hz]
-        while rest:
+    def _expand(self, frequencies_hz: Floats, progress: Callable[[str], None]) -> Sweep:
+        """Expand at these lines, the outer ones first, until the estimate is good."""
+        rest = [float(frequency) for frequency in (*frequencies_hz[::2], *frequencies_hz[1::2])]
+        while True:
             batch, rest = rest[: self.lines.width], rest[self.lines.width :]
             for line in self.lines.solve(batch, expand=True):
                 if line.exact is not None:
                     self.exact[line.frequency_hz] = line.exact
                 order, added = self.enrich(line)
-                self._record(line.frequency_hz, order, added, None, np.full(self.estimator.grid_hz.size, np.nan))
+                self._record(line.frequency_hz, order, added, None)
                 progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
+            if len(self.enriched) > 1:
+                sweep = self._sweep(seen=True)
+                if not rest or self._is_good(sweep.estimate, 1.0):
+                    return sweep
 
-    def _record(self, frequency: float, order: int, added: int, error: float | None, estimate: Floats) -> None:
-        self.trace.append(Step(frequency, self.projection.size, order, added, error, self.estimator.grid_hz, estimate))
+    def _record(self, frequency: float, order: int, added: int, error: float | None) -> None:
+        grid = self.estimator.grid_hz
+        self.trace.append(Step(frequency, self.projection.size, order, added, error, grid, np.full(grid.size, np.nan)))
 
     def _next(self, estimate: Floats, held_out: list[float], count: int) -> list[float]:
         """Lines with the worst estimates, away from expansion points, and the held-out lines spread over the band."""

@@ -48,7 +48,7 @@ class FullLine:
         Solutions for all inputs, where they were asked for.
     exact : PortFrf or None
         At this line, where all inputs were solved.
-    snapshots : (n, k) complex array or None
+    snapshots : tuple of (n, k) complex arrays or None
         What enriches a basis, where it was asked for at once.
     order : int
         Moments in the snapshots.
@@ -58,7 +58,7 @@ class FullLine:
     factorisation: Factorisation
     X: Complexes | None
     exact: PortFrf | None
-    snapshots: Complexes | None = None
+    snapshots: tuple[Complexes, ...] | None = None
     order: int = 0
 
 
@@ -180,7 +180,7 @@ class FullLines:
             Z = factorisation.owner
             slope = (2 * s * Z.M + Z.C).tocsr()
             blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
-        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, np.hstack(blocks), order)
+        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, tuple(blocks), order)
 
     def order(self) -> int:
         """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves, by measured times."""

@@ -58,7 +58,21 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Step:
-    """One factorisation in the trace."""
+    """One factorisation in the trace, or the compression of the basis.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        NaN for the compression.
+    size : int
+        Reduced DOFs after the step.
+    order, added : int
+        Moments and directions that the basis got.
+    measured_error : float or None
+        Of the basis before the step.
+    grid_hz, estimate : (F,) float arrays
+        Estimated error over the band after the step; NaN where the basis did not change or nobody looked.
+    """
 
     frequency_hz: float
     size: int

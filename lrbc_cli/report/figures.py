@@ -279,25 +279,28 @@ def certificate_chart(reduction: Reduction) -> Chart | None:
 
 def trace_chart(reduction: Reduction) -> Chart | None:
     """Return the estimated error over the band after each adaptive step; None without a trace."""
-    if not reduction.steps:
+    # Steps at held-out lines leave the estimate as it was.
+    steps = [step for step in reduction.steps if np.any(np.isfinite(step.estimate))]
+    if not steps:
         return None
     items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
     curves: list[Curve] = []
-    for index, step in enumerate(reduction.steps):
-        shade = STEPS - 1 if len(reduction.steps) == 1 else round(index * (STEPS - 1) / (len(reduction.steps) - 1))
+    expanded = {frequency for frequency, _, _ in reduction.points}
+    for index, step in enumerate(steps):
+        shade = STEPS - 1 if len(steps) == 1 else round(index * (STEPS - 1) / (len(steps) - 1))
         with np.errstate(divide="ignore", invalid="ignore"):
             estimate = np.log10(np.maximum(step.estimate, 0.0))
         estimate[~np.isfinite(estimate)] = np.nan
-        label = f"step {step.number}: {step.size:g} DOFs" if len(reduction.steps) <= 8 or index in {0, len(reduction.steps) - 1} else ""
+        points = sum(1 for other in reduction.steps if other.number <= step.number and other.factorised_hz in expanded)
+        name = "compressed" if step.factorised_hz is None else f"{points} points"
+        label = f"{name}: {step.size:g} DOFs" if len(steps) <= 8 or index in {0, len(steps) - 1} else ""
         curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
     taken = np.array([frequency for frequency, _, _ in reduction.points])
     if taken.size:
         items.append(Marks("taken", taken, None, "expansion points", 0.02))
     low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])
     x_low, x_high = span_of([curve.x for curve in curves] + [taken])
-    alt = (
-        f"Estimated error over frequency after each of {len(reduction.steps)} adaptive steps, with the tolerance and the expansion points."
-    )
+    alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
     panel = Panel(
         linear_axis("frequency [Hz]", x_low, x_high, 8),
         decade_axis("estimated relative error", low - 0.5, high + 0.3),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -112,7 +113,10 @@ def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
         free = held == 0
         x[held < 0], x[held > 0] = low[held < 0], high[held > 0]
         if free.any():
-            x[free] = -la.solve(A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free], assume_a="pos")
+            with warnings.catch_warnings():
+                # An ill-conditioned step is answered by the damping, not by a line on the console.
+                warnings.simplefilter("ignore", la.LinAlgWarning)
+                x[free] = -la.solve(A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free], assume_a="pos")
         below, above = free & (x < low), free & (x > high)
         slope = gradient + A @ x
         release = ((held < 0) & (slope < 0)) | ((held > 0) & (slope > 0))

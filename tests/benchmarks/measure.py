@@ -163,6 +163,7 @@ def reduction_figures(r: Reduction, seconds: float, line: float) -> list[Figure]
     """What a reduction cost and what it reached."""
     part = "Reduction"
     points = sum(1 for step in r.trace if step.order)
+    done = sum(1 for step in r.trace if np.isfinite(step.frequency_hz))
     worth = seconds / line
     own = r.seconds["full_line"]
     cost = f"{seconds:.2f} s = {worth:.1f} full lines (paper {PAPER_REDUCTION})"
@@ -170,7 +171,7 @@ def reduction_figures(r: Reduction, seconds: float, line: float) -> list[Figure]
     return [
         at_most(part, "cold, with certificate", worth, 12, cost, "12 full lines"),
         Figure(part, "reduced DOFs r", r.model.size, f"{r.model.size} ({' + '.join(str(size) for size in r.sizes)})"),
-        Figure(part, "factorisations", len(r.trace), f"{len(r.trace)}: {points} expansion points, {len(r.held_out)} held-out lines"),
+        Figure(part, "factorisations", done, f"{done}: {points} expansion points, {len(r.held_out)} held-out lines"),
         at_most(part, "certificate, worst measured error", r.worst, r.options.tolerance, error, f"{r.options.tolerance:.0e}"),
         Figure(part, "of this", seconds, ", ".join(f"{stage} {r.seconds[stage]:.2f} s" for stage in STAGES)),
         Figure(part, "full line as the reduction measures it", own, f"{own:.3f} s"),
@@ -304,7 +305,7 @@ def accuracy(inputs: Inputs, reduction: Reduction, backend: str, lines: int, vec
     """Error of the reduced model at lines that it has not seen, and of the port formula against (28)."""
     rng = np.random.default_rng(1804)
     model, band = reduction.model, inputs.campaign.reduction.band
-    seen = np.array([step.frequency_hz for step in reduction.trace])
+    seen = np.array([step.frequency_hz for step in reduction.trace if np.isfinite(step.frequency_hz)])
     frequency = rng.uniform(band[0], band[1], size=4 * lines)
     frequency = np.sort(rng.permutation(frequency[np.abs(frequency[:, None] - seen).min(axis=1) > 0.05])[:lines])
     s = 2j * np.pi * frequency

@@ -22,7 +22,7 @@ def snapshots(n, m, seed=1):
 
 def test_complex_snapshots_enter_as_real_and_imaginary_part():
     field, X = empty_field(), snapshots(80, 4)
-    Q = new_directions(field, X, 1e-10)
+    Q = new_directions(field, [X], 1e-10)
     assert Q.shape == (80, 8)
     np.testing.assert_allclose(Q.T @ Q, np.eye(8), atol=1e-13)
     for part in (X.real, X.imag):
@@ -32,7 +32,7 @@ def test_complex_snapshots_enter_as_real_and_imaginary_part():
 
 def test_v_is_in_the_units_of_the_dofs():
     field, X = empty_field(), snapshots(80, 2).real
-    field.Q = new_directions(field, X, 1e-10)
+    field.Q = new_directions(field, [X], 1e-10)
     coefficients = np.linalg.lstsq(field.V, X, rcond=None)[0]
     np.testing.assert_allclose(field.V @ coefficients, X, atol=1e-8)
 
@@ -43,7 +43,7 @@ def test_grown_block_by_block_it_stays_orthonormal():
     known = snapshots(80, 5)
     for seed in range(6):
         X = known @ snapshots(5, 3, seed) + 1e-7 * snapshots(80, 3, 100 + seed)
-        field.Q = np.hstack([field.Q, new_directions(field, X, 1e-9)])
+        field.Q = np.hstack([field.Q, new_directions(field, [X], 1e-9)])
         assert check_orthonormal(field) < 1e-12
     assert field.Q.shape[1] > 10
 
@@ -57,22 +57,22 @@ def test_deflation_looks_at_the_size_of_what_is_new(size, kept):
     new = X @ snapshots(5, 1, 3)
     far = snapshots(80, 1, 4)
     new = new / np.linalg.norm(new) + size * far / np.linalg.norm(far)
-    Q = new_directions(field, np.hstack([X, new]), 1e-3)
+    Q = new_directions(field, [np.hstack([X, new])], 1e-3)
     assert Q.shape[1] == kept
 
 
 def test_nothing_new_is_nothing():
     field = empty_field()
     X = snapshots(80, 3)
-    field.Q = new_directions(field, X, 1e-8)
-    assert new_directions(field, X @ snapshots(3, 4), 1e-8).shape == (80, 0)
-    assert new_directions(field, np.zeros((80, 3), dtype=complex), 1e-8).shape == (80, 0)
-    assert new_directions(field, np.zeros((80, 0), dtype=complex), 1e-8).shape == (80, 0)
+    field.Q = new_directions(field, [X], 1e-8)
+    assert new_directions(field, [X @ snapshots(3, 4)], 1e-8).shape == (80, 0)
+    assert new_directions(field, [np.zeros((80, 3), dtype=complex)], 1e-8).shape == (80, 0)
+    assert new_directions(field, [np.zeros((80, 0), dtype=complex)], 1e-8).shape == (80, 0)
 
 
 def test_the_size_of_a_snapshot_does_not_matter():
     field, X = empty_field(), snapshots(80, 3)
-    Q, R = new_directions(field, X, 1e-6), new_directions(field, X * np.array([1e-12, 1.0, 1e9]), 1e-6)
+    Q, R = new_directions(field, [X], 1e-6), new_directions(field, [X * np.array([1e-12, 1.0, 1e9])], 1e-6)
     np.testing.assert_allclose(np.linalg.svd(Q.T @ R)[1], 1.0, atol=1e-9)
 
 

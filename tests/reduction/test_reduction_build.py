@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -425,10 +427,23 @@ def test_back_ends_give_the_same_model():
 def test_progress_tells_every_factorisation():
     model, told = damped(), []
     reduction = reduce_model(model, one_input(model), ReductionOptions(BAND), progress=told.append)
-    assert len([text for text in told if " Hz" in text]) == len(reduction.trace)
+    assert len(told) == len(reduction.trace)
     assert sum("compressed" in text for text in told) == 1
     assert "expansion point" in told[0]
     assert "held out" in told[-1]
+
+
+def test_the_trace_holds_the_estimate_after_each_change_of_the_basis(reductions):
+    _, reduction = reductions("damped")
+    changed = [step for step in reduction.trace if np.all(np.isfinite(step.estimate))]
+    # Points without the first one, then the compression.
+    points = [step for step in reduction.trace if step.order]
+    assert [step.frequency_hz for step in changed[:-1]] == [step.frequency_hz for step in points[1:]]
+    assert np.isnan(changed[-1].frequency_hz)
+    assert changed[-1].size == reduction.model.size
+    for earlier, later in itertools.pairwise(changed[:-1]):
+        assert later.estimate.max() < 0.3 * earlier.estimate.max()
+    assert all(np.isnan(step.estimate).all() and step.measured_error is not None for step in reduction.trace[len(points) + 1 :])
 
 
 class TestFullPorts:
