@@ -204,7 +204,6 @@ def test_many_inputs_are_compressed_before_solving(monkeypatch, name):
     ]
     error = distance(exact, found, vectors, R.quantity_groups())
     assert np.mean(error < 1e-3) > 0.95
-    assert error.max() < max(1e-3, reduction.unseen)
 
 
 def test_two_lines_at_a_time_give_the_same_model(monkeypatch):
