@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from lrbc_cli.reduction.vectors import ERROR_KINDS
 log = logging.getLogger(__name__)
 
 FORMAT = "lrbc-reduced-model"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 #: Names of the key's parts in messages.
 PARTS = {
@@ -169,6 +170,7 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
             "full_size": reduction.full_size,
             "vectors": reduction.vectors,
             "unseen": reduction.unseen,
+            "stopped": reduction.stopped,
             "seconds": reduction.seconds,
             "machine": reduction.machine,
             "date": reduction.date,
@@ -186,6 +188,24 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
             f"the cache cannot be written ({error.strerror or error})",
             file=decision.path.parent,
             hint="name another folder with --cache or LRBC_CACHE",
+        ) from error
+
+
+def require_writable(decision: CacheDecision) -> None:
+    """Refuse a cache that cannot be written before a model is built for it.
+
+    Raises
+    ------
+    ConfigError
+    """
+    folder = decision.path.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be written ({error.strerror or error})", file=folder, hint="name another folder with --cache or LRBC_CACHE"
         ) from error
 
 
@@ -227,6 +247,7 @@ def load(decision: CacheDecision) -> Reduction:
             vectors=int(summary["vectors"]),
             machine=dict(summary["machine"]),
             date=summary["date"],
+            stopped=summary["stopped"],
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error

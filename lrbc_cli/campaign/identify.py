@@ -169,7 +169,7 @@ class _Job:
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.warnings.append(f"the lines of {reference} are others: compared without what its measurement tells")
+            self.warnings.append(f"its lines are not those of {reference}: compared without what the measurement of {reference} tells")
             return None
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)

@@ -194,7 +194,7 @@ def result_tree(
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
         "warnings": warnings,
-        "notes": [*warnings, *result.measurement.warnings, *result.notes, *remarks(result), *rises(inputs, found)],
+        "notes": [*result.measurement.warnings, *warnings, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
 

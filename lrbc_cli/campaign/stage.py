@@ -47,7 +47,13 @@ class ReductionStage:
 
 
 def obtain_reduction(
-    inputs: Inputs, folder: Path, *, force: bool = False, accept: bool = False, progress: Callable[[str], None] = lambda _: None
+    inputs: Inputs,
+    folder: Path,
+    *,
+    force: bool = False,
+    accept: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+    missed: Callable[[ReductionStage], object] = lambda _: None,
 ) -> ReductionStage:
     """Find the reduced model in the cache, or build and keep it.
 
@@ -61,6 +67,8 @@ def obtain_reduction(
     accept : bool
         Accept a model that does not reach the tolerance.
     progress : callable
+    missed : callable
+        Gets a model that does not reach the tolerance and is not accepted, before that is raised.
 
     Returns
     -------
@@ -68,6 +76,8 @@ def obtain_reduction(
 
     Raises
     ------
+    ConfigError
+        Where the cache cannot be written.
     NumericalError
         Where the memory does not suffice, and where the tolerance is not reached and not accepted; what was built is kept.
     """
@@ -85,18 +95,22 @@ def obtain_reduction(
         decision = replace(decision, hit=False, reason="--force")
     if reduction is None:
         settings = inputs.campaign.reduction
+        cache.require_writable(decision)
         require_memory(inputs)
         reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
         reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
         cache.store(decision, parts, reduction)
+    stage = ReductionStage(reduction, decision, time.perf_counter() - start)
     if not reduction.reached and not accept:
+        missed(stage)
         raise NumericalError(
-            "the reduced model does not reach its tolerance",
+            "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
             expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
             found=f"{reduction.worst:.1e} with {reduction.model.size} DOFs; it is kept in {decision.path}",
-            hint="raise reduction.tolerance or reduction.max_size, or accept it with --accept-tolerance",
+            hint=("raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else ""))
+            + ", or accept it with --accept-tolerance",
         )
-    return ReductionStage(reduction, decision, time.perf_counter() - start)
+    return stage
 
 
 def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:

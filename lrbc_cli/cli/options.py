@@ -19,7 +19,8 @@ class _StderrHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            click.echo(self.format(record), err=True)
+            # As the commands' own lines begin.
+            click.echo(f"{record.levelname.lower()}: {self.format(record)}", err=True)
         except Exception:
             self.handleError(record)
 
@@ -30,7 +31,6 @@ class Verbosity:
     def __init__(self) -> None:
         self.level = 0
         self.handler = _StderrHandler()
-        self.handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
 
     def reset(self) -> None:
         """Begin anew, at warnings."""

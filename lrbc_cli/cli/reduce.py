@@ -82,9 +82,18 @@ def reduce(
         else:
             click.echo("\n".join([f"{would}: {decision.reason}", *[f"writes {file}" for file in exports]]))
         return
-    stage = obtain_reduction(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
-    tree = write_reduction(inputs.campaign.output, inputs, stage)
-    write_campaign(inputs.campaign.output, inputs)
+    output = inputs.campaign.output
+    stage = obtain_reduction(
+        inputs,
+        folder,
+        force=force,
+        accept=accept_tolerance,
+        progress=progress(),
+        # Its certificate and trace are what tells why it was missed.
+        missed=lambda stage: write_reduction(output, inputs, stage),
+    )
+    tree = write_reduction(output, inputs, stage)
+    write_campaign(output, inputs)
     written = export(inputs, stage, exports, first_order=state_space, job=job, assignments=assignments) if exports else []
     if as_json:
         say_json(tree | ({"exports": written} if exports else {}))
@@ -101,22 +110,28 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
     points = tree["expansion_points"]
     cache = tree["cache"]
     held_out = tree["certificate"]["held_out"]
+    missed = "" if tree["reached"] else ", NOT reached"
     lines = [
         f"reduced model: {tree['size']} DOFs ({tree['size_structure']} structural, {tree['size_acoustic']} acoustic) "
         f"for {tree['full_size']}, {tree['terms']} terms",
         f"cache: {'hit' if cache['hit'] else 'miss'} ({cache['reason']}); {seconds:.1f} s",
-        f"measured error: at most {worst:.1e} (tolerance {tree['tolerance']:.0e}) at {len(held_out)} held-out lines, "
+        f"measured error: at most {worst:.1e} (tolerance {tree['tolerance']:.0e}{missed}) at {len(held_out)} held-out lines, "
         f"{tree['certificate']['vectors']} parameter vectors each, free to clamped",
     ]
     if (unseen := tree["certificate"]["unseen"]) is not None:
         share, sure = (round(100 * tree["certificate"][f"unseen_{name}"]) for name in ("share", "confidence"))
-        lines.append(f"other lines: below {unseen:.1e} at {share} % of them, with {sure} % confidence")
+        above = (
+            ", which is ABOVE the tolerance: lower reduction.tolerance or raise reduction.held_out" if unseen > tree["tolerance"] else ""
+        )
+        lines.append(
+            f"other lines (bound from these {len(held_out)}): below {unseen:.1e} at {share} % of them, with {sure} % confidence{above}"
+        )
     for line in held_out:
         errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line["errors"].items())
         lines.append(f"  {line['frequency_hz']:8.2f} Hz  {errors}")
     lines.append(
         f"built {tree['date']} with {tree['backend']}: {len(points)} expansion points, {tree['seconds']['total']:.1f} s, "
-        f"the time of {tree['seconds']['full_lines_worth']:.0f} full lines ({tree['seconds']['full_line']:.2f} s each)"
+        f"the time of {tree['seconds']['full_lines_worth']:.0f} full lines ({tree['seconds']['full_line']:.2g} s each)"
     )
     return lines
 

@@ -122,7 +122,8 @@ def _write_array(parent: h5py.Group, key: str, array: Any) -> None:
         node = parent.create_dataset(key, shape=array.shape, data=data if array.size else None, dtype=dtype, track_times=False)
         _mark(node, "string-array")
     elif array.dtype.kind in "fiubc":
-        node = parent.create_dataset(key, data=array, track_times=False)
+        # A checksum: flipped bits must not pass for a reduced model.
+        node = parent.create_dataset(key, data=array, track_times=False, fletcher32=bool(array.ndim and array.size))
         _mark(node, "array")
     else:
         raise TypeError(f"a store cannot hold an array of type {array.dtype} ({key!r})")

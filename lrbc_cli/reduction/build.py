@@ -30,7 +30,7 @@ from lrbc_cli.reduction.lines import FullLine, FullLines
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.unseen import distance, unseen_bound
+from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
 
 log = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 5
+ALGORITHM_VERSION = 6
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -48,8 +48,11 @@ FIRST_POINTS = 3
 #: a rich basis needs fewer factorisations, and is compressed afterwards.
 DEFLATION = 1e-3
 
-#: What compression may cost, in tolerances.
-COMPRESSION = 0.1
+#: Points without progress after which what is left counts as rounding, and the errors below which that is looked for.
+PATIENCE, ROUNDED = 4, 1e-8
+
+#: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
+COMPRESSION, STRICTER = 0.1, 0.1
 
 #: Lines of the grid of the estimate; fewer where each costs more, by the number of terms.
 GRID_LINES = 120
@@ -97,6 +100,7 @@ class Reducer:
         self.deflation = max((10 if self.lines.many else 1) * DEFLATION * options.tolerance, 1e-12)
         count = int(np.clip(GRID_LINES * 100 / max(model.terms.size, 1), 24, GRID_LINES))
         self.estimator = Estimator(self, count=max(count, 4 * options.held_out))
+        self.loss = COMPRESSION * options.tolerance
         #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
         self.capped = False
         self.exact: dict[float, PortFrf] = {}
@@ -120,7 +124,7 @@ class Reducer:
 
     def compress(self, sweep: Sweep) -> None:
         """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
-        compressor = Compressor(self, sweep, COMPRESSION * self.options.tolerance)
+        compressor = Compressor(self, sweep, self.loss)
         counts = compressor.search(self.options.tolerance)
         limit = self.options.max_size
         self.capped = limit is not None and sum(counts) > limit
@@ -193,7 +197,16 @@ class Reducer:
         measured: dict[float, dict[str, float]] = {}
         sweep = rich
         full, compressed = self.reduced(), False
-        while len(held_out) < options.held_out:
+        again: list[float] = []
+        while True:
+            if len(held_out) >= options.held_out:
+                # The basis may have grown after a line was held out: all errors are those of the final model.
+                final = self.reduced()
+                measured = {frequency: measured.get(frequency) or self.errors(frequency, final) for frequency in held_out}
+                again = [frequency for frequency in held_out if max(measured[frequency].values()) > options.tolerance]
+                if not again or not self._may_grow():
+                    break
+                held_out = [frequency for frequency in held_out if frequency not in again]
             if not compressed and (self._is_good(rich.estimate, effectivity) or not self._may_grow()):
                 full, size = self.reduced(), self.projection.size
                 self.compress(rich)
@@ -202,7 +215,8 @@ class Reducer:
                 progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
             # A line that is likely to enrich the basis decides where the next one is.
             width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
-            batch = self.lines.solve(self._next(sweep.estimate, held_out, width))
+            batch = self.lines.solve(again[:1] or self._next(sweep.estimate, held_out, width))
+            again = []
             self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
             grown = False
             for line in batch:
@@ -212,6 +226,8 @@ class Reducer:
                 expected = float(np.interp(frequency, self.estimator.grid_hz, sweep.estimate))
                 if expected > 0 and not grown:
                     effectivity = max(effectivity, min(error / expected, 10.0))
+                if compressed and not grown and error > 0.5 * options.tolerance and self._lost_by_compression(line, full, error):
+                    self.loss *= STRICTER
                 needs = error > 0.5 * options.tolerance or not (grown or self._is_good(rich.estimate, effectivity))
                 order = added = 0
                 if needs and self._may_grow():
@@ -239,6 +255,10 @@ class Reducer:
                 held_out = [frequency for frequency in held_out if frequency in self.exact]
         return self._finish(held_out, measured, full if compressed else self.reduced(), rich, sweep)
 
+    def _lost_by_compression(self, line: FullLine, full: ReducedModel, error: float) -> bool:
+        """Whether the rich model is much better than the compressed one at a line."""
+        return line.exact is not None and max(self.errors(line.frequency_hz, full).values()) < 0.5 * error
+
     def _sweep(self, *, seen: bool = False) -> Sweep:
         """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
         sweep = self.estimator.sweep()
@@ -251,7 +271,21 @@ class Reducer:
         return float(estimate.max()) * effectivity <= self.options.tolerance
 
     def _may_grow(self) -> bool:
-        return len(self.enriched) < self.options.max_points and not self.capped
+        return not self.stopped
+
+    @property
+    def stopped(self) -> str:
+        """Why no further point is of use; empty where one may be."""
+        if self.capped:
+            return f"max_size {self.options.max_size}"
+        if len(self.enriched) >= self.options.max_points:
+            return f"{self.options.max_points} expansion points"
+        if self.projection.size >= self.model.size:
+            return "the basis is as large as the model"
+        errors = [step.measured_error for step in self.trace if step.measured_error is not None]
+        if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE]) and max(errors[-PATIENCE:]) < ROUNDED:
+            return "rounding"
+        return ""
 
     def _expand(self, frequencies_hz: Floats, progress: Callable[[str], None]) -> Sweep:
         """Expand at these lines, the outer ones first, until the estimate is good."""
@@ -283,12 +317,16 @@ class Reducer:
         def apart(lines: list[float]) -> Floats:
             return np.asarray(np.abs(grid[:, None] - np.array([*lines, np.inf])[None, :]).min(axis=1))
 
+        # One held-out line in each of equal parts of the band; there, where the estimate is worst.
+        part = np.minimum((grid - low) / width * self.options.held_out, self.options.held_out - 1).astype(int)
         for _ in range(count):
-            points, checks = apart(self.enriched), apart([*held_out, *chosen])
-            allowed = (points > 0.01 * width) & (checks > 0.5 * width / self.options.held_out)
+            taken = [min(int((line - low) / width * self.options.held_out), self.options.held_out - 1) for line in (*held_out, *chosen)]
+            points = apart(self.enriched)
+            free = ~np.isin(part, taken)
+            allowed = free & (points > 0.01 * width)
             weight = np.where(allowed, estimate, 0.0)
             if not np.any(weight > 0):
-                weight = np.minimum(points, checks)
+                weight = np.where(free, points, 0.0) if free.any() else np.minimum(points, apart([*held_out, *chosen]))
             chosen.append(float(grid[int(np.argmax(weight))]))
         return chosen
 
@@ -301,7 +339,11 @@ class Reducer:
             worst = np.array([max(measured[line].values()) for line in held_out])
             return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, sweep.estimate), sweep.estimate, np.zeros(()))
         worst = np.array([max(self.errors(line, full).values()) for line in held_out])
-        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups())
+        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups(), self.estimator.local)
+        # The certificate has more vectors than the sweep: where it measured, its differences correct those.
+        final = np.array([max(measured[line].values()) for line in held_out])
+        computed = np.interp(lines, self.estimator.grid_hz, lost)
+        lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
         return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, rich.estimate), rich.estimate, lost)
 
     def _finish(
@@ -310,10 +352,10 @@ class Reducer:
         for f in self.fields:
             check_orthonormal(f)
         model = replace(self.reduced(), extras=self.projected_groups())
-        # The basis may have grown after a line was held out: all errors are those of the final model.
-        lines = tuple(HeldOut(f, measured.get(f) or self.errors(f, model)) for f in sorted(held_out))
+        lines = tuple(HeldOut(f, measured[f]) for f in sorted(held_out))
         tolerance = self.options.tolerance
-        unseen = self._unseen(held_out, measured, full, rich, sweep)
+        # No bound below what was measured.
+        unseen = max(self._unseen(held_out, measured, full, rich, sweep), max((line.worst for line in lines), default=0.0))
         self.clock.lap("certificate")
         seconds = dict(self.clock.seconds)
         seconds["full_line"] = self.lines.line_seconds
@@ -339,6 +381,7 @@ class Reducer:
             vectors,
             {"platform": platform.platform(), "processor": platform.processor() or platform.machine(), "cores": os.cpu_count() or 1},
             datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "" if reached else self.stopped,
         )
 
 

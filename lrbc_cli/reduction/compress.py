@@ -108,7 +108,9 @@ class Compressor:
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
         ports = port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
         rich = self._ports.select(at, np.arange(reducer.input_of.size))
-        return float(distance(rich, ports, [D[at] for D in self._vectors], reducer.quantity_groups()).max(initial=0.0))
+        return float(
+            distance(rich, ports, [D[at] for D in self._vectors], reducer.quantity_groups(), reducer.estimator.local).max(initial=0.0)
+        )
 
     def search(self, start: float) -> list[int]:
         """Columns of each field: the largest share left out, in strides, that keeps the difference within the limit.

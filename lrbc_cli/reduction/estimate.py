@@ -65,7 +65,7 @@ class Estimator:
         chosen = certificate_vectors(model.terms, reducer.scale, s, count=1 if reducer.lines.many else 2)
         kinds = ("free", "clamped", "random") if reducer.lines.many else ("free", "loose", "local", "clamped", "random")
         self.vectors = [D for kind in kinds for D in chosen[kind]]
-        self._local = local_responses(model, complex(s[count // 2]), reducer.input_of)
+        self.local = local_responses(model, complex(s[count // 2]), reducer.input_of)
         self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
 
     def sweep(self) -> Sweep:
@@ -129,7 +129,7 @@ class Estimator:
                 if rows.size:
                     error = residual[:, column] * np.linalg.norm(dual[:, rows], axis=1)
                     # What is silent counts as the certificate counts it.
-                    floor = max(ROUNDING * float(np.linalg.norm(self._local[rows])), np.finfo(float).tiny)
+                    floor = max(ROUNDING * float(np.linalg.norm(self.local[rows])), np.finfo(float).tiny)
                     silent = np.maximum(SILENT * np.linalg.norm(reference[:, rows], axis=1), floor)
                     worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), silent))
         return worst

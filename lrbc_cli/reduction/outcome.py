@@ -32,7 +32,7 @@ class ReductionOptions:
     band_hz: tuple[float, float]
     tolerance: float = 1e-3
     held_out: int = 5
-    max_points: int = 40
+    max_points: int = 400
     max_size: int | None = None
 
 
@@ -112,6 +112,8 @@ class Reduction:
         Where the seconds were measured.
     date : str
         When, UTC.
+    stopped : str
+        What kept the basis from growing where the tolerance was not reached.
     """
 
     model: ReducedModel
@@ -128,6 +130,7 @@ class Reduction:
     vectors: int
     machine: dict[str, str | int]
     date: str
+    stopped: str = ""
 
     @property
     def worst(self) -> float:

@@ -9,16 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from lrbc_cli.reduction.certify import ROUNDING, SILENT
 from lrbc_cli.reduction.ports import PortFrf
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
+#: Errors below this are rounding, of the full solution too.
+ROUNDING_LEVEL = 1e-11
+
 #: Share of the lines that the bound is for, and how sure it is of that.
 SHARE, CONFIDENCE = 0.95, 0.95
 
 
-def distance(ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[NDArray[np.int64]]) -> Floats:
+def distance(
+    ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[NDArray[np.int64]], local: Floats | None = None
+) -> Floats:
     """(F,) relative difference of y between two sets of port FRFs, worst over vectors and physical quantities.
 
     Parameters
@@ -28,12 +34,17 @@ def distance(ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], group
     vectors : sequence of (F, nt) complex arrays
     groups : sequence of int arrays
         Responses that share a quantity.
+    local : (R,) float array or None
+        From ``local_responses``; silence counts as in the certificate.
     """
     worst = np.zeros(ports.lines)
+    tiny = np.finfo(float).tiny
     for D in vectors:
         y, exact = other.evaluate(D), ports.evaluate(D)
         for group in groups:
-            norm = np.maximum(np.linalg.norm(exact[:, group], axis=1), np.finfo(float).tiny)
+            floor = tiny if local is None else max(ROUNDING * float(np.linalg.norm(local[group])), tiny)
+            silent = np.maximum(SILENT * np.linalg.norm(ports.H00[:, group], axis=1), floor)
+            norm = np.maximum(np.linalg.norm(exact[:, group], axis=1), silent)
             worst = np.maximum(worst, np.linalg.norm((y - exact)[:, group], axis=1) / norm)
     return worst
 
@@ -68,10 +79,9 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
     float
         NaN for fewer than two measured lines.
     """
-    tiny = np.finfo(float).tiny
-    use = (measured > 0) & (expected > 0)
-    if use.sum() < 2:
+    if measured.size < 2:
         return float("nan")
-    ratio = np.log(np.maximum(measured[use], tiny) / np.maximum(expected[use], tiny))
-    factor = np.exp(ratio.mean() + tolerance_factor(int(use.sum())) * ratio.std(ddof=1))
+    measured, expected, estimate = (np.maximum(values, ROUNDING_LEVEL) for values in (measured, expected, estimate))
+    ratio = np.log(measured / expected)
+    factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
     return float(np.max(lost + factor * estimate))

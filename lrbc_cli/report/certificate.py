@@ -24,7 +24,8 @@ def certificate_parts(reduction: Reduction) -> list[Markup | None]:
         )
     if reduction.unseen is not None:
         bound, share, sure = reduction.unseen
-        text += f"At {fmt.percent(share)} % of all other lines it is below {fmt.small(bound)}, with {fmt.percent(sure)} % confidence. "
+        text += f"At {fmt.percent(share)} % of all other lines it is below {fmt.small(bound)}, with {fmt.percent(sure)} % confidence"
+        text += ": that is above the tolerance. " if bound > reduction.tolerance else ". "
     text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
     parts: list[Markup | None] = [tag("p", text)]
     charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]

@@ -303,7 +303,8 @@ def trace_chart(reduction: Reduction) -> Chart | None:
     alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
     panel = Panel(
         linear_axis("frequency [Hz]", x_low, x_high, 8),
-        decade_axis("estimated relative error", low - 0.5, high + 0.3),
+        # At the points themselves the estimate is next to nothing.
+        decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
         (*items, *curves),
     )
     return Chart("Estimated error", "after each adaptive step", alt, (panel,), width=620.0, height=300.0)

@@ -19,7 +19,7 @@ import scipy.linalg as la
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.identify import identify
+from lrbc_cli.campaign.identify import FIRST_VARIANCE, identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import ReductionStage, frf_source
@@ -195,8 +195,8 @@ def misfit_of(inputs: Inputs, stage: ReductionStage, job: str, *, every_line: bo
     model = source.model(s, parameters, lines, inputs.used)
     measured = measurement.values[np.ix_(lines, inputs.used)]
     eta = inputs.campaign.update.regularisation
-    assert eta != "l-curve"
-    return Misfit(model, measured, parameters.initial, eta), parameters.initial
+    # Automatic weights begin here; what an evaluation costs does not depend on them.
+    return Misfit(model, measured, parameters.initial, FIRST_VARIANCE if isinstance(eta, str) else float(eta)), parameters.initial
 
 
 def lines_of_the_reduced_model(inputs: Inputs, stage: ReductionStage, job: str, line: float, repeats: int) -> list[Figure]:
@@ -215,12 +215,12 @@ def lines_of_the_reduced_model(inputs: Inputs, stage: ReductionStage, job: str, 
     port = timed(lambda: mine.linearise(D), repeats) / s.size
     cost = timed(lambda: misfit(theta), repeats) / s.size
     part = f"One line ({s.size} lines, {inputs.used.size} responses, {theta.size} parameters)"
-    goal = "1/4000 of a full line"
+    goal = "1/8000 of a full line"
     return [
         Figure(part, "reduced dynamic stiffness (28)", single, f"{duration(single)} = 1/{line / single:.0f} (paper 1/{PAPER_LINE})"),
         Figure(part, "the same with adjoint gradient (28), (32)", adjoint, f"{duration(adjoint)} = 1/{line / adjoint:.0f}"),
         Figure(part, "port formula with full gradient", port, f"{duration(port)} = 1/{line / port:.0f}"),
-        at_most(part, "cost (29) with full gradient", cost / line, 1 / 4000, f"{duration(cost)} = 1/{line / cost:.0f}", goal),
+        at_most(part, "cost (29) with full gradient", cost / line, 1 / 8000, f"{duration(cost)} = 1/{line / cost:.0f}", goal),
         Figure(part, "port FRFs of all lines, once", table, f"{duration(table)} = {table / line:.1f} full lines"),
     ]
 

@@ -226,7 +226,8 @@ def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     assert warning in box.run("check").stdout
     result = box.run("update", "--job", "loose")
     assert result.code == 0
-    assert result.stderr == f"WARNING: job loose: {warning}\n"
+    others = "its lines are not those of tight: compared without what the measurement of tight tells"
+    assert result.stderr == f"warning: job loose: {warning}\nwarning: job loose: {others}\n"
     assert box.result("loose")["notes"][0] == warning
 
 

@@ -116,12 +116,12 @@ def test_tracebacks_are_for_vv(run, what: str) -> None:  # type: ignore[no-untyp
 @pytest.mark.parametrize(
     ("args", "levels"),
     [
-        ([], ["WARNING", "ERROR"]),
-        (["-q"], ["ERROR"]),
+        ([], ["warning", "error"]),
+        (["-q"], ["error"]),
         (["-qq"], []),
-        (["-v"], ["INFO", "WARNING", "ERROR"]),
-        (["-v", "-v"], ["DEBUG", "INFO", "WARNING", "ERROR"]),
-        (["-vvv", "-q"], ["DEBUG", "INFO", "WARNING", "ERROR"]),
+        (["-v"], ["info", "warning", "error"]),
+        (["-v", "-v"], ["debug", "info", "warning", "error"]),
+        (["-vvv", "-q"], ["debug", "info", "warning", "error"]),
     ],
 )
 def test_verbosity(run, args: list[str], levels: list[str]) -> None:  # type: ignore[no-untyped-def]

@@ -412,7 +412,7 @@ def test_the_same_input_gives_the_same_basis():
     model = vibro_acoustic()
     first, second = (reduce_model(model, one_input(model), ReductionOptions(BAND)) for _ in range(2))
     np.testing.assert_array_equal(first.model.K, second.model.K)
-    assert [step.frequency_hz for step in first.trace] == [step.frequency_hz for step in second.trace]
+    np.testing.assert_array_equal(*([step.frequency_hz for step in reduction.trace] for reduction in (first, second)))
 
 
 @pytest.mark.skipif(pardiso.library() is None, reason="MKL is not installed")
@@ -436,9 +436,10 @@ def test_progress_tells_every_factorisation():
 def test_the_trace_holds_the_estimate_after_each_change_of_the_basis(reductions):
     _, reduction = reductions("damped")
     changed = [step for step in reduction.trace if np.all(np.isfinite(step.estimate))]
-    # Points without the first one, then the compression.
+    # Points, of which those solved side by side share the estimate of the last one, then the compression.
     points = [step for step in reduction.trace if step.order]
-    assert [step.frequency_hz for step in changed[:-1]] == [step.frequency_hz for step in points[1:]]
+    lines = [step.frequency_hz for step in points[1:]]
+    assert [step.frequency_hz for step in changed[:-1]] in (lines, lines[1:])
     assert np.isnan(changed[-1].frequency_hz)
     assert changed[-1].size == reduction.model.size
     for earlier, later in itertools.pairwise(changed[:-1]):
