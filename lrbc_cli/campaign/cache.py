@@ -105,12 +105,15 @@ class CacheDecision:
     path : Path
     hit : bool
     reason : str
+    missed : str
+        Of a model in the cache that does not reach its tolerance: what it reaches.
     """
 
     key: str
     path: Path
     hit: bool
     reason: str
+    missed: str = ""
 
 
 def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
@@ -119,7 +122,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     path = folder / key / "model.h5"
     if path.is_file():
         return CacheDecision(
-            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache"
+            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
         )
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
@@ -138,6 +141,16 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     else:
         reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
     return CacheDecision(key, path, False, reason)
+
+
+def _missed(path: Path) -> str:
+    """What the note beside a model tells of a tolerance that it does not reach."""
+    try:
+        stored = json.loads(path.with_name("key.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ""
+    note = stored.get("missed") if isinstance(stored, dict) else None
+    return note if isinstance(note, str) else ""
 
 
 def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) -> None:
@@ -182,13 +195,21 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
             old.unlink(missing_ok=True)
         write_store(decision.path, tree)
         with atomic_write(decision.path.with_name("key.json")) as file:
-            json.dump(parts, file, indent=1)
+            json.dump(parts | {"missed": missed_text(reduction)}, file, indent=1)
     except OSError as error:
         raise ConfigError(
             f"the cache cannot be written ({error.strerror or error})",
             file=decision.path.parent,
             hint="name another folder with --cache or LRBC_CACHE",
         ) from error
+
+
+def missed_text(reduction: Reduction) -> str:
+    """What a model that does not reach its tolerance reaches, and why not more; empty where it does."""
+    if reduction.reached:
+        return ""
+    reached = f"it does not reach its tolerance of {reduction.options.tolerance:.1e}: the measured error is {reduction.worst:.1e}"
+    return reached + (f" (stopped by: {reduction.stopped})" if reduction.stopped else "")
 
 
 def require_writable(decision: CacheDecision) -> None:

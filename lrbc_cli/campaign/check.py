@@ -164,6 +164,8 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> 
     lines = [f"band {r.band[0]:g} to {r.band[1]:g} Hz, tolerance {r.tolerance:g}, back end {backend}"]
     if decision.hit:
         lines.append(f"cache: hit ({decision.reason})")
+        if decision.missed:
+            out.warnings.append(f"the reduced model in the cache: {decision.missed}; --accept-tolerance uses it")
     else:
         lines.append(f"cache: miss ({decision.reason})")
         try:

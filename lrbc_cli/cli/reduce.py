@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -76,11 +77,13 @@ def reduce(
                 "reason": decision.reason,
                 "key": decision.key,
                 "builds": force or not decision.hit,
+                "missed": decision.missed or None,
                 "calibration": used,
             }
             say_json(plan | ({"exports": [{"file": file} for file in exports]} if exports else {}))
         else:
-            click.echo("\n".join([f"{would}: {decision.reason}", *[f"writes {file}" for file in exports]]))
+            missed = [f"{decision.missed}; --accept-tolerance accepts it"] if decision.missed and not force else []
+            click.echo("\n".join([f"{would}: {decision.reason}", *missed, *[f"writes {file}" for file in exports]]))
         return
     output = inputs.campaign.output
     stage = obtain_reduction(
@@ -98,7 +101,7 @@ def reduce(
     if as_json:
         say_json(tree | ({"exports": written} if exports else {}))
     else:
-        click.echo("\n".join([*describe(tree, stage.seconds), *[describe_export(item) for item in written]]))
+        click.echo("\n".join([*describe(tree, stage.seconds), *[describe_export(item, tree) for item in written]]))
     unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
     if unstable and verbosity.level >= 0:
         click.echo(f"warning: {unstable} poles of the state space lie in the right half plane: it grows without bounds", err=True)
@@ -126,9 +129,12 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
         lines.append(
             f"other lines (bound from these {len(held_out)}): below {unseen:.1e} at {share} % of them, with {sure} % confidence{above}"
         )
+    low, high = tree["band_hz"]
+    # As many decimals as tell lines of a narrow band apart.
+    digits = max(2, math.ceil(3 - math.log10(high - low)))
     for line in held_out:
         errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line["errors"].items())
-        lines.append(f"  {line['frequency_hz']:8.2f} Hz  {errors}")
+        lines.append(f"  {line['frequency_hz']:{digits + 6}.{digits}f} Hz  {errors}")
     lines.append(
         f"built {tree['date']} with {tree['backend']}: {len(points)} expansion points, {tree['seconds']['total']:.1f} s, "
         f"the time of {tree['seconds']['full_lines_worth']:.0f} full lines ({tree['seconds']['full_line']:.2g} s each)"
@@ -136,13 +142,14 @@ def describe(tree: dict[str, Any], seconds: float) -> list[str]:
     return lines
 
 
-def describe_export(item: dict[str, Any]) -> str:
+def describe_export(item: dict[str, Any], tree: dict[str, Any]) -> str:
     """One exported file in a line."""
     system = item.get("state_space")
+    missed = "" if tree["reached"] else ", tolerance NOT reached"
     first = (
         f", state space of {system['states']} states ({system['form']}, FRFs to {system['deviation']:.0e}, "
         f"poles up to {system['spectral_abscissa']:.3g} 1/s)"
         if system
         else ""
     )
-    return f"exported {item['file']}: {item['size']} DOFs{first}"
+    return f"exported {item['file']}: {item['size']} DOFs{first}{missed}"

@@ -46,7 +46,7 @@ def update(
         if as_json:
             say_json(
                 {
-                    "cache": {"hit": decision.hit, "reason": decision.reason},
+                    "cache": {"hit": decision.hit, "reason": decision.reason, "missed": decision.missed or None},
                     "calibration": None if inputs.calibration is None else inputs.calibration.text,
                     "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans},
                 }
@@ -54,6 +54,8 @@ def update(
         else:
             if inputs.campaign.update.evaluation != "full":
                 click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+                if decision.missed:
+                    click.echo(f"{decision.missed}; --accept-tolerance accepts it")
             for p in plans:
                 click.echo(f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})")
         return 0

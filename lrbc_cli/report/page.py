@@ -122,7 +122,7 @@ def _sections(content: Content) -> Iterable[_Section | None]:
     yield _cost(content)
     yield _convergence(done)
     if content.reduction is not None:
-        yield _part("certificate", "Certificate of the reduced model", certificate_parts(content.reduction))
+        yield _part("certificate", "Certificate of the reduced model", certificate_parts(content.reduction, content.jobs))
     yield _l_curves(content)
     yield "provenance", "Provenance", provenance(content.campaign, content.jobs, content.reduction)
 

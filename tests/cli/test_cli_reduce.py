@@ -245,6 +245,12 @@ def test_an_unreachable_tolerance(box: Folder) -> None:
     reached = float(found.split()[1])
     assert 1e-15 < reached < 1e-6
     stamp = kept.stat().st_mtime_ns
+    # Whoever asks is told before anything is run.
+    told = "it does not reach its tolerance of 1.0e-15: the measured error is "
+    assert told in box.run("check", *tiny).stdout
+    for command in ("reduce", "update"):
+        assert told in box.run(command, *tiny, "--dry-run").stdout
+    assert told not in box.run("reduce", "--dry-run").stdout
     # Results that need no other reduced model stay; these jobs need it.
     update = box.run("update", *tiny)
     assert update.code == 4

@@ -158,6 +158,17 @@ def test_campaigns_of_every_kind(tmp_path, options):
     assert not re.search(r"\b(nan|inf|None)\b", (tmp_path / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.parametrize("key", [None, "9f2c11ab", "another"])
+def test_jobs_of_another_reduced_model_are_named(output, key):
+    file = output / "bolts-04" / "result.json"
+    result = json.loads(file.read_text(encoding="utf-8"))
+    result["provenance"]["certificate"] = {"key": key}
+    file.write_text(json.dumps(result), encoding="utf-8")
+    write_report(output, workers=1)
+    text = " ".join(parsed(output).texts)
+    assert ("The results of bolts-04 rest on another reduced model" in text) == (key == "another")
+
+
 def test_jobs_may_have_responses_of_their_own(output):
     write_frf(output / "bolts-04" / "frf.csv", 4, ("acc1",), 40, False)
     write_report(output, workers=1)
