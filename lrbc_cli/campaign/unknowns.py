@@ -21,6 +21,9 @@ from lrbc_cli.updating.saturation import Saturation, saturation
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
+#: Terms up to which saturation is sought on all lines of the band.
+SATURATION_TERMS = 120
+
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
     """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s.
@@ -45,9 +48,11 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
         limits: Saturation | None = None
         if group.config.kind == "stiffness":
             empty = Parameterisation(())
-            values = source.model(s, empty, responses=inputs.used).values
+            # Each evaluation costs the cube of the terms: with very many of them some lines tell as much.
+            lines = np.arange(0, s.size, max(1, round((model.terms.size / SATURATION_TERMS) ** 2)))
+            values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
-            limits = found[group.name] = saturation(values, D, group.terms, typical, group.config.baseline)
+            limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline)
         groups.append(_group(group, limits))
     return Parameterisation(tuple(groups)), found
 

@@ -96,6 +96,7 @@ class Estimator:
             dual_norm = np.linalg.norm(rest, axis=1)
             if kappa is not None:
                 dual_norm = dual_norm * np.where(self._acoustic_response[None, :], np.abs(kappa * s[part, None] ** 2), 1.0)
+            dual_norm = dual_norm[:, reducer.lines.dual_of[:R]]
             ports = self._ports(H[part], s[part])
             driven = [ports.drive(D[part]) for D in self.vectors]
             # What drives the system for every input and vector: the input itself and what the terms add.
@@ -106,7 +107,7 @@ class Estimator:
             size = np.abs(s[part, None] ** reducer.model.output_power[None, :])
             for at, (y, _) in enumerate(driven):
                 of_vector = residual[:, at * n_in : (at + 1) * n_in]
-                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm[:, :R] * size, y, ports.H00))
+                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm * size, y, ports.H00))
             both = np.concatenate([X, Y], axis=2)
             spreads[part.start] = [_spread(_times(turn[low:high, low:high], both[:, low:high])) for low, high in itertools.pairwise(ends)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Sequence
@@ -45,9 +46,9 @@ class FullLine:
     frequency_hz : float
     factorisation : Factorisation
     X : (n, m) complex array or None
-        Solutions for all inputs, where they were asked for.
+        Solutions for all inputs, where those were solved for.
     exact : PortFrf or None
-        At this line, where all inputs were solved.
+        At this line, where it was solved for all inputs or all outputs.
     snapshots : tuple of (n, k) complex arrays or None
         What enriches a basis, where it was asked for at once.
     order : int
@@ -77,6 +78,10 @@ class FullLines:
 
     Attributes
     ----------
+    dual : (n, d) csc_array
+        Distinct responses, and outputs of the terms where their solutions are not those of the inputs.
+    dual_of : int array
+        Which of them belongs to each response (and output of a term).
     many : bool
         So many inputs that they are compressed before solving: what one line's solutions span, random combinations at the next one leave
         only where it is new. Errors are then measured by residuals.
@@ -89,7 +94,9 @@ class FullLines:
         self.outputs = model.outputs
         # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
         covered = Z.symmetric and model.terms.symmetric
-        self.dual: sp.csc_array = (model.L.T if covered else self.outputs.T).tocsc()
+        # A response to several hammer points is one place all the same.
+        self.dual, self.dual_of = distinct_columns((model.L.T if covered else self.outputs.T).tocsc())
+        self._heard, self._heard_of = distinct_columns(self.outputs.T.tocsc())
         self._one_solve: float | None = None
         self._pools: list[ThreadPoolExecutor] = []
         self.many = self.inputs.shape[1] > MANY_INPUTS
@@ -155,14 +162,19 @@ class FullLines:
             self._one_solve = min(times)
         if self.many and (self._spanned or not expand):
             line = FullLine(frequency_hz, factorisation, None, None)
+        elif not expand and self._heard.shape[1] < self.inputs.shape[1]:
+            # More hammer points than responses: the port FRFs take fewer solves from the other side.
+            H = np.asarray(self.inputs.T @ factorisation.solve_transposed(self._heard)).T[self._heard_of]
+            line = FullLine(frequency_hz, factorisation, None, self._ports(s, H))
         else:
             X = factorisation.solve(self.inputs)
             self._spanned = True
-            lines = np.array([s])
-            D_ref = reference_dynamic(self._reference, lines)
-            exact = port_frf(np.asarray(self.outputs @ X)[None], lines, D_ref, self._model.output_power, self._input_of)
-            line = FullLine(frequency_hz, factorisation, X, exact)
+            line = FullLine(frequency_hz, factorisation, X, self._ports(s, np.asarray(self.outputs @ X)))
         return self.expanded(line) if expand else line
+
+    def _ports(self, s: complex, H: Complexes) -> PortFrf:
+        lines = np.array([s])
+        return port_frf(H[None], lines, reference_dynamic(self._reference, lines), self._model.output_power, self._input_of)
 
     def release(self, line: FullLine) -> None:
         """Give the memory of large factors back; the line cannot be solved again."""
@@ -175,7 +187,7 @@ class FullLines:
         if line.snapshots is not None:
             return line
         s, factorisation = 2j * np.pi * line.frequency_hz, line.factorisation
-        primal = factorisation.solve(self.combinations) if line.X is None else line.X
+        primal = factorisation.solve(self.combinations if self.many else self.inputs) if line.X is None else line.X
         blocks = [primal, factorisation.solve_transposed(self.dual)]
         order = self.order()
         if order > 1:
@@ -195,6 +207,17 @@ class FullLines:
         most = max(columns for columns, _ in Z.solve_seconds)
         block = min(seconds for columns, seconds in Z.solve_seconds if columns == most) / most * (self.inputs.shape[1] + self.dual.shape[1])
         return 2 if min(factored) > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
+
+
+def distinct_columns(A: sp.csc_array) -> tuple[sp.csc_array, NDArray[np.int64]]:
+    """Columns that differ, in their order, and for each column of A which of them it is."""
+    A = A.copy()
+    A.sum_duplicates()
+    kept: dict[tuple[bytes, bytes], int] = {}
+    of = np.empty(A.shape[1], dtype=np.int64)
+    for j, (low, high) in enumerate(itertools.pairwise(A.indptr)):
+        of[j] = kept.setdefault((A.indices[low:high].tobytes(), A.data[low:high].tobytes()), len(kept))
+    return A[:, np.unique(of, return_index=True)[1]].tocsc(), of
 
 
 def cores() -> int:

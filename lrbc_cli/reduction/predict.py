@@ -15,7 +15,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.full import full_operators
-from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores
+from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, distinct_columns
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.vectors import local_scale, reference_values
 
@@ -117,7 +117,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
     analysis = Z.analyse()
     covered = Z.symmetric and model.terms.symmetric
-    inputs, dual = model.inputs.shape[1], (model.L if covered else model.outputs).shape[0]
+    inputs, dual = model.inputs.shape[1], distinct_columns((model.L if covered else model.outputs).T.tocsc())[0].shape[1]
     columns = inputs + dual
     # A second moment is taken where factors are large against the blocks of solves.
     moments = 2 if 2 * analysis.triangle / n > 12 * columns else 1

@@ -19,6 +19,9 @@ START_DB, BOUND_DB = 0.3, 0.02
 #: Decades below and above the local stiffness between which the limits are sought.
 SEARCH = (8.0, 6.0)
 
+#: Halvings of a range of at most 14 decades: a thousandth of a decade.
+STEPS = 14
+
 #: Lower bound, start and upper bound in decades from the local stiffness where the FRFs reach no limit.
 FALLBACK = (-4.0, 1.0, 4.0)
 
@@ -86,7 +89,7 @@ def saturation(
 
     def crossing(limit: Floats, target: float, low: float, high: float, rising: bool) -> float:
         # Bisection on a curve that falls (towards clamped) or rises (from free) but for small ripples.
-        for _ in range(24):
+        for _ in range(STEPS):
             p = 0.5 * (low + high)
             if (distance(p, limit) > target) == rising:
                 high = p

@@ -135,8 +135,9 @@ class Bench:
         rows = []
         for count, config in zip(counts, configs, strict=True):
             self.tell(f"{count} terms")
-            arguments = {"config": str(config), "backend": self.backend, "folder": str(self.folder / "library"), "cost_lines": 100}
-            runs = [self.work("one_reduction", **arguments) for _ in range(1 if self.quick else 3)]
+            arguments = {"config": str(config), "backend": self.backend, "folder": str(self.folder / "library")}
+            runs = [self.work("one_reduction", **arguments, cost_lines=100)]
+            runs += [runs[0] | self.work("one_reduction", **arguments) for _ in range(0 if self.quick else 2)]
             row = min(runs, key=lambda run: float(run["reduction_s"]))
             rows.append(row | {"full_lines": row["reduction_s"] / line["full_line_s"]})
         return {"n": line["n"], "full_line_s": line["full_line_s"], "rows": rows}
