@@ -216,6 +216,41 @@ def test_two_lines_at_a_time_give_the_same_model(monkeypatch):
     np.testing.assert_allclose(found[0].model.ports(s).H00, found[1].model.ports(s).H00, rtol=1e-6)
 
 
+@pytest.mark.parametrize("skew", [0.0, 0.4])
+def test_a_roving_hammer_is_solved_from_the_other_side(skew):
+    """Eight hammer points, two responses: port FRFs from the transposed system, each place solved once."""
+    K, M, acoustic = duct(60, 150, 1.2, coupling=0.05, stiffness=6e5)
+    n = acoustic.size
+    if skew:
+        M = M.tolil()
+        M[np.flatnonzero(acoustic)[:80], :20] *= 1.0 + skew
+        M = csc(M)
+    hammer = np.arange(5, 45, 5)
+    model = fe_model(
+        K, M, loads=unit(n, *hammer), outputs=unit(n, *np.tile([40, 140], hammer.size)), left=unit(n, 0, 59), is_acoustic=acoustic,
+        damping=(4.0, 1e-6), output_power=[2, 0] * hammer.size,
+    )  # fmt: skip
+    input_of = np.repeat(np.arange(hammer.size), 2)
+    R = Reducer(model, input_of, ReductionOptions(BAND))
+    assert R.lines.dual.shape[1] == (2 if R.Z.symmetric else 4)
+    whole = model.L.T if R.Z.symmetric else model.outputs.T
+    np.testing.assert_array_equal(R.lines.dual[:, R.lines.dual_of].toarray(), whole.toarray())
+    (line,) = R.lines.solve([123.0])
+    assert line.X is None
+    exact = dense_ports(model, np.array([line.factorisation.s]), R.reference, input_of)
+    for name in ("H00", "H0p", "Hp0", "Hpp"):
+        np.testing.assert_allclose(
+            getattr(line.exact, name), getattr(exact, name), rtol=1e-6, atol=1e-10 * np.abs(getattr(exact, name)).max()
+        )
+    reduction = R.run()
+    assert reduction.reached
+    s = 2j * np.pi * np.linspace(12.0, 399.0, 25)
+    exact, found = dense_ports(model, s, R.reference, input_of), reduction.model.ports(s)
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * 400.0)
+    vectors = [D for Ds in certificate_vectors(model.terms, scale, s).values() for D in Ds]
+    assert np.mean(distance(exact, found, vectors, R.quantity_groups()) < 1e-3) > 0.95
+
+
 class TestBound:
     def test_factors_are_those_of_the_tables(self):
         """One-sided tolerance factors k(n; 0.95, 0.95) and k(n; 0.99, 0.95), ISO 16269-6."""
