@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.config.settings import LOOSE_CHANGE
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.confidence import Band, Rule, band, weigh
 from lrbc_cli.updating.levels import near_tie
@@ -23,6 +24,9 @@ IMPLAUSIBLE = 2.5
 
 #: What a baseline is, and what is said of a bolt of it that would be loose in another job.
 BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, but against the reference job it comes out loose"
+
+#: Probability with the Gaussian prior below which a bolt that only the mixture calls loose stays undecided.
+AGREEMENT = 0.5
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -188,7 +192,15 @@ def _weighed(
     excess, ceiling = _saturated(result, int(result.changes.bolts[at]), group, values, reference)
     mean, std = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
     below = result.changes.below(rule.limit - excess, float(np.hypot(rule.scatter, excess)))
-    return weigh(verdict, mean, std, rule, ceiling, float(below[at]))
+    found = weigh(verdict, mean, std, rule, ceiling, float(below[at]))
+    if found.verdict == "loose":
+        # With neighbours hard to tell apart the samples can settle on one of them for what no bolt did.
+        change, spread, _ = _change(result, bolt, verdict, where, reference)
+        gaussian = weigh(verdict, change, spread, replace(rule, threshold=min(rule.threshold, LOOSE_CHANGE))).probability_loose
+        if gaussian is not None and gaussian < AGREEMENT:
+            note = f"the mixture alone calls it loose: {100 * gaussian:.0f} % with the Gaussian prior"
+            return replace(found, verdict="undecided", note=note)
+    return found
 
 
 def _change(

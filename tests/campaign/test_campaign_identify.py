@@ -12,6 +12,7 @@ from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf
 
 from lrbc_cli.campaign import identify as identification
+from lrbc_cli.campaign import judgement
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating import levels
@@ -479,7 +480,7 @@ def test_penalties_on_slope_and_curvature(box: Folder) -> None:
     assert np.abs(np.diff(straight, 2)).max() < 0.05
 
 
-def test_a_mixture_of_tight_and_loose_bolts(box: Folder) -> None:
+def test_a_mixture_of_tight_and_loose_bolts(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     """Verdicts by the sampled changes; the profile along the edge stays that of the Gaussian fit."""
     normal = identify(box, AUTO)
     mixture = identify(box, AUTO, "update.prior_shape=mixture")
@@ -495,5 +496,12 @@ def test_a_mixture_of_tight_and_loose_bolts(box: Folder) -> None:
         assert after["change"] == pytest.approx(before["change"], abs=0.1)
         assert (after["probability_changed"] > 0.9) == (after["verdict"] == "loose")
     assert {b["name"] for b in mixture["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    # Nobody is called loose whom the Gaussian prior does not find at least as likely loose as tight.
+    monkeypatch.setattr(judgement, "AGREEMENT", 1.1)
+    alone = {b["name"]: b for b in identify(box, AUTO, "update.prior_shape=mixture")["bolts"]}
+    assert {alone[name]["verdict"] for name in ("B3", "B4")} == {"undecided"}
+    assert alone["B3"]["note"].startswith("the mixture alone calls it loose: ")
+    assert alone["B3"]["probability_loose"] > 0.95
+    monkeypatch.undo()
     again = identify(box, AUTO, "update.prior_shape=mixture")
     assert [b["probability_loose"] for b in again["bolts"]] == [b["probability_loose"] for b in mixture["bolts"]]
