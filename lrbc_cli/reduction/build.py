@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 6
+ALGORITHM_VERSION = 7
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -53,6 +53,9 @@ PATIENCE, ROUNDED = 4, 1e-8
 
 #: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
 COMPRESSION, STRICTER = 0.1, 0.1
+
+#: By how much an estimate may prove too large.
+LEAST_EFFECTIVITY = 0.1
 
 #: Lines of the grid of the estimate; fewer where each costs more, by the number of terms.
 GRID_LINES = 120
@@ -98,7 +101,7 @@ class Reducer:
         )
         # Large bases are costlier than points.
         self.deflation = max((10 if self.lines.many else 1) * DEFLATION * options.tolerance, 1e-12)
-        count = int(np.clip(GRID_LINES * 100 / max(model.terms.size, 1), 24, GRID_LINES))
+        count = int(np.clip(GRID_LINES * 100 / max(model.terms.size, 1), 20, GRID_LINES))
         self.estimator = Estimator(self, count=max(count, 4 * options.held_out))
         self.loss = COMPRESSION * options.tolerance
         #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
@@ -192,12 +195,14 @@ class Reducer:
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
         rich = self._expand(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles), progress)
         held_out: list[float] = []
-        effectivity = 1.0
+        # Measured over estimated error. Points of very many terms are so costly that an estimate that proves too large is believed less.
+        effectivity, least = 1.0, LEAST_EFFECTIVITY if self.lines.many else 1.0
         # Valid for the basis as it is: emptied whenever it grows.
         measured: dict[float, dict[str, float]] = {}
         sweep = rich
         full, compressed = self.reduced(), False
         again: list[float] = []
+        known = not self.lines.many
         while True:
             if len(held_out) >= options.held_out:
                 # The basis may have grown after a line was held out: all errors are those of the final model.
@@ -208,11 +213,14 @@ class Reducer:
                     break
                 held_out = [frequency for frequency in held_out if frequency not in again]
             if not compressed and (self._is_good(rich.estimate, effectivity) or not self._may_grow()):
-                full, size = self.reduced(), self.projection.size
-                self.compress(rich)
-                compressed, sweep = True, self._sweep()
-                self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid_hz, sweep.estimate))
-                progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
+                full, compressed, sweep = self.reduced(), True, rich
+                # With very many terms it would save little, and each comparison costs as much as several full lines.
+                if not self.lines.many or options.max_size is not None:
+                    size = self.projection.size
+                    self.compress(rich)
+                    sweep = self._sweep()
+                    self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid_hz, sweep.estimate))
+                    progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
             # A line that is likely to enrich the basis decides where the next one is.
             width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
             batch = self.lines.solve(again[:1] or self._next(sweep.estimate, held_out, width))
@@ -225,7 +233,9 @@ class Reducer:
                 error = max(measured[frequency].values())
                 expected = float(np.interp(frequency, self.estimator.grid_hz, sweep.estimate))
                 if expected > 0 and not grown:
-                    effectivity = max(effectivity, min(error / expected, 10.0))
+                    seen = float(np.clip(error / expected, least, 10.0))
+                    effectivity = max(effectivity, seen) if known else seen
+                    known = True
                 if compressed and not grown and error > 0.5 * options.tolerance and self._lost_by_compression(line, full, error):
                     self.loss *= STRICTER
                 needs = error > 0.5 * options.tolerance or not (grown or self._is_good(rich.estimate, effectivity))
@@ -298,7 +308,7 @@ class Reducer:
                 order, added = self.enrich(line)
                 self._record(line.frequency_hz, order, added, None)
                 progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
-            if len(self.enriched) > 1:
+            if len(self.enriched) > (FIRST_POINTS - 1 if self.lines.many else 1):
                 sweep = self._sweep(seen=True)
                 if not rest or self._is_good(sweep.estimate, 1.0):
                     return sweep

@@ -37,7 +37,7 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 PAPER_REDUCTION, PAPER_LINE, PAPER_IDENTIFICATION = 2518, 86, 2794
 
 #: Of the seconds of a reduction.
-STAGES = ("basis", "projection", "estimate", "certificate")
+STAGES = ("basis", "projection", "estimate", "compression", "certificate")
 
 
 @dataclass(frozen=True)

@@ -245,7 +245,7 @@ def document(found: dict[str, Any]) -> str:
         ("reduction [s]", lambda r: f"{r['reduction_s']:.2f}"),
         ("full lines", lambda r: f"{r['full_lines']:.1f}"),
         (
-            "basis / projection / estimate / certificate [s]",
+            "basis / projection / estimate / compression / certificate [s]",
             lambda r: " / ".join(f"{r['stages_s'].get(k, 0.0):.2f}" for k in measure.STAGES),
         ),
         ("r", lambda r: f"{r['r']} ({' + '.join(map(str, r['sizes']))})"),
