@@ -317,9 +317,16 @@ def _is_symmetric(part: sp.csr_array) -> bool:
     return bool(rest.nnz == 0 or np.abs(rest.data).max() <= MIRRORED * np.abs(part.data).max())
 
 
+def narrow(A: Any) -> Any:
+    """The same matrix with 32-bit indices where they suffice: slices of arrays get 64-bit ones, which take as much memory as the values."""
+    if A.indices.itemsize > 4 and max(*A.shape, A.nnz) < 2**31:
+        return type(A)((A.data, A.indices.astype(np.int32), A.indptr.astype(np.int32)), shape=A.shape)
+    return A
+
+
 def _blocks_of(operator: sp.csc_array, fields: Sequence[Field]) -> dict[tuple[int, int], sp.csr_array]:
     rows = [operator.tocsr()[field.dofs] for field in fields]
-    parts = {(f, g): rows[f][:, fields[g].dofs].tocsr() for f in range(len(fields)) for g in range(len(fields))}
+    parts = {(f, g): narrow(rows[f][:, fields[g].dofs].tocsr()) for f in range(len(fields)) for g in range(len(fields))}
     return {pair: part for pair, part in parts.items() if part.nnz}
 
 

@@ -227,7 +227,8 @@ class Reducer:
             again = []
             self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
             grown = False
-            for line in batch:
+            while batch:
+                line = batch.pop(0)
                 frequency, model = line.frequency_hz, self.reduced()
                 measured[frequency] = self.measure(line, model)
                 error = max(measured[frequency].values())
@@ -258,6 +259,7 @@ class Reducer:
                 )
                 if added:
                     grown, measured = True, {}
+                del line
             if grown:
                 sweep = rich = self._sweep(seen=True)
                 compressed = False
@@ -302,12 +304,16 @@ class Reducer:
         rest = [float(frequency) for frequency in (*frequencies_hz[::2], *frequencies_hz[1::2])]
         while True:
             batch, rest = rest[: self.lines.width], rest[self.lines.width :]
-            for line in self.lines.solve(batch, expand=True):
+            solved = self.lines.solve(batch, expand=True)
+            while solved:
+                # Solutions of a line are as large as several bases: none is kept while the next line is solved.
+                line = solved.pop(0)
                 if line.exact is not None:
                     self.exact[line.frequency_hz] = line.exact
                 order, added = self.enrich(line)
                 self._record(line.frequency_hz, order, added, None)
                 progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
+                del line
             if len(self.enriched) > (FIRST_POINTS - 1 if self.lines.many else 1):
                 sweep = self._sweep(seen=True)
                 if not rest or self._is_good(sweep.estimate, 1.0):

@@ -27,10 +27,10 @@ Columns: TypeAlias = NDArray[Any] | sp.csc_array
 RESIDUAL_LIMIT = 1e-6
 
 #: Right-hand sides that are solved for together: more gain nothing, and each takes several vectors besides its solution.
-COLUMNS = 32
+COLUMNS = 16
 
 #: More of them where one array of them stays below this.
-COLUMN_BYTES = 128e6
+COLUMN_BYTES = 64e6
 
 
 class Solver(Protocol):

@@ -12,6 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.basis import narrow
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
@@ -28,7 +29,7 @@ def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.
         weight = reference[:, power]
         if np.any(weight):
             operator = (operator + (model.terms.left * weight[None, :]) @ model.terms.right.T).tocsc()
-        out.append(operator)
+        out.append(narrow(operator))
     return out[0], out[1], out[2]
 
 
