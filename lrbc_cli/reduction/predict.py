@@ -1,7 +1,7 @@
 """What a reduction will need, before any factorisation: memory from the fill of its factors, time from their operations.
 
 The pattern, its ordering and the analysis are those of the reduction itself; values are not touched. What follows is counted in arrays:
-operators on the union pattern, factors, snapshots of one expansion point, the basis with its images, the lines of the estimate.
+operators on the union pattern, factors, snapshots of one expansion point, the basis, the lines of the estimate.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import DynamicStiffness
+from lrbc_cli.reduction.dynamic import COLUMN_BYTES, COLUMNS, DynamicStiffness
 from lrbc_cli.reduction.full import full_operators
 from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, distinct_columns
 from lrbc_cli.reduction.outcome import ReductionOptions
@@ -23,16 +23,16 @@ COMPLEX, REAL = 16, 8
 
 #: Bytes an entry of the union pattern costs: K, C and M twice, their values on the pattern, its indices, and what forming it leaves behind
 #: in the allocator. Measured on models of 10 000 to 90 000 DOFs; real and complex matrices differ by less than the rest of this table.
-PATTERN_BYTES = {"superlu": 180, "pardiso": 145}
+PATTERN_BYTES = {"superlu": 150, "pardiso": 120}
 
 #: Bytes an entry of SuperLU's factors costs: its value, its share of the row subscripts, and the room by which the arrays grow.
 SUPERLU_BYTES = 18.6
 
-#: Copies of the snapshots of one expansion point while they are orthogonalised.
-SNAPSHOT_COPIES = 5
+#: Copies of the snapshots of one expansion point while they are orthogonalised, and of the right-hand sides that are solved together.
+SNAPSHOT_COPIES, SOLVE_COPIES = 5, 5
 
-#: Arrays as large as the basis: Q, V, and K V, C V, M V with their coupling blocks.
-BASIS_ARRAYS = 6
+#: Arrays as large as the basis: itself, and new directions with their images, which are not kept.
+BASIS_ARRAYS = 2
 
 #: Reduced DOFs for each input and each dual right-hand side: 3.3 to 4.5 on all sample models. That holds where the band has no more modes
 #: than the model has terms and responses; every further mode adds about one, and ``max_size`` bounds it.
@@ -42,7 +42,7 @@ SIZE_RELATION = 4
 ESTIMATE_LINES, SKETCH, ESTIMATE_COPIES = 160, 96, 3
 
 #: Libraries and thread buffers that only a reduction loads.
-LIBRARIES = 20e6
+LIBRARIES = 60e6
 
 #: Expansion points beside the held-out lines.
 POINTS = 4
@@ -120,17 +120,23 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     inputs, dual = model.inputs.shape[1], distinct_columns((model.L if covered else model.outputs).T.tocsc())[0].shape[1]
     columns = inputs + dual
     # A second moment is taken where factors are large against the blocks of solves.
-    moments = 2 if 2 * analysis.triangle / n > 12 * columns else 1
+    moments = 2 if 2 * analysis.triangle / n > 19 * columns else 1
     size = min(SIZE_RELATION * columns, options.max_size or n, n)
     # Two lines side by side have two factors.
     width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1
-    images = BASIS_ARRAYS if Z.symmetric else BASIS_ARRAYS + 1
+    factors = float(analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros)
+    snapshots = float(COMPLEX * n * columns * moments)
+    together = max(COLUMNS, int(COLUMN_BYTES / (COMPLEX * n)))
+    solving = width * (snapshots + SOLVE_COPIES * COMPLEX * n * min(together, columns))
+    # Large factors are released before their solutions are orthogonalised.
+    released = COMPLEX * analysis.nonzeros > SIDE_BY_SIDE_BYTES
+    arrays = SNAPSHOT_COPIES * snapshots
     memory = {
         "operators": float(PATTERN_BYTES[backend] * Z.entries),
-        "factors": analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros,
-        "snapshots": float(SNAPSHOT_COPIES * COMPLEX * n * columns * moments),
+        "factors": factors,
+        "snapshots": max(solving, arrays - factors) if released else max(solving, arrays),
         # Each field has its share of the columns only.
-        "basis": images * REAL * size * float(n if not model.is_acoustic.any() or model.is_acoustic.all() else 0.5 * n),
+        "basis": BASIS_ARRAYS * REAL * size * float(n if not model.is_acoustic.any() or model.is_acoustic.all() else 0.5 * n),
         "estimate": _estimate_bytes(model),
         "libraries": LIBRARIES,
     }
