@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 7
+ALGORITHM_VERSION = 8
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -101,8 +101,8 @@ class Reducer:
         )
         # Large bases are costlier than points.
         self.deflation = max((10 if self.lines.many else 1) * DEFLATION * options.tolerance, 1e-12)
-        count = int(np.clip(GRID_LINES * 100 / max(model.terms.size, 1), 20, GRID_LINES))
-        self.estimator = Estimator(self, count=max(count, 4 * options.held_out))
+        count = int(np.clip(GRID_LINES * (100 / max(model.terms.size, 1)) ** 1.25, 16, GRID_LINES))
+        self.estimator = Estimator(self, count=max(count, 3 * options.held_out))
         self.loss = COMPRESSION * options.tolerance
         #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
         self.capped = False
