@@ -7,6 +7,8 @@ import importlib
 import os
 import select
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -33,6 +35,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 DEFECT = 1
 INTERRUPTED = 130
 PIPE_CLOSED = 141
+#: How long an interrupted run waits for what it is about to finish.
+GRACE_SECONDS = 5.0
 #: Errors of writing that more space or another place mends.
 NO_SPACE = {code for name in ("ENOSPC", "EDQUOT", "EFBIG") if (code := getattr(errno, name, None)) is not None}
 
@@ -105,15 +109,29 @@ class LazyGroup(click.Group):
         _complete_streams()
         try:
             code = super().main(args, prog_name or "lrbc", complete_var, standalone_mode=False, **extra)
-        except Exception as error:
-            if not standalone_mode:
+        except (Exception, KeyboardInterrupt) as error:
+            if isinstance(error, Exception) and not standalone_mode:
                 raise
-            _stop(error)
-        except KeyboardInterrupt as error:
+            # click makes an Abort of most interrupts.
+            if isinstance(error, KeyboardInterrupt | click.Abort) and args is None:
+                _leave_soon()
             _stop(error)
         if not standalone_mode:
             return code
         sys.exit(code if type(code) is int else 0)
+
+
+def _leave_soon() -> None:
+    """End the process even where a thread does not: in the middle of a long factorisation, or started while the signal came."""
+
+    def leave() -> None:
+        time.sleep(GRACE_SECONDS)
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(INTERRUPTED)
+
+    threading.Thread(target=leave, daemon=True).start()
 
 
 def _nearest(word: str, candidates: Mapping[str, Any]) -> str:

@@ -435,7 +435,11 @@ def reduce_model(
     """
     # Tall and thin QR does not gain from threads, and spinning BLAS threads on busy cores cost a factor of ten; PARDISO keeps its own.
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
-        return Reducer(model, input_of, options, backend=backend, ordering=ordering).run(progress)
+        reducer = Reducer(model, input_of, options, backend=backend, ordering=ordering)
+        try:
+            return reducer.run(progress)
+        finally:
+            reducer.lines.close()
 
 
 __all__ = ["HeldOut", "Reducer", "Reduction", "ReductionOptions", "Step", "full_operators", "full_ports", "reduce_model"]

@@ -150,6 +150,11 @@ class FullLines:
         tasks = [pool.submit(self._line, Z, frequency, expand) for pool, Z, frequency in work]
         return [task.result() for task in tasks]
 
+    def close(self) -> None:
+        """End the threads, also one that an interrupt met in its start and that the interpreter would wait for."""
+        for pool in self._pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+
     def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
         s = 2j * np.pi * frequency_hz
         factorisation = Z.factor(s)

@@ -174,3 +174,19 @@ def test_an_interrupted_report_leaves_no_half_page(undisturbed: Folder, tmp_path
     assert folder.leftovers() == []
     page = folder.out / "report.html"
     assert not page.exists() or page.read_text().rstrip().endswith("</html>")
+
+
+def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: Path) -> None:
+    (tmp_path / "hanging.py").write_text(
+        "import threading, click\n"
+        "from lrbc_cli.cli.main import LazyGroup\n"
+        "@click.command()\n"
+        "def hang():\n"
+        "    threading.Thread(target=threading.Event().wait).start()\n"
+        "    raise KeyboardInterrupt\n"
+        "if __name__ == '__main__':\n"
+        "    LazyGroup('lrbc', table={'hang': ('hanging:hang', 'Hang.')})()\n"
+    )
+    found = subprocess.run([sys.executable, "hanging.py", "hang"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == 130
+    assert "interrupted; what was finished is kept" in found.stderr
