@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.config import UpdateConfig
 from lrbc_cli.config.settings import LOOSE_CHANGE
 from lrbc_cli.model.terms import LN10, ParameterGroup
-from lrbc_cli.updating.confidence import Band, Rule, band, weigh
+from lrbc_cli.updating.confidence import Band, Rule, band, pooled, weigh
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
@@ -138,19 +139,21 @@ def verdicts(
         note = f"no result of {update.reference} to compare with"
         found = [replace(v, verdict="undecided", note=v.note if v.far else note) for v in found]
     if reference is not None and update.reference != result.name:
-        rule = Rule(update.threshold, update.confidence, scatter)
-        found = [_weighed(result, i, verdict, where, reference, rule) for i, verdict in enumerate(found)]
+        found = [_weighed(result, i, verdict, where, reference, update, scatter) for i, verdict in enumerate(found)]
     if result.name in update.baselines:
         found = [v if v.far else _as_tight(v) for v in found]
     if not valid.passed:
-        found = [replace(v, verdict="undecided", probability_loose=None, note="the model does not explain the measurement") for v in found]
+        found = [
+            replace(v, verdict="undecided", probability_loose=None, by_prior=None, note="the model does not explain the measurement")
+            for v in found
+        ]
     return found
 
 
 def _as_tight(verdict: BoltVerdict) -> BoltVerdict:
     """A bolt of a baseline."""
     note = DOUBTFUL if verdict.verdict == "loose" else verdict.note or BASELINE
-    return replace(verdict, verdict="tight", probability_loose=None, note=note)
+    return replace(verdict, verdict="tight", probability_loose=None, by_prior=None, note=note)
 
 
 def doubtful(inputs: Inputs, found: Sequence[BoltVerdict]) -> list[str]:
@@ -181,24 +184,31 @@ def _weighed(
     verdict: BoltVerdict,
     where: Sequence[tuple[ParameterGroup, slice]],
     reference: Mapping[str, Any],
-    rule: Rule,
+    update: UpdateConfig,
+    scatter: float,
 ) -> BoltVerdict:
-    """Judge by the sampled change where there is one, else by the Gaussian about the optimum."""
+    """Judge by the Gaussian about the optimum, by the sampled change, or by both, as the prior is."""
+    rule = Rule(update.threshold, update.confidence, scatter)
+    change, std, ceiling = _change(result, bolt, verdict, where, reference)
+    gaussian = weigh(verdict, change, std, rule, ceiling)
     at = _sampled(result, bolt)
     if result.changes is None or at is None:
-        change, std, ceiling = _change(result, bolt, verdict, where, reference)
-        return weigh(verdict, change, std, rule, ceiling)
+        return gaussian
     group, values = where[verdict.edge]
     excess, ceiling = _saturated(result, int(result.changes.bolts[at]), group, values, reference)
-    mean, std = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
-    below = result.changes.below(rule.limit - excess, float(np.hypot(rule.scatter, excess)))
-    found = weigh(verdict, mean, std, rule, ceiling, float(below[at]))
+    limit = replace(rule, threshold=update.mixture_threshold).limit
+    below = float(result.changes.below(limit - excess, float(np.hypot(scatter, excess)))[at])
+    if update.prior_shape != "mixture":
+        normal = float(gaussian.probability_loose or 0.0)
+        found = weigh(verdict, change, std, rule, ceiling, pooled([normal, below]))
+        return replace(found, by_prior={"normal": normal, "mixture": below})
+    mean, spread = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
+    found = weigh(verdict, mean, spread, rule, ceiling, below)
     if found.verdict == "loose":
         # With neighbours hard to tell apart the samples can settle on one of them for what no bolt did.
-        change, spread, _ = _change(result, bolt, verdict, where, reference)
-        gaussian = weigh(verdict, change, spread, replace(rule, threshold=min(rule.threshold, LOOSE_CHANGE))).probability_loose
-        if gaussian is not None and gaussian < AGREEMENT:
-            note = f"the mixture alone calls it loose: {100 * gaussian:.0f} % with the Gaussian prior"
+        wide = weigh(verdict, change, std, replace(rule, threshold=min(rule.threshold, LOOSE_CHANGE))).probability_loose
+        if wide is not None and wide < AGREEMENT:
+            note = f"the mixture alone calls it loose: {100 * wide:.0f} % with the Gaussian prior"
             return replace(found, verdict="undecided", note=note)
     return found
 
@@ -276,6 +286,7 @@ def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdi
                 "change_std": verdict.change_std,
                 "threshold": verdict.threshold,
                 "probability_loose": verdict.probability_loose,
+                "probability_by_prior": verdict.by_prior,
                 "probability_changed": None if at is None or result.changes is None else result.changes.inclusion[at],
                 "verdict": verdict.verdict,
                 "removed": name in removed if stated else None,

@@ -172,7 +172,7 @@ def result_tree(
             "of": campaign.update.reference if result.against_reference else "initial",
             "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
             "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
-            "shape": campaign.update.prior_shape,
+            "shape": _shape(campaign.update.prior_shape, result),
             "comparison": "relative" if result.relative else "direct",
             "scatter": scatter,
         },
@@ -222,6 +222,13 @@ def curve_tree(curve: LCurve) -> dict[str, Any]:
 def _open(limits: Floats) -> list[float | None]:
     """Limits; None where an interval is open."""
     return [float(value) if np.isfinite(value) else None for value in limits]
+
+
+def _shape(asked: str, result: Identification) -> str:
+    """Of the prior that the verdicts rest on."""
+    if asked != "auto":
+        return asked
+    return "normal" if result.changes is None else "normal and mixture"
 
 
 def _typical(stds: Floats) -> float | None:

@@ -22,7 +22,7 @@ LEAST_VARIANCE = 1e-6
 
 
 def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None) -> ChangeSamples | None:
-    """Sample the changes at the bolts of a job whose prior is a mixture.
+    """Sample the changes at the bolts of a job whose prior is a mixture, also.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
         None with another prior, or where the unknowns are no changes at bolts.
     """
     shapes = knowledge.shapes
-    if inputs.campaign.update.prior_shape != "mixture" or inputs.bolts is None or not shapes.by_bolt:
+    if not inputs.campaign.update.mixes or inputs.bolts is None or not shapes.by_bolt:
         return None
     parameters, prior, bolts = plain.model.parameters, plain.prior, inputs.bolts.xyz
     level = Level(plain, prior, shapes.T)

@@ -165,11 +165,12 @@ class UpdateConfig(Strict):
         default=0.35,
         description="Standard deviation in decades with which the prior expects the unknowns to differ from it, for regularisation: auto.",
     )
-    prior_shape: Literal["normal", "sparse", "mixture"] = Field(
-        default="normal",
+    prior_shape: Literal["auto", "normal", "sparse", "mixture"] = Field(
+        default="auto",
         description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
         "mixture: each bolt tight or loose, which is sampled, for verdicts where neighbours are hard to tell apart; both need "
-        "regularisation: auto.",
+        "regularisation: auto. auto: normal and mixture, each giving a probability, and the mean of their log odds counts; normal where "
+        "mixture does not serve.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",
@@ -203,8 +204,8 @@ class UpdateConfig(Strict):
     )
     loose_change: Annotated[float, Field(lt=0)] | None = Field(
         default=None,
-        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, with "
-        "prior_shape: mixture -0.3.",
+        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, and -0.3 for "
+        "what a mixture says.",
     )
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
         default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is undecided."
@@ -228,6 +229,18 @@ class UpdateConfig(Strict):
             return self.loose_change
         return MIXTURE_CHANGE if self.prior_shape == "mixture" else LOOSE_CHANGE
 
+    @property
+    def mixture_threshold(self) -> float:
+        """The same for what a mixture says."""
+        return MIXTURE_CHANGE if self.loose_change is None else self.loose_change
+
+    @property
+    def mixes(self) -> bool:
+        """Whether a mixture of tight and loose bolts is sampled, where the unknowns are changes at bolts."""
+        # Its evidence wants the noise, which only an automatic weight follows.
+        automatic = self.regularisation == "auto" and self.penalty == PenaltyConfig()
+        return self.prior_shape == "mixture" or (self.prior_shape == "auto" and automatic)
+
     @model_validator(mode="after")
     def _consistent(self) -> UpdateConfig:
         if self.floor is not None and self.residual == "complex":
@@ -239,11 +252,11 @@ class UpdateConfig(Strict):
                 hint="remove it: complex differences do not grow in antiresonances",
             )
         shape = self.prior_shape
-        if shape != "normal" and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
+        if shape in ("sparse", "mixture") and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
             raise problem(
                 f"a {shape} prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found=shape
             )
-        if shape != "normal" and (self.unknowns == "values" or self.prior == "initial"):
+        if shape in ("sparse", "mixture") and (self.unknowns == "values" or self.prior == "initial"):
             raise problem(f"a {shape} prior on values along the edge", "prior_shape", expected="changes at bolts", found="values")
         if self.unknowns == "bolts" and self.penalty != PenaltyConfig():
             raise problem(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -63,6 +65,12 @@ class FullLine:
     order: int = 0
 
 
+def _trim() -> None:
+    """Hand freed memory back to the system before factors take as much again; only the C library of GNU keeps it, and can."""
+    with suppress(OSError, TypeError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 class FullLines:
     """Solves lines of the full model.
 
@@ -114,7 +122,7 @@ class FullLines:
     def width(self) -> int:
         """How many lines are solved at a time: one until a first factorisation has shown its size, and where it has threads of its own."""
         Z = self._stations[0]
-        alone = Z.backend != "superlu" or not Z.factor_seconds or cores() < 2 or 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES
+        alone = Z.backend != "superlu" or not Z.factor_seconds or cores() < 2 or self._large(Z)
         return 1 if alone else 2
 
     @property
@@ -157,6 +165,8 @@ class FullLines:
 
     def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
         s = 2j * np.pi * frequency_hz
+        if self._large(Z):
+            _trim()
         factorisation = Z.factor(s)
         if self._one_solve is None:
             load, times = self.inputs[:, [0]].toarray()[:, 0], []
@@ -184,8 +194,12 @@ class FullLines:
     def release(self, line: FullLine) -> None:
         """Give the memory of large factors back; the line cannot be solved again."""
         Z = line.factorisation.owner
-        if 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES:
+        if self._large(Z):
             Z.release()
+
+    @staticmethod
+    def _large(Z: DynamicStiffness) -> bool:
+        return 16 * Z.nonzeros > SIDE_BY_SIDE_BYTES
 
     def expanded(self, line: FullLine) -> FullLine:
         """The same with its snapshots: the moments of the inputs and of the duals."""

@@ -482,7 +482,7 @@ def test_penalties_on_slope_and_curvature(box: Folder) -> None:
 
 def test_a_mixture_of_tight_and_loose_bolts(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     """Verdicts by the sampled changes; the profile along the edge stays that of the Gaussian fit."""
-    normal = identify(box, AUTO)
+    normal = identify(box, AUTO, "update.prior_shape=normal")
     mixture = identify(box, AUTO, "update.prior_shape=mixture")
     assert mixture["prior"]["shape"] == "mixture"
     assert {b["threshold"] for b in normal["bolts"]} == {-0.5}
@@ -505,3 +505,24 @@ def test_a_mixture_of_tight_and_loose_bolts(box: Folder, monkeypatch: pytest.Mon
     monkeypatch.undo()
     again = identify(box, AUTO, "update.prior_shape=mixture")
     assert [b["probability_loose"] for b in again["bolts"]] == [b["probability_loose"] for b in mixture["bolts"]]
+
+
+def test_verdicts_by_default_pool_what_both_priors_say(box: Folder) -> None:
+    """By their formula, and the change stays that of the Gaussian fit; where no mixture serves there is none."""
+    normal = {b["name"]: b for b in identify(box, AUTO, "update.prior_shape=normal")["bolts"]}
+    mixture = {b["name"]: b for b in identify(box, AUTO, "update.prior_shape=mixture")["bolts"]}
+    result = identify(box, AUTO)
+    assert result["prior"]["shape"] == "normal and mixture"
+    for bolt in result["bolts"]:
+        p, q = normal[bolt["name"]]["probability_loose"], mixture[bolt["name"]]["probability_loose"]
+        assert bolt["probability_by_prior"] == pytest.approx({"normal": p, "mixture": q}, abs=1e-9)
+        inside = np.clip([p, q], 1e-6, 1 - 1e-6)
+        odds = float(np.sqrt(np.prod(inside / (1 - inside))))
+        assert bolt["probability_loose"] == pytest.approx(odds / (1 + odds), rel=1e-6)
+        assert bolt["verdict"] == ("loose" if odds >= 19 else "tight" if odds <= 1 / 19 else "undecided")
+        assert bolt["threshold"] == -0.5
+        assert bolt["change"] == pytest.approx(normal[bolt["name"]]["change"], abs=1e-9)
+    assert {b["name"] for b in result["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    weighed = identify(box, "update.regularisation=10")
+    assert weighed["prior"]["shape"] == "normal"
+    assert {b["probability_by_prior"] for b in weighed["bolts"]} == {None}
