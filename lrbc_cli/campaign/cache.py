@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.store import read_store, write_store
+from lrbc_cli.io.store import is_store, read_store, write_store
 from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -120,10 +120,12 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     """Decide, without building or reading a model."""
     key = _digest(sorted(parts.items()))[:32]
     path = folder / key / "model.h5"
-    if path.is_file():
+    if is_store(path):
         return CacheDecision(
             key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
         )
+    if path.is_file():
+        return CacheDecision(key, path, False, "the file in the cache is damaged")
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
         try:
@@ -136,6 +138,8 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
                 nearest = different
     if nearest is None:
         reason = "the cache is empty"
+    elif not nearest:
+        reason = "the model that was begun was not finished"
     elif len(nearest) == len(parts) or ("operators" in nearest and len(nearest) > 3):
         reason = "no model of these matrices is in the cache"
     else:

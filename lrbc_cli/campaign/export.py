@@ -16,7 +16,7 @@ from lrbc_cli.campaign.reader import DIRECTIONS
 from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, cheaper_formula
 from lrbc_cli.campaign.unknowns import parameterise
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, write_export
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -52,6 +52,27 @@ def check_targets(files: Sequence[Path], inputs: Inputs) -> None:
         )
         if problem:
             raise ConfigError(f"the file cannot be written: it {problem}", file=file, place="--export", hint="name another place")
+
+
+def require_real(inputs: Inputs) -> None:
+    """Refuse a state space of a model that has none, before anything is computed.
+
+    Raises
+    ------
+    DataError
+        For a complex stiffness or damping matrix.
+    """
+    model, config = inputs.model, inputs.campaign.model
+    for name, A, where in (("stiffness", model.K, config.stiffness), ("damping", model.C, config.damping)):
+        if np.iscomplexobj(A) and np.any(A.data.imag):
+            raise DataError(
+                f"a complex {name} (hysteretic damping) has no real first-order form: it holds for harmonic motion only",
+                file=getattr(where, "path", None),
+                place="--state-space",
+                expected="real matrices and viscous damping",
+                found=f"a complex {name} matrix",
+                hint="export without --state-space, or give the model viscous damping (model.damping)",
+            )
 
 
 def export(
@@ -102,7 +123,9 @@ def export(
     if first_order:
         theta = parse_values(assignments, parameters, parameters.initial if job is None else job_values(inputs, job, parameters))
         system = state_space(_loads_only(inputs, stage), parameters.polynomial(theta), band)
-        tree["state_space"] = _state_space_tree(system, parameters, theta, "start values" if job is None else f"job {job}")
+        given = "start values" if job is None else f"job {job}"
+        source_text = ", ".join([given, *(f"--set {text}" for text in assignments)])
+        tree["state_space"] = _state_space_tree(system, parameters, theta, source_text)
         told = {
             "form": tree["state_space"]["form"],
             "states": system.states,

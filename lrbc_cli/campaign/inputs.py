@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.drift import check_air, load_shift
 from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, recipe_of
-from lrbc_cli.campaign.reach import require_reach
+from lrbc_cli.campaign.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
@@ -419,6 +419,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
     check_air(campaign, bool(acoustic.any()))
     recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
+    require_frequencies(model, campaign)
     return Inputs(
         campaign,
         model,

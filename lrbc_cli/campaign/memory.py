@@ -15,10 +15,10 @@ from lrbc_cli.reduction.predict import Cost, memory_bound, predict
 
 GB = 1e9
 
-#: Files that limit the memory of a container, and what is used of it.
+#: Where the kernel limits the memory of containers, and the files that hold the limit and what is used; version 2 and 1.
 CGROUPS = (
-    (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")),
-    (Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"), Path("/sys/fs/cgroup/memory/memory.usage_in_bytes")),
+    (Path("/sys/fs/cgroup"), "memory.max", "memory.current"),
+    (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.usage_in_bytes"),
 )
 
 
@@ -36,13 +36,45 @@ def available_bytes() -> float:
             found = 1024.0 * meminfo
         elif "SC_PHYS_PAGES" in os.sysconf_names:
             found = float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
-    for limit, used in CGROUPS:
+    for folder, limit, used in _cgroups():
         try:
-            room = float(limit.read_text(encoding="ascii")) - float(used.read_text(encoding="ascii"))
+            room = float((folder / limit).read_text(encoding="ascii")) - float((folder / used).read_text(encoding="ascii"))
         except (OSError, ValueError):  # no container, or "max"
             continue
+        # What the container has read of files counts as used, but makes room when it is wanted.
+        room += _number_in(folder / "memory.stat", "inactive_file ") or 0.0
         found = min(found, max(room, 0.0))
+    return min(found, _address_space())
+
+
+def _cgroups() -> list[tuple[Path, str, str]]:
+    """Folders that limit the memory of this process, from its own to that of all, and the files there."""
+    found = list(CGROUPS)
+    try:
+        lines = Path("/proc/self/cgroup").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return found
+    for line in lines:
+        _, controllers, path = [*line.split(":", 2), "", ""][:3]
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root, *files = CGROUPS[1] if controllers else CGROUPS[0]
+        own = root / path.strip("/")
+        found += [(folder, files[0], files[1]) for folder in (own, *own.parents) if root in folder.parents]
     return found
+
+
+def _address_space() -> float:
+    """What ``ulimit -v`` leaves of the address space; infinite without such a limit."""
+    if sys.platform == "win32":
+        return float("inf")
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    taken = _number_in(Path("/proc/self/status"), "VmSize:")
+    if limit == resource.RLIM_INFINITY or taken is None:
+        return float("inf")
+    return max(float(limit) - 1024.0 * taken, 0.0)
 
 
 def resident_bytes() -> float:
@@ -101,7 +133,8 @@ def require_memory(inputs: Inputs) -> None:
         hints.append("reduction.backend: pardiso, which needs half of it for symmetric models")
     raise NumericalError(
         "the memory does not suffice for the reduction",
-        expected=f"at most {limit / GB:.2f} GB ({source})",
+        place="reduction",
+        expected=f"at most {limit / GB:.3g} GB ({source})",
         found=f"a predicted peak of {peak / GB:.2f} GB, {cost.memory[largest] / GB:.2f} GB of it for the {largest}",
         hint=f"{' or '.join(hints)}; to try all the same, state what may be used, --override reduction.memory_limit=GIGABYTES",
     )

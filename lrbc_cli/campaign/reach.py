@@ -1,4 +1,4 @@
-"""Whether every response can feel its excitation at all."""
+"""Whether every response can feel its excitation at all, and the band holds anything of the model."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.config import Campaign
+from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.vectors import highest_omega
+
+#: Bands may end so many times above the highest frequency of the mesh.
+BEYOND = 10.0
 
 
 def parts_of(model: FeModel) -> NDArray[np.int64]:
@@ -62,3 +67,23 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
                 found=f"{int(part.max()) + 1} separate pieces",
                 hint="correct the place of the response, or export the parts merged or tied",
             )
+
+
+def require_frequencies(model: FeModel, campaign: Campaign) -> None:
+    """Refuse a band that goes on far beyond all that the mesh can do: lines there would only thin out those that count.
+
+    Raises
+    ------
+    ConfigError
+    """
+    highest = highest_omega(model.K, model.M) / (2.0 * np.pi)
+    band = campaign.reduction.band
+    if band[1] > BEYOND * highest:
+        raise ConfigError(
+            "the band ends far above every frequency of the model",
+            file=campaign.path,
+            place="reduction.band",
+            expected=f"an upper end of at most {BEYOND * highest:.3g} Hz",
+            found=f"{band[1]:g} Hz",
+            hint="end the band where the measurement ends; is it in Hz, and are the matrices in SI units?",
+        )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.unknowns import layout, parameterise, stored_theta
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -152,6 +152,19 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     return theta
 
 
+def check_parameters(inputs: Inputs, job: str | None, assignments: Sequence[str]) -> None:
+    """Refuse a job or values that do not fit before anything is computed.
+
+    Raises
+    ------
+    ConfigError, DataError
+        As ``parse_values`` and ``job_values``.
+    """
+    parameters = layout(inputs)
+    theta = parameters.initial if job is None else job_values(inputs, job, parameters)
+    parse_values(assignments, parameters, theta)
+
+
 def simulate(
     inputs: Inputs,
     folder: Path,
@@ -201,6 +214,7 @@ def simulate(
             found=f"{frequency[0]:g} to {frequency[-1]:g} Hz",
             hint="change reduction.band, or use --full",
         )
+    check_parameters(inputs, job, assignments)
     s = 2j * np.pi * frequency
     # Start values found on the FRFs belong to the band, not to the lines asked for.
     auto = job is None and any(group.config.initial == "auto" for group in inputs.groups)

@@ -93,6 +93,8 @@ def obtain_reduction(
             decision = replace(decision, hit=False, reason="the file in the cache is damaged")
     elif decision.hit:
         decision = replace(decision, hit=False, reason="--force")
+    elif decision.path.is_file():
+        log.warning("the cached reduced model is built anew (%s: no whole HDF5 file)", decision.path)
     if reduction is None:
         settings = inputs.campaign.reduction
         cache.require_writable(decision)
@@ -100,6 +102,13 @@ def obtain_reduction(
         reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
         reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
         cache.store(decision, parts, reduction)
+        if reduction.reached and reduction.unseen > reduction.options.tolerance:
+            log.warning(
+                "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
+                "reduction.tolerance or raise reduction.held_out",
+                reduction.options.tolerance,
+                reduction.unseen,
+            )
     stage = ReductionStage(reduction, decision, time.perf_counter() - start)
     if not reduction.reached and not accept:
         missed(stage)
@@ -107,7 +116,9 @@ def obtain_reduction(
             "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
             expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
             found=f"{reduction.worst:.1e} with {reduction.model.size} DOFs; it is kept in {decision.path}",
-            hint=("raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else ""))
+            hint="what is left is rounding where the responses are silent: choose others, or accept it with --accept-tolerance"
+            if reduction.model.size >= inputs.model.size
+            else ("raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else ""))
             + ", or accept it with --accept-tolerance",
         )
     return stage

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.reduction.vectors import band_omega, local_scale
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.saturation import Saturation, saturation
 
@@ -35,7 +35,7 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
         Where the FRFs saturate, by stiffness group.
     """
     model = inputs.model
-    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * inputs.campaign.reduction.band[1])
+    scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
     # Other groups stand at their start values, or at their local stiffness while those are unknown.
     nominal = np.array(scale)
     for group in inputs.groups:
@@ -55,6 +55,11 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
             limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline)
         groups.append(_group(group, limits))
     return Parameterisation(tuple(groups)), found
+
+
+def layout(inputs: Inputs) -> Parameterisation:
+    """The groups with their sizes, before values that are found on the FRFs are known; those stand at zero."""
+    return Parameterisation(tuple(_group(group, Saturation(0.0, -1.0, 1.0, False)) for group in inputs.groups))
 
 
 def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:

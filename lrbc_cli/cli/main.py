@@ -18,7 +18,7 @@ import click
 
 from lrbc_cli import __version__
 from lrbc_cli.cli.options import verbosity, verbosity_options
-from lrbc_cli.errors import ConfigError, LrbcError
+from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
 
 #: Where each command stands, and its line in the help: commands are imported when they run, so that the help is quick.
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -113,16 +113,18 @@ class LazyGroup(click.Group):
             if isinstance(error, Exception) and not standalone_mode:
                 raise
             # click makes an Abort of most interrupts.
-            if isinstance(error, KeyboardInterrupt | click.Abort) and args is None:
-                _leave_soon()
-            _stop(error)
+            interrupted = isinstance(error, KeyboardInterrupt | click.Abort) and args is None
+            _stop(error, at_once=interrupted and not _leave_soon())
         if not standalone_mode:
             return code
         sys.exit(code if type(code) is int else 0)
 
 
-def _leave_soon() -> None:
-    """End the process even where a thread does not: in the middle of a long factorisation, or started while the signal came."""
+def _leave_soon() -> bool:
+    """End the process even where a thread does not: in the middle of a long factorisation, or started while the signal came.
+
+    False where no thread can be started that would see to it.
+    """
 
     def leave() -> None:
         time.sleep(GRACE_SECONDS)
@@ -131,7 +133,11 @@ def _leave_soon() -> None:
                 stream.flush()
         os._exit(INTERRUPTED)
 
-    threading.Thread(target=leave, daemon=True).start()
+    try:
+        threading.Thread(target=leave, daemon=True).start()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _nearest(word: str, candidates: Mapping[str, Any]) -> str:
@@ -184,8 +190,8 @@ def _reader_has_gone() -> bool:
         return True
 
 
-def _stop(error: BaseException) -> NoReturn:
-    """Say what happened, once, and exit."""
+def _stop(error: BaseException, *, at_once: bool = False) -> NoReturn:
+    """Say what happened, once, and exit; at once: whatever threads do."""
     if isinstance(error, click.Abort) and isinstance(error.__cause__, EOFError):
         error = error.__cause__
     if isinstance(error, LrbcError):
@@ -194,6 +200,12 @@ def _stop(error: BaseException) -> NoReturn:
         message, code = _usage_error(error), error.exit_code
     elif isinstance(error, KeyboardInterrupt | click.Abort):
         message, code = "lrbc: interrupted; what was finished is kept", INTERRUPTED
+    elif isinstance(error, MemoryError):
+        short = NumericalError(
+            f"the memory does not suffice ({str(error).rstrip('.') or 'no details'})",
+            hint="a coarser model, fewer terms or responses, or more memory; lrbc check predicts what is needed",
+        )
+        message, code = short.message, short.exit_code
     elif isinstance(error, OSError) and error.errno in NO_SPACE:
         hint = "free space where stdout and the results go, or choose another place"
         full = ConfigError(f"what was found cannot be written ({error.strerror})", file=error.filename, hint=hint)
@@ -204,6 +216,9 @@ def _stop(error: BaseException) -> NoReturn:
         click.echo(message, err=True)
         if verbosity.level >= 2 and not isinstance(error, click.ClickException):
             click.echo("".join(traceback.format_exception(error)).rstrip(), err=True)
+    if at_once:
+        sys.stderr.flush()
+        os._exit(code)
     _release_streams()
     sys.exit(code)
 

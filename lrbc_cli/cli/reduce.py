@@ -9,8 +9,9 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import key_parts, look_up
-from lrbc_cli.campaign.export import check_targets, export
+from lrbc_cli.campaign.export import check_targets, export, require_real
 from lrbc_cli.campaign.results import write_campaign, write_reduction
+from lrbc_cli.campaign.simulate import check_parameters
 from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
@@ -66,6 +67,9 @@ def reduce(
         )
     inputs = load(config, overrides, calibration=calibration)
     check_targets(exports, inputs)
+    if state_space:
+        check_parameters(inputs, job, assignments)
+        require_real(inputs)
     folder = cache_folder(cache)
     if dry_run:
         decision = look_up(folder, key_parts(inputs))

@@ -57,6 +57,17 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
             _verify(file, tree, path)
 
 
+def is_store(path: Path) -> bool:
+    """Whether there is a whole HDF5 file; what it holds is checked when it is read."""
+    if not path.is_file():
+        return False
+    try:
+        with h5py.File(path):
+            return True
+    except OSError:
+        return False
+
+
 def read_store(path: Path) -> dict[str, Any]:
     """Read a tree that ``write_store`` wrote; lists come back as lists, sparse matrices as ``csc_array``.
 

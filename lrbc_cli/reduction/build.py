@@ -31,7 +31,7 @@ from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Ste
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
+from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale, reference_values
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 8
+ALGORITHM_VERSION = 9
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -81,7 +81,7 @@ class Reducer:
     ) -> None:
         self.clock = _Clock()
         self.model, self.options, self.input_of = model, options, input_of
-        high = 2 * np.pi * options.band_hz[1]
+        high = band_omega(model.K, model.M, options.band_hz)
         self.scale = local_scale(model.K, model.M, model.terms, high)
         self.reference = reference_values(model.terms, self.scale, high)
         K, C, M = full_operators(model, self.reference)
@@ -191,9 +191,8 @@ class Reducer:
             Where a factorisation fails.
         """
         options = self.options
-        low, high = options.band_hz
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
-        rich = self._expand(0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles), progress)
+        rich = self._expand(self.estimator.frequency(0.5 - 0.5 * np.cos(angles)), progress)
         held_out: list[float] = []
         # Measured over estimated error. Points of very many terms are so costly that an estimate that proves too large is believed less.
         effectivity, least = 1.0, LEAST_EFFECTIVITY if self.lines.many else 1.0
@@ -308,11 +307,17 @@ class Reducer:
             while solved:
                 # Solutions of a line are as large as several bases: none is kept while the next line is solved.
                 line = solved.pop(0)
+                error = None
                 if line.exact is not None:
                     self.exact[line.frequency_hz] = line.exact
+                    if self.enriched:
+                        # What the basis before it misses there.
+                        error = max(self.errors(line.frequency_hz, self.reduced()).values())
+                        self.clock.lap("certificate")
                 order, added = self.enrich(line)
-                self._record(line.frequency_hz, order, added, None)
-                progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  expansion point, +{added}")
+                self._record(line.frequency_hz, order, added, error)
+                missed = "" if error is None else f"measured error {error:.1e}  "
+                progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  {missed}expansion point, +{added}")
                 del line
             if len(self.enriched) > (FIRST_POINTS - 1 if self.lines.many else 1):
                 sweep = self._sweep(seen=True)
@@ -325,21 +330,20 @@ class Reducer:
 
     def _next(self, estimate: Floats, held_out: list[float], count: int) -> list[float]:
         """Lines with the worst estimates, away from expansion points, and the held-out lines spread over the band."""
-        grid = self.estimator.grid_hz
-        low, high = self.options.band_hz
-        width = high - low
+        grid, parts = self.estimator.grid_hz, self.options.held_out
+        places = self.estimator.position(grid)
         chosen: list[float] = []
 
         def apart(lines: list[float]) -> Floats:
-            return np.asarray(np.abs(grid[:, None] - np.array([*lines, np.inf])[None, :]).min(axis=1))
+            return np.asarray(np.abs(places[:, None] - np.array([*self.estimator.position(np.array(lines)), np.inf])[None, :]).min(axis=1))
 
         # One held-out line in each of equal parts of the band; there, where the estimate is worst.
-        part = np.minimum((grid - low) / width * self.options.held_out, self.options.held_out - 1).astype(int)
+        part = np.minimum(places * parts, parts - 1).astype(int)
         for _ in range(count):
-            taken = [min(int((line - low) / width * self.options.held_out), self.options.held_out - 1) for line in (*held_out, *chosen)]
+            taken = np.minimum(self.estimator.position(np.array([*held_out, *chosen])) * parts, parts - 1).astype(int)
             points = apart(self.enriched)
             free = ~np.isin(part, taken)
-            allowed = free & (points > 0.01 * width)
+            allowed = free & (points > 0.01)
             weight = np.where(allowed, estimate, 0.0)
             if not np.any(weight > 0):
                 weight = np.where(free, points, 0.0) if free.any() else np.minimum(points, apart([*held_out, *chosen]))

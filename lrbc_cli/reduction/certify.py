@@ -16,7 +16,7 @@ from lrbc_cli.reduction.full import full_ports
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -183,7 +183,7 @@ def measured_errors(
     -------
     tuple of HeldOut
     """
-    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * band_hz[1])
+    scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, band_hz))
     s = 2j * np.pi * lines_hz
     exact = full_ports(model, input_of, s, band_hz, backend=backend, progress=progress)
     approximate = reduced.ports(s, workers=1)

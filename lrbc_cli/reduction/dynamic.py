@@ -50,6 +50,11 @@ class Solver(Protocol):
         """Non-zeros of the latest factors."""
 
 
+def columns_at_once(size: int) -> int:
+    """How many right-hand sides of a model of so many DOFs are solved together."""
+    return max(COLUMNS, int(COLUMN_BYTES / (16 * size)))
+
+
 class SuperLuSolver:
     """SciPy's SuperLU in symmetric mode on a nested-dissection ordering that was applied beforehand."""
 
@@ -76,7 +81,10 @@ class SuperLuSolver:
     def solve(self, rhs: Complexes, *, transposed: bool = False) -> Complexes:
         """Unrefined solution."""
         with threadpool_limits(limits=1, user_api="blas"):
-            return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
+            try:
+                return np.asarray(self._lu.solve(np.asfortranarray(rhs), "T" if transposed else "N"))
+            except RuntimeError as error:
+                raise MemoryError(str(error)) if "MALLOC" in str(error).upper() else error from None
 
     def release(self) -> None:
         """Give the memory of the factors back."""
@@ -304,7 +312,7 @@ class DynamicStiffness:
         columns = rhs[:, None] if rhs.ndim == 1 else rhs
         # Fortran order: PARDISO's own, and a part of the columns lies together.
         out = np.empty(columns.shape, dtype=complex, order="F")
-        step = max(COLUMNS, int(COLUMN_BYTES / (16 * self.size)))
+        step = columns_at_once(self.size)
         for first in range(0, columns.shape[1], step):
             part = columns[:, first : first + step]
             dense = part if isinstance(part, np.ndarray) else part.toarray()

@@ -16,7 +16,7 @@ from lrbc_cli.reduction.basis import narrow
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
-from lrbc_cli.reduction.vectors import local_scale, reference_values
+from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -57,7 +57,7 @@ def full_ports(
     -------
     PortFrf
     """
-    high = 2 * np.pi * band_hz[1]
+    high = band_omega(model.K, model.M, band_hz)
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
         Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)

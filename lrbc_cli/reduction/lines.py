@@ -6,7 +6,7 @@ import ctypes
 import itertools
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
+from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation, columns_at_once
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
 
@@ -69,6 +69,15 @@ def _trim() -> None:
     """Hand freed memory back to the system before factors take as much again; only the C library of GNU keeps it, and can."""
     with suppress(OSError, TypeError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def _by_columns(solve: Callable[[Complexes], Complexes], slope: sp.csr_array, X: Complexes) -> Complexes:
+    """Solve for ``slope @ X`` without holding all of it."""
+    found = np.empty(X.shape, dtype=complex)
+    step = columns_at_once(X.shape[0])
+    for at in range(0, X.shape[1], step):
+        found[:, at : at + step] = solve(slope @ X[:, at : at + step])
+    return found
 
 
 class FullLines:
@@ -210,10 +219,10 @@ class FullLines:
         blocks = [primal, factorisation.solve_transposed(self.dual)]
         order = self.order()
         if order > 1:
-            # Second moment, X1 = -Z⁻¹ (2 s M + C) X0.
+            # Second moment, X1 = -Z⁻¹ (2 s M + C) X0; the sign spans nothing.
             Z = factorisation.owner
             slope = (2 * s * Z.M + Z.C).tocsr()
-            blocks += [-factorisation.solve(slope @ blocks[0]), -factorisation.solve_transposed(slope.T @ blocks[1])]
+            blocks += [_by_columns(factorisation.solve, slope, blocks[0]), _by_columns(factorisation.solve_transposed, slope.T, blocks[1])]
         return FullLine(line.frequency_hz, factorisation, line.X, line.exact, tuple(blocks), order)
 
     def order(self) -> int:

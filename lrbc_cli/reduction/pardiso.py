@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.errors import NumericalError
+from lrbc_cli.errors import ConfigError, NumericalError
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
@@ -64,8 +64,12 @@ class Pardiso:
     def __init__(self, indptr: NDArray[Any], indices: NDArray[Any], *, symmetric: bool) -> None:
         lib = library()
         if lib is None:
-            raise NumericalError(
-                "the accelerated factorisation is not installed", hint="pip install 'lrbc[accelerated]', or reduction.backend: superlu"
+            raise ConfigError(
+                "the accelerated factorisation is not installed",
+                place="reduction.backend",
+                expected="auto or superlu on this machine",
+                found="pardiso",
+                hint="pip install mkl (the extra `accelerated`), or reduction.backend: superlu",
             )
         self._lib = lib
         self._handle = np.zeros(64, dtype=np.int64)

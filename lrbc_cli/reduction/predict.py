@@ -13,11 +13,11 @@ import numpy as np
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import COLUMN_BYTES, COLUMNS, DynamicStiffness
+from lrbc_cli.reduction.dynamic import DynamicStiffness, columns_at_once
 from lrbc_cli.reduction.full import full_operators
 from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, distinct_columns
 from lrbc_cli.reduction.outcome import ReductionOptions
-from lrbc_cli.reduction.vectors import local_scale, reference_values
+from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
 
 COMPLEX, REAL = 16, 8
 
@@ -112,7 +112,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     """
     if backend == "auto":
         backend = "pardiso" if pardiso.library() else "superlu"
-    n, high = model.size, 2 * np.pi * options.band_hz[1]
+    n, high = model.size, band_omega(model.K, model.M, options.band_hz)
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
     analysis = Z.analyse()
@@ -126,7 +126,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1
     factors = float(analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros)
     snapshots = float(COMPLEX * n * columns * moments)
-    together = max(COLUMNS, int(COLUMN_BYTES / (COMPLEX * n)))
+    together = columns_at_once(n)
     solving = width * (snapshots + SOLVE_COPIES * COMPLEX * n * min(together, columns))
     # Large factors are released before their solutions are orthogonalised.
     released = COMPLEX * analysis.nonzeros > SIDE_BY_SIDE_BYTES

@@ -18,6 +18,9 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Errors below this are rounding, of the full solution too.
 ROUNDING_LEVEL = 1e-11
 
+#: Errors below this share of the worst estimate are taken as this share.
+FAR_BELOW = 1e-2
+
 #: Share of the lines that the bound is for, and how sure it is of that.
 SHARE, CONFIDENCE = 0.95, 0.95
 
@@ -81,7 +84,9 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
     """
     if measured.size < 2:
         return float("nan")
-    measured, expected, estimate = (np.maximum(values, ROUNDING_LEVEL) for values in (measured, expected, estimate))
+    # The worst lines set the bound: how far off the estimate is where it is far smaller tells nothing of them.
+    level = max(ROUNDING_LEVEL, FAR_BELOW * float(np.max(estimate)))
+    measured, expected, estimate = (np.maximum(values, level) for values in (measured, expected, estimate))
     ratio = np.log(measured / expected)
     factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
     return float(np.max(lost + factor * estimate))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.linalg import norm as spnorm
 
 from lrbc_cli.model.terms import LowRankTerms
 
@@ -24,6 +25,21 @@ ERROR_KINDS = ("free", *KINDS, "random")
 
 #: Range in decades around the local value from which random vectors are drawn.
 RANDOM_DECADES = ((-4.0, 6.0), (-4.0, 1.0))
+
+
+def highest_omega(K: sp.csc_array, M: sp.csc_array) -> float:
+    """Twice the largest local frequency, sqrt(K_ii / M_ii), about above all that the mesh can do [rad/s]; infinite without any."""
+    stiffness, mass = np.abs(K.diagonal()), np.abs(M.diagonal())
+    both = (stiffness > 0) & (mass > 0)
+    return float(2.0 * np.sqrt(np.max(stiffness[both] / mass[both]))) if both.any() else float("inf")
+
+
+def band_omega(K: sp.csc_array, M: sp.csc_array, band_hz: tuple[float, float]) -> float:
+    """Angular frequency that stands for a band [rad/s]: its upper end, but none beyond all that the mesh can do.
+
+    Above it the masses alone would set what is stiff, for the lower lines too.
+    """
+    return float(min(2.0 * np.pi * band_hz[1], highest_omega(K, M)))
 
 
 def local_scale(K: sp.csc_array, M: sp.csc_array, terms: LowRankTerms, omega: float) -> Floats:
@@ -45,7 +61,8 @@ def local_scale(K: sp.csc_array, M: sp.csc_array, terms: LowRankTerms, omega: fl
     flexible = np.where(stiffness > 0, 1.0 / np.where(stiffness > 0, stiffness, 1.0), 0.0)
     flexibility = np.asarray((abs(terms.left).multiply(abs(terms.right))).T @ flexible)
     # Vectors without a common entry: the geometric mean of both sides.
-    sides = np.sqrt(np.asarray((terms.left**2).T @ flexible) * np.asarray((terms.right**2).T @ flexible))
+    root = np.sqrt(flexible)[:, None]
+    sides = np.asarray([spnorm(sp.csc_array(side.multiply(root)), axis=0) for side in (terms.left, terms.right)]).prod(axis=0)
     flexibility = np.where(flexibility > 0, flexibility, sides)
     scale = np.where(flexibility > 0, 1.0 / np.where(flexibility > 0, flexibility, 1.0), 1.0)
     return np.asarray(scale / omega**terms.power)

@@ -307,11 +307,15 @@ def test_memory_is_read_from_the_system(tmp_path: Path, monkeypatch: pytest.Monk
     everything = memory.available_bytes()
     assert 1e6 < everything < 1e15
     limit, used = tmp_path / "max", tmp_path / "current"
-    monkeypatch.setattr(memory, "CGROUPS", ((limit, used),))
+    monkeypatch.setattr(memory, "CGROUPS", ((tmp_path, "max", "current"), (tmp_path / "v1", "max", "current")))
     limit.write_text("300000000\n")
     used.write_text("100000000\n")
     assert memory.available_bytes() == min(2e8, memory.available_bytes())
     assert memory.available_bytes() <= 2e8
+    # Files that were read count as used, but give way.
+    (tmp_path / "memory.stat").write_text("anon 5\ninactive_file 50000000\n")
+    assert 2e8 < memory.available_bytes() <= 2.5e8
+    (tmp_path / "memory.stat").unlink()
     limit.write_text("max\n")
     assert memory.available_bytes() > 2e8
     used.write_text("400000000\n")

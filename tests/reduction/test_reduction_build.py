@@ -9,10 +9,11 @@ import pytest
 import scipy.sparse as sp
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
-from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction import estimate, pardiso
 from lrbc_cli.reduction.basis import check_orthonormal
 from lrbc_cli.reduction.build import Reducer, Reduction, ReductionOptions, full_ports, reduce_model
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.certify import port_errors
+from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale
 
 
 def one_input(model):
@@ -456,3 +457,43 @@ class TestFullPorts:
         scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
         for Ds in certificate_vectors(model.terms, scale, s).values():
             assert relative(ports.evaluate(Ds[0]), direct_frf(model, s, Ds[0], input_of)) < 1e-8
+
+
+def test_the_low_decades_of_a_wide_band_are_certified_too(monkeypatch):
+    """Four decades: evenly spaced lines alone would see the lowest two not at all."""
+    band = (1.0, 20000.0)
+    model = damped()
+    lines = np.geomspace(*band, 60)
+    s = 2j * np.pi * lines
+    exact = full_ports(model, one_input(model), s, band)
+    scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * band[1])
+
+    def worst() -> tuple[Reduction, float]:
+        found = reduce_model(model, one_input(model), ReductionOptions(band))
+        near, rows = found.model.ports(s, workers=1), np.arange(model.L.shape[0])
+        at = [np.array([i]) for i in range(lines.size)]
+        return found, max(max(port_errors(model, scale, exact.select(i, rows), near.select(i, rows)).values()) for i in at)
+
+    found, error = worst()
+    assert found.reached
+    assert error <= 1e-3
+    assert error <= found.unseen
+    monkeypatch.setattr(estimate, "WIDE_BAND", np.inf)
+    assert worst()[1] > 1e-3
+
+
+def test_a_frequency_that_stands_for_a_band_is_one_of_the_mesh():
+    model = damped()
+    assert band_omega(model.K, model.M, (1.0, 400.0)) == pytest.approx(2 * np.pi * 400)
+    top = np.sqrt(np.max(model.K.diagonal() / model.M.diagonal()))
+    assert band_omega(model.K, model.M, (1.0, 1e12)) == pytest.approx(2 * top)
+    assert band_omega(model.K, 0 * model.M, (1.0, 400.0)) == pytest.approx(2 * np.pi * 400)
+
+
+def test_points_after_the_first_check_the_basis_before_them():
+    found = reduce_model(damped(), one_input(damped()), ReductionOptions(BAND))
+    points = [step for step in found.trace if step.order]
+    errors = [step.measured_error for step in points]
+    assert errors[0] is None
+    assert all(error is not None and error > 0 for error in errors[1:])
+    assert errors[-1] <= errors[1]

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 from systems import beam, chain, csc, duct, grid
 
-from lrbc_cli.errors import NumericalError
+from lrbc_cli.errors import ConfigError, NumericalError
 from lrbc_cli.model.fem import proportional_damping
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.dynamic import COLUMNS, DynamicStiffness
@@ -264,5 +264,5 @@ def test_auto_takes_what_is_there():
 def test_asking_for_what_is_missing(monkeypatch):
     monkeypatch.setattr(pardiso, "library", lambda: None)
     assert DynamicStiffness(*structure()).backend == "superlu"
-    with pytest.raises(NumericalError, match="not installed"):
+    with pytest.raises(ConfigError, match="not installed"):
         DynamicStiffness(*structure(), backend="pardiso")

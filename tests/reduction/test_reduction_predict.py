@@ -15,7 +15,7 @@ from systems import csc, fe_model, grid
 
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.outcome import ReductionOptions
-from lrbc_cli.reduction.predict import memory_bound, predict
+from lrbc_cli.reduction.predict import LIBRARIES, memory_bound, predict
 
 BACKENDS = ["superlu", *(["pardiso"] if pardiso.library() else [])]
 #: With as many modes as there are terms.
@@ -77,8 +77,8 @@ def test_the_peak_is_predicted_within_thirty_percent(backend):
     assert measured["reached"]
     peak = predicted["before"] + predicted["additional"]
     assert peak == pytest.approx(measured["peak"], rel=0.3)
-    # The interpreter does not carry it: what the reduction adds is met within the same bounds.
-    assert predicted["additional"] == pytest.approx(measured["peak"] - predicted["before"], rel=0.4)
+    # The interpreter does not carry it: so is what the reduction adds, but for the libraries, which differ from machine to machine.
+    assert predicted["additional"] == pytest.approx(measured["peak"] - predicted["before"], rel=0.4, abs=LIBRARIES)
 
 
 class TestPrediction:
