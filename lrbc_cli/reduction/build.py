@@ -357,14 +357,16 @@ class Reducer:
         lines = np.array(held_out)
         if self.lines.many:
             worst = np.array([max(measured[line].values()) for line in held_out])
-            return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, sweep.estimate), sweep.estimate, np.zeros(()))
+            return unseen_bound(
+                worst, np.interp(lines, self.estimator.grid_hz, sweep.estimate), sweep.estimate, np.zeros(()), self.options.tolerance
+            )
         worst = np.array([max(self.errors(line, full).values()) for line in held_out])
         lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups(), self.estimator.local)
         # The certificate has more vectors than the sweep: where it measured, its differences correct those.
         final = np.array([max(measured[line].values()) for line in held_out])
         computed = np.interp(lines, self.estimator.grid_hz, lost)
         lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
-        return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, rich.estimate), rich.estimate, lost)
+        return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, rich.estimate), rich.estimate, lost, self.options.tolerance)
 
     def _finish(
         self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep

@@ -18,8 +18,11 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Errors below this are rounding, of the full solution too.
 ROUNDING_LEVEL = 1e-11
 
-#: Errors below this share of the worst estimate are taken as this share.
-FAR_BELOW = 1e-2
+#: Lines whose errors, measured and estimated, lie below this share of the worst estimate do not count, where so many others remain.
+FAR_BELOW, LEAST_TELLING = 1e-2, 3
+
+#: Share of the tolerance that counts as nothing.
+NEGLIGIBLE = 1e-4
 
 #: Share of the lines that the bound is for, and how sure it is of that.
 SHARE, CONFIDENCE = 0.95, 0.95
@@ -61,7 +64,7 @@ def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFI
     return float(stats.nct.ppf(confidence, count - 1, stats.norm.ppf(share) * root) / root)
 
 
-def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Floats) -> float:
+def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Floats, tolerance: float = 0.0) -> float:
     """Bound of the relative error of y over a band of which a few lines were solved in full.
 
     The final model differs from the rich one that it was compressed from by ``lost``, which is computed at every line. What the rich
@@ -76,6 +79,8 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
         Its estimates over the band.
     lost : (F,) float array
         Relative difference of the final model to it.
+    tolerance : float
+        Of the error; what lies far below it does not tell rounding from what the estimate misses.
 
     Returns
     -------
@@ -84,9 +89,12 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
     """
     if measured.size < 2:
         return float("nan")
-    # The worst lines set the bound: how far off the estimate is where it is far smaller tells nothing of them.
-    level = max(ROUNDING_LEVEL, FAR_BELOW * float(np.max(estimate)))
+    level = max(ROUNDING_LEVEL, NEGLIGIBLE * tolerance)
     measured, expected, estimate = (np.maximum(values, level) for values in (measured, expected, estimate))
+    # The worst lines set the bound: how far off the estimate is where all is far smaller tells nothing of them.
+    telling = np.maximum(measured, expected) >= FAR_BELOW * float(np.max(estimate))
+    if telling.sum() >= LEAST_TELLING:
+        measured, expected = measured[telling], expected[telling]
     ratio = np.log(measured / expected)
     factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
     return float(np.max(lost + factor * estimate))
