@@ -192,7 +192,7 @@ class Reducer:
         """
         options = self.options
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
-        rich = self._expand(self.estimator.frequency(0.5 - 0.5 * np.cos(angles)), progress)
+        rich = self._expand(self.estimator.grid.frequency(0.5 - 0.5 * np.cos(angles)), progress)
         held_out: list[float] = []
         # Measured over estimated error. Points of very many terms are so costly that an estimate that proves too large is believed less.
         effectivity, least = 1.0, LEAST_EFFECTIVITY if self.lines.many else 1.0
@@ -218,11 +218,13 @@ class Reducer:
                     size = self.projection.size
                     self.compress(rich)
                     sweep = self._sweep()
-                    self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid_hz, sweep.estimate))
+                    self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid.lines_hz, sweep.estimate))
                     progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
             # A line that is likely to enrich the basis decides where the next one is.
             width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
-            batch = self.lines.solve(again[:1] or self._next(sweep.estimate, held_out, width))
+            batch = self.lines.solve(
+                again[:1] or self.estimator.grid.worst(sweep.estimate, self.enriched, held_out, width, options.held_out)
+            )
             again = []
             self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
             grown = False
@@ -231,7 +233,7 @@ class Reducer:
                 frequency, model = line.frequency_hz, self.reduced()
                 measured[frequency] = self.measure(line, model)
                 error = max(measured[frequency].values())
-                expected = float(np.interp(frequency, self.estimator.grid_hz, sweep.estimate))
+                expected = float(np.interp(frequency, self.estimator.grid.lines_hz, sweep.estimate))
                 if expected > 0 and not grown:
                     seen = float(np.clip(error / expected, least, 10.0))
                     effectivity = max(effectivity, seen) if known else seen
@@ -325,30 +327,8 @@ class Reducer:
                     return sweep
 
     def _record(self, frequency: float, order: int, added: int, error: float | None) -> None:
-        grid = self.estimator.grid_hz
+        grid = self.estimator.grid.lines_hz
         self.trace.append(Step(frequency, self.projection.size, order, added, error, grid, np.full(grid.size, np.nan)))
-
-    def _next(self, estimate: Floats, held_out: list[float], count: int) -> list[float]:
-        """Lines with the worst estimates, away from expansion points, and the held-out lines spread over the band."""
-        grid, parts = self.estimator.grid_hz, self.options.held_out
-        places = self.estimator.position(grid)
-        chosen: list[float] = []
-
-        def apart(lines: list[float]) -> Floats:
-            return np.asarray(np.abs(places[:, None] - np.array([*self.estimator.position(np.array(lines)), np.inf])[None, :]).min(axis=1))
-
-        # One held-out line in each of equal parts of the band; there, where the estimate is worst.
-        part = np.minimum(places * parts, parts - 1).astype(int)
-        for _ in range(count):
-            taken = np.minimum(self.estimator.position(np.array([*held_out, *chosen])) * parts, parts - 1).astype(int)
-            points = apart(self.enriched)
-            free = ~np.isin(part, taken)
-            allowed = free & (points > 0.01)
-            weight = np.where(allowed, estimate, 0.0)
-            if not np.any(weight > 0):
-                weight = np.where(free, points, 0.0) if free.any() else np.minimum(points, apart([*held_out, *chosen]))
-            chosen.append(float(grid[int(np.argmax(weight))]))
-        return chosen
 
     def _unseen(
         self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep
@@ -358,15 +338,17 @@ class Reducer:
         if self.lines.many:
             worst = np.array([max(measured[line].values()) for line in held_out])
             return unseen_bound(
-                worst, np.interp(lines, self.estimator.grid_hz, sweep.estimate), sweep.estimate, np.zeros(()), self.options.tolerance
+                worst, np.interp(lines, self.estimator.grid.lines_hz, sweep.estimate), sweep.estimate, np.zeros(()), self.options.tolerance
             )
         worst = np.array([max(self.errors(line, full).values()) for line in held_out])
         lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups(), self.estimator.local)
         # The certificate has more vectors than the sweep: where it measured, its differences correct those.
         final = np.array([max(measured[line].values()) for line in held_out])
-        computed = np.interp(lines, self.estimator.grid_hz, lost)
+        computed = np.interp(lines, self.estimator.grid.lines_hz, lost)
         lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
-        return unseen_bound(worst, np.interp(lines, self.estimator.grid_hz, rich.estimate), rich.estimate, lost, self.options.tolerance)
+        return unseen_bound(
+            worst, np.interp(lines, self.estimator.grid.lines_hz, rich.estimate), rich.estimate, lost, self.options.tolerance
+        )
 
     def _finish(
         self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
+from lrbc_cli.reduction.grid import Grid
 from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
 from lrbc_cli.reduction.sweep import Solver
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: Bands whose ends lie further apart than this ratio are wide.
-WIDE_BAND = 40.0
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,6 @@ class Sweep:
     spread: list[Floats]
 
 
-def grid_of(low: float, high: float, count: int) -> Floats:
-    """(count,) lines of a band [Hz]: evenly spaced, in a wide band half of them by octaves, so that its lower decades are seen too."""
-    if low <= 0 or high <= WIDE_BAND * low:
-        return np.linspace(low, high, count)
-    octaves = np.geomspace(low, high, count // 2)
-    even = np.linspace(low, high, count - octaves.size + 2)[1:-1]
-    return np.sort(np.concatenate([octaves, even]))
-
-
 class Estimator:
     """Residual estimate on a grid of lines.
 
@@ -71,8 +60,8 @@ class Estimator:
     def __init__(self, reducer: Reducer, count: int) -> None:
         self._reducer = reducer
         low, high = reducer.options.band_hz
-        self.grid_hz: Floats = grid_of(low, high, count)
-        s = 2j * np.pi * self.grid_hz
+        self.grid = Grid(low, high, count)
+        s = 2j * np.pi * self.grid.lines_hz
         model = reducer.model
         chosen = certificate_vectors(model.terms, reducer.scale, s, count=1 if reducer.lines.many else 2)
         kinds = ("free", "clamped", "random") if reducer.lines.many else ("free", "loose", "local", "clamped", "random")
@@ -80,19 +69,11 @@ class Estimator:
         self.local = local_responses(model, complex(s[count // 2]), reducer.input_of)
         self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
 
-    def position(self, frequency_hz: Floats | float) -> Floats:
-        """Where lines lie on the grid, from 0 to 1."""
-        return np.asarray(np.interp(frequency_hz, self.grid_hz, np.linspace(0.0, 1.0, self.grid_hz.size)))
-
-    def frequency(self, position: Floats) -> Floats:
-        """The line at a position on the grid [Hz]."""
-        return np.asarray(np.interp(position, np.linspace(0.0, 1.0, self.grid_hz.size), self.grid_hz))
-
     def sweep(self) -> Sweep:
         """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis."""
         reducer = self._reducer
         P = reducer.projection
-        s = 2j * np.pi * self.grid_hz
+        s = 2j * np.pi * self.grid.lines_hz
         symmetric = reducer.Z.symmetric
         solver = Solver(reducer.operators(), reducer.structure, P.inputs, P.dual, symmetric=symmetric)
         turn = solver.turn

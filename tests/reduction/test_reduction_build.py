@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
-from lrbc_cli.reduction import estimate, pardiso
+from lrbc_cli.reduction import grid, pardiso
 from lrbc_cli.reduction.basis import check_orthonormal
 from lrbc_cli.reduction.build import Reducer, Reduction, ReductionOptions, full_ports, reduce_model
 from lrbc_cli.reduction.certify import port_errors
@@ -374,7 +374,7 @@ class TestCertificate:
         model, input_of = MODELS[name](), inputs_of(name, MODELS[name]())
         R = Reducer(model, input_of, ReductionOptions(BAND))
         assert R.run().reached
-        grid = R.estimator.grid_hz
+        grid = R.estimator.grid.lines_hz
         lines = np.flatnonzero(np.abs(grid[:, None] - np.array(R.enriched)).min(axis=1) > 0.01 * (BAND[1] - BAND[0]))[::2]
         s = 2j * np.pi * grid[lines]
         full, ports = dense_ports(model, s, R.reference, input_of), R.reduced().ports(s)
@@ -478,7 +478,7 @@ def test_the_low_decades_of_a_wide_band_are_certified_too(monkeypatch):
     assert found.reached
     assert error.max() <= 1e-3
     assert np.mean(error <= found.unseen) >= 0.95
-    monkeypatch.setattr(estimate, "WIDE_BAND", np.inf)
+    monkeypatch.setattr(grid, "WIDE_BAND", np.inf)
     assert errors()[1].max() > 1e-3
 
 

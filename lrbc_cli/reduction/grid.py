@@ -1,0 +1,78 @@
+"""The lines at which the error is estimated, and which of them is solved next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Bands whose ends lie further apart than this ratio are wide.
+WIDE_BAND = 40.0
+
+#: Share of the grid that a line keeps from expansion points.
+APART = 0.01
+
+
+class Grid:
+    """Lines of a band: evenly spaced, in a wide band half of them by octaves, so that its lower decades are seen too.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the band [Hz].
+    count : int
+
+    Attributes
+    ----------
+    lines_hz : (count,) float array
+        Ascending.
+    """
+
+    def __init__(self, low: float, high: float, count: int) -> None:
+        lines = np.linspace(low, high, count)
+        if low > 0 and high > WIDE_BAND * low:
+            octaves = np.geomspace(low, high, count // 2)
+            lines = np.sort(np.concatenate([octaves, np.linspace(low, high, count - octaves.size + 2)[1:-1]]))
+        self.lines_hz: Floats = lines
+        self._places = np.linspace(0.0, 1.0, count)
+
+    def position(self, frequency_hz: Floats) -> Floats:
+        """Where lines lie on the grid, from 0 to 1."""
+        return np.asarray(np.interp(frequency_hz, self.lines_hz, self._places))
+
+    def frequency(self, position: Floats) -> Floats:
+        """The lines at positions on the grid [Hz]."""
+        return np.asarray(np.interp(position, self._places, self.lines_hz))
+
+    def worst(self, estimate: Floats, points: Sequence[float], held_out: Sequence[float], count: int, parts: int) -> list[float]:
+        """Lines with the worst estimates, away from expansion points: one in each of so many equal parts that has no held-out line yet.
+
+        Parameters
+        ----------
+        estimate : (lines,) float array
+        points, held_out : sequences of float
+            Expansion points and held-out lines so far [Hz].
+        count : int
+            How many.
+        parts : int
+        """
+
+        def apart(lines: Sequence[float]) -> Floats:
+            return np.asarray(np.abs(self._places[:, None] - np.array([*self.position(np.array(lines)), np.inf])[None, :]).min(axis=1))
+
+        chosen: list[float] = []
+        part = np.minimum(self._places * parts, parts - 1).astype(int)
+        away = apart(points)
+        for _ in range(count):
+            free = ~np.isin(part, np.minimum(self.position(np.array([*held_out, *chosen])) * parts, parts - 1).astype(int))
+            weight = np.where(free & (away > APART), estimate, 0.0)
+            if not np.any(weight > 0):
+                weight = np.where(free, away, 0.0) if free.any() else np.minimum(away, apart([*held_out, *chosen]))
+            chosen.append(float(self.lines_hz[int(np.argmax(weight))]))
+        return chosen
+
+
+__all__ = ["WIDE_BAND", "Grid"]
