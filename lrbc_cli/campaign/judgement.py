@@ -26,7 +26,7 @@ IMPLAUSIBLE = 2.5
 #: What a baseline is, and what is said of a bolt of it that would be loose in another job.
 BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, but against the reference job it comes out loose"
 
-#: Probability with the Gaussian prior below which a bolt that only the mixture calls loose stays undecided.
+#: Probability with the other prior from which a bolt that one of them calls loose is so.
 AGREEMENT = 0.5
 
 #: Status of a job whose measurement the model does not explain.
@@ -200,7 +200,11 @@ def _weighed(
     below = float(result.changes.below(limit - excess, float(np.hypot(scatter, excess)))[at])
     if update.prior_shape != "mixture":
         normal = float(gaussian.probability_loose or 0.0)
-        found = weigh(verdict, change, std, rule, ceiling, pooled([normal, below]))
+        probability = pooled([normal, below])
+        if normal >= rule.confidence and below >= AGREEMENT:
+            # The mixture spreads a gap over its bolts: that it is not sure of each of them is no objection.
+            probability = max(probability, normal)
+        found = weigh(verdict, change, std, rule, ceiling, probability)
         return replace(found, by_prior={"normal": normal, "mixture": below})
     mean, spread = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
     found = weigh(verdict, mean, spread, rule, ceiling, below)

@@ -507,7 +507,7 @@ def test_a_mixture_of_tight_and_loose_bolts(box: Folder, monkeypatch: pytest.Mon
     assert [b["probability_loose"] for b in again["bolts"]] == [b["probability_loose"] for b in mixture["bolts"]]
 
 
-def test_verdicts_by_default_pool_what_both_priors_say(box: Folder) -> None:
+def test_verdicts_by_default_pool_what_both_priors_say(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     """By their formula, and the change stays that of the Gaussian fit; where no mixture serves there is none."""
     normal = {b["name"]: b for b in identify(box, AUTO, "update.prior_shape=normal")["bolts"]}
     mixture = {b["name"]: b for b in identify(box, AUTO, "update.prior_shape=mixture")["bolts"]}
@@ -518,11 +518,22 @@ def test_verdicts_by_default_pool_what_both_priors_say(box: Folder) -> None:
         assert bolt["probability_by_prior"] == pytest.approx({"normal": p, "mixture": q}, abs=1e-9)
         inside = np.clip([p, q], 1e-6, 1 - 1e-6)
         odds = float(np.sqrt(np.prod(inside / (1 - inside))))
-        assert bolt["probability_loose"] == pytest.approx(odds / (1 + odds), rel=1e-6)
-        assert bolt["verdict"] == ("loose" if odds >= 19 else "tight" if odds <= 1 / 19 else "undecided")
+        expected = max(odds / (1 + odds), p) if p >= 0.95 and q >= 0.5 else odds / (1 + odds)
+        assert bolt["probability_loose"] == pytest.approx(expected, rel=1e-6)
+        assert bolt["verdict"] == ("loose" if expected >= 0.95 else "tight" if expected <= 0.05 else "undecided")
         assert bolt["threshold"] == -0.5
         assert bolt["change"] == pytest.approx(normal[bolt["name"]]["change"], abs=1e-9)
     assert {b["name"] for b in result["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    # What the Gaussian prior calls loose stays so unless the mixture objects.
+    monkeypatch.setattr(judgement, "AGREEMENT", 1.1)
+    strict = {b["name"]: b["probability_loose"] for b in identify(box, AUTO)["bolts"]}
+    monkeypatch.setattr(judgement, "AGREEMENT", 0.0)
+    mild = {b["name"]: b["probability_loose"] for b in identify(box, AUTO)["bolts"]}
+    assert all(
+        mild[name] == max(strict[name], b["probability_loose"]) if b["probability_loose"] >= 0.95 else mild[name] == strict[name]
+        for name, b in normal.items()
+    )
+    monkeypatch.undo()
     weighed = identify(box, "update.regularisation=10")
     assert weighed["prior"]["shape"] == "normal"
     assert {b["probability_by_prior"] for b in weighed["bolts"]} == {None}
