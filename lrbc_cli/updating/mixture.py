@@ -41,8 +41,8 @@ ROUNDS, MOVES, LEAST_GAIN = 8, 3, 0.01
 #: Changes below this make a bolt loose at the second start [decades]; the first start has all bolts tight.
 START_CHANGE = -0.4
 
-#: Descent for given kinds: its sum of squares is a few hundred to a few thousand, of which a tenth matters.
-DESCENT_TOLERANCE, DESCENT_ITERATIONS = 1e-4, 12
+#: Descent for given kinds, at last and while they are sought: its sum of squares is a few hundred to a few thousand; a tenth matters.
+DESCENT_TOLERANCE, DESCENT_ITERATIONS, SEARCH_ITERATIONS = 1e-4, 12, 6
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ def _priors(problem: MixtureProblem, prior: MixturePrior, kinds: Bools) -> tuple
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats) -> _State:
+def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, iterations: int) -> _State:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
     scale, weight = problem.variance**-0.5, np.sqrt(precision)
@@ -269,7 +269,7 @@ def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Float
         jacobian = np.vstack([scale * J, np.diag(weight)])
         return Evaluation(float(np.log10(total)), total, float(r @ r), float(np.mean(np.abs(r))), residual, jacobian)
 
-    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=DESCENT_TOLERANCE, max_iterations=DESCENT_ITERATIONS)
+    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=DESCENT_TOLERANCE, max_iterations=iterations)
     value, z = found.evaluation, found.theta
     rows = value.residual.size - z.size
     J, r = value.jacobian[:rows], value.residual[:rows]
@@ -292,7 +292,7 @@ def best_state(problem: MixtureProblem, z: Floats, prior: MixturePrior) -> _Stat
     for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < START_CHANGE, z)):
         seen: set[bytes] = set()
         for _ in range(ROUNDS):
-            state = _settle(problem, prior, kinds, start)
+            state = _settle(problem, prior, kinds, start, SEARCH_ITERATIONS)
             if best is None or state.evidence > best.evidence:
                 best = state
             seen.add(kinds.tobytes())
@@ -303,7 +303,7 @@ def best_state(problem: MixtureProblem, z: Floats, prior: MixturePrior) -> _Stat
                 break
             kinds, start = score.loose.copy(), state.z
     assert best is not None
-    return best
+    return _settle(problem, prior, best.kinds, best.z, DESCENT_ITERATIONS)
 
 
 def sample_changes(
