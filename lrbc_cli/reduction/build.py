@@ -306,6 +306,7 @@ class Reducer:
         while True:
             batch, rest = rest[: self.lines.width], rest[self.lines.width :]
             solved = self.lines.solve(batch, expand=True)
+            self.clock.lap("basis")
             while solved:
                 # Solutions of a line are as large as several bases: none is kept while the next line is solved.
                 line = solved.pop(0)
