@@ -29,6 +29,9 @@ BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, 
 #: Probability with the other prior from which a bolt that one of them calls loose is so.
 AGREEMENT = 0.5
 
+#: Probability with the Gaussian prior below which no bolt is loose by the pooled one.
+LEAST_NORMAL = 0.9
+
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
@@ -205,7 +208,11 @@ def _weighed(
             # The mixture spreads a gap over its bolts: that it is not sure of each of them is no objection.
             probability = max(probability, normal)
         found = weigh(verdict, change, std, rule, ceiling, probability)
-        return replace(found, by_prior={"normal": normal, "mixture": below})
+        found = replace(found, by_prior={"normal": normal, "mixture": below})
+        if found.verdict == "loose" and normal < LEAST_NORMAL:
+            # Beside a gap the mixture is sure of what the hats smear over the next bolt.
+            return replace(found, verdict="undecided", note=f"the mixture is sure, but the Gaussian prior gives {100 * normal:.0f} %")
+        return found
     mean, spread = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
     found = weigh(verdict, mean, spread, rule, ceiling, below)
     if found.verdict == "loose":

@@ -15,7 +15,7 @@ from lrbc_cli.campaign import identify as identification
 from lrbc_cli.campaign import judgement
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
-from lrbc_cli.updating import levels
+from lrbc_cli.updating import confidence, levels
 
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
 S = 2j * np.pi * FREQUENCY
@@ -520,19 +520,30 @@ def test_verdicts_by_default_pool_what_both_priors_say(box: Folder, monkeypatch:
         odds = float(np.sqrt(np.prod(inside / (1 - inside))))
         expected = max(odds / (1 + odds), p) if p >= 0.95 and q >= 0.5 else odds / (1 + odds)
         assert bolt["probability_loose"] == pytest.approx(expected, rel=1e-6)
-        assert bolt["verdict"] == ("loose" if expected >= 0.95 else "tight" if expected <= 0.05 else "undecided")
+        loose = expected >= 0.95 and p >= 0.9
+        assert bolt["verdict"] == ("loose" if loose else "tight" if expected <= 0.05 else "undecided")
         assert bolt["threshold"] == -0.5
         assert bolt["change"] == pytest.approx(normal[bolt["name"]]["change"], abs=1e-9)
     assert {b["name"] for b in result["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+
+    def anew() -> dict[str, Any]:
+        # A result of the same settings would be kept.
+        identify(box, AUTO, "update.prior_shape=normal")
+        return {b["name"]: b for b in identify(box, AUTO)["bolts"]}
+
+    # None is loose by the mixture's certainty alone.
+    monkeypatch.setattr(judgement, "LEAST_NORMAL", 1.1)
+    none = anew()
+    assert {none[name]["verdict"] for name in ("B3", "B4")} == {"undecided"}
+    assert none["B3"]["note"].startswith("the mixture is sure, but the Gaussian prior gives ")
+    monkeypatch.undo()
     # What the Gaussian prior calls loose stays so unless the mixture objects.
+    monkeypatch.setattr(confidence, "LEAST_PROBABILITY", 0.3)
     monkeypatch.setattr(judgement, "AGREEMENT", 1.1)
-    strict = {b["name"]: b["probability_loose"] for b in identify(box, AUTO)["bolts"]}
-    monkeypatch.setattr(judgement, "AGREEMENT", 0.0)
-    mild = {b["name"]: b["probability_loose"] for b in identify(box, AUTO)["bolts"]}
-    assert all(
-        mild[name] == max(strict[name], b["probability_loose"]) if b["probability_loose"] >= 0.95 else mild[name] == strict[name]
-        for name, b in normal.items()
-    )
+    strict = anew()
+    assert strict["B3"]["probability_loose"] == pytest.approx(0.7)
+    monkeypatch.setattr(judgement, "AGREEMENT", 0.5)
+    assert anew()["B3"]["probability_loose"] == pytest.approx(normal["B3"]["probability_loose"])
     monkeypatch.undo()
     weighed = identify(box, "update.regularisation=10")
     assert weighed["prior"]["shape"] == "normal"
