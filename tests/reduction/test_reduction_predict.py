@@ -87,10 +87,12 @@ class TestPrediction:
         small, large = cube(12), cube(18)
         options = ReductionOptions(BAND)
         first, second = (predict(model, options, backend=backend) for model in (small, large))
-        for part in ("operators", "factors", "snapshots", "basis"):
+        for part in ("operators", "snapshots", "basis"):
             # 3.4 times the DOFs; factors grow faster.
             assert second.memory[part] > 3.0 * first.memory[part]
-        assert second.memory["factors"] > 4.0 * first.memory["factors"]
+        assert second.nonzeros > 4.0 * first.nonzeros
+        # PARDISO adds room for each of its threads, which does not grow.
+        assert second.memory["factors"] > (4.0 if backend == "superlu" else 1.2) * first.memory["factors"]
         assert second.seconds > first.seconds > 0
         many = predict(cube(12, terms=36), options, backend=backend)
         assert many.memory["snapshots"] > 2 * first.memory["snapshots"]
