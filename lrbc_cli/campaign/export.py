@@ -20,7 +20,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, write_export
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.statespace import StateSpace, state_space
+from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, StateSpace, complex_matrix, state_space
 
 ENCODING = "lrbc-reduced-model"
 
@@ -62,17 +62,16 @@ def require_real(inputs: Inputs) -> None:
     DataError
         For a complex stiffness or damping matrix.
     """
-    model, config = inputs.model, inputs.campaign.model
-    for name, A, where in (("stiffness", model.K, config.stiffness), ("damping", model.C, config.damping)):
-        if np.iscomplexobj(A) and np.any(A.data.imag):
-            raise DataError(
-                f"a complex {name} (hysteretic damping) has no real first-order form: it holds for harmonic motion only",
-                file=getattr(where, "path", None),
-                place="--state-space",
-                expected="real matrices and viscous damping",
-                found=f"a complex {name} matrix",
-                hint="export without --state-space, or give the model viscous damping (model.damping)",
-            )
+    if name := complex_matrix(inputs.model):
+        config = inputs.campaign.model
+        raise DataError(
+            HYSTERETIC.format(name),
+            file=getattr(config.stiffness if name == "stiffness" else config.damping, "path", None),
+            place="--state-space",
+            expected="real matrices and viscous damping",
+            found=f"a complex {name} matrix",
+            hint=VISCOUS,
+        )
 
 
 def export(

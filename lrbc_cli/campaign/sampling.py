@@ -22,7 +22,7 @@ LEAST_VARIANCE = 1e-6
 
 
 def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None) -> ChangeSamples | None:
-    """Sample the changes at the bolts of a job whose prior is a mixture, also.
+    """Sample the changes at the bolts of a job whose prior is a mixture, or a Gaussian and a mixture.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
     Returns
     -------
     ChangeSamples or None
-        None with another prior, or where the unknowns are no changes at bolts.
+        None where the prior is no mixture, or where the unknowns are no changes at bolts.
     """
     shapes = knowledge.shapes
     if not inputs.campaign.update.mixes or inputs.bolts is None or not shapes.by_bolt:

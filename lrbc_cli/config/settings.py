@@ -169,8 +169,8 @@ class UpdateConfig(Strict):
         default="auto",
         description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
         "mixture: each bolt tight or loose, which is sampled, for verdicts where neighbours are hard to tell apart; both need "
-        "regularisation: auto. auto: normal and mixture, each giving a probability, and the mean of their log odds counts (see "
-        "the README); normal where mixture does not serve.",
+        "regularisation: auto. auto: normal and mixture, each giving a probability, which are pooled (mean log odds); normal "
+        "where mixture does not serve.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",

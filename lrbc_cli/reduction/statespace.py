@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, eig, eigh, eigvals, eigvalsh, null_space, solve_triangular
 
 from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.ports import SYMMETRY
 from lrbc_cli.reduction.reduced import ReducedModel
 
@@ -24,6 +25,10 @@ EXPLICIT = 1e-9
 
 #: The same for the descriptor form; beyond it there is no usable state space.
 USABLE = 1e-6
+
+#: What is said of a complex matrix, and what mends it.
+HYSTERETIC = "a complex {} (hysteretic damping) has no real first-order form: it holds for harmonic motion only"
+VISCOUS = "export without --state-space, or give the model viscous damping (model.damping)"
 
 EXTREME = "less extreme values; inf clamps exactly"
 
@@ -87,6 +92,12 @@ class StateSpace:
         return np.array([self.C @ np.linalg.solve(z * E - self.A, self.B.astype(complex)) + self.D for z in s])
 
 
+def complex_matrix(model: FeModel | ReducedModel) -> str:
+    """Which matrix, stiffness or damping, has imaginary parts; empty where both are real."""
+    named = (("stiffness", model.K), ("damping", model.C))
+    return next((name for name, A in named if np.iscomplexobj(A) and abs(A.imag).max() > 0), "")
+
+
 def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]) -> StateSpace:
     """First-order form at given values of the terms.
 
@@ -116,14 +127,9 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     NumericalError
         Where K or C is complex, and where the first-order form does not reproduce the FRFs of the second-order form.
     """
-    for name, A in (("stiffness", model.K), ("damping", model.C)):
-        if np.iscomplexobj(A) and np.any(A.imag):
-            raise NumericalError(
-                f"a complex {name} (hysteretic damping) has no real first-order form: it holds for harmonic motion only",
-                expected="real matrices and viscous damping",
-                found=f"a complex {name} matrix",
-                hint="export without --state-space, or give the model viscous damping (model.damping)",
-            )
+    if name := complex_matrix(model):
+        expected, found = "real matrices and viscous damping", f"a complex {name} matrix"
+        raise NumericalError(HYSTERETIC.format(name), expected=expected, found=found, hint=VISCOUS)
     basis, second = _assembled(model, terms, 2 * np.pi * band_hz[1])
     s = 2j * np.pi * np.linspace(*band_hz, 9)
     try:
