@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 9
+ALGORITHM_VERSION = 10
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3

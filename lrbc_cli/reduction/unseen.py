@@ -18,11 +18,8 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Errors below this are rounding, of the full solution too.
 ROUNDING_LEVEL = 1e-11
 
-#: Lines whose errors, measured and estimated, lie below this share of the worst estimate do not count, where so many others remain.
-FAR_BELOW, LEAST_TELLING = 1e-2, 3
-
-#: Share of the tolerance that counts as nothing.
-NEGLIGIBLE = 1e-4
+#: Errors below this share of the tolerance that no estimate foresaw are rounding; their lines do not count, where so many others remain.
+NEGLIGIBLE, LEAST_TELLING = 1e-4, 3
 
 #: Share of the lines that the bound is for, and how sure it is of that.
 SHARE, CONFIDENCE = 0.95, 0.95
@@ -90,11 +87,10 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
     if measured.size < 2:
         return float("nan")
     level = max(ROUNDING_LEVEL, NEGLIGIBLE * tolerance)
-    measured, expected, estimate = (np.maximum(values, level) for values in (measured, expected, estimate))
-    # The worst lines set the bound: how far off the estimate is where all is far smaller tells nothing of them.
-    telling = np.maximum(measured, expected) >= FAR_BELOW * float(np.max(estimate))
+    telling = (measured > level) | (measured <= expected)
     if telling.sum() >= LEAST_TELLING:
-        measured, expected = measured[telling], expected[telling]
+        measured, expected, level = measured[telling], expected[telling], ROUNDING_LEVEL
+    measured, expected, estimate = (np.maximum(values, level) for values in (measured, expected, estimate))
     ratio = np.log(measured / expected)
     factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
     return float(np.max(lost + factor * estimate))
