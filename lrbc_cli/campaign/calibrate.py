@@ -20,7 +20,7 @@ from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import frf_rows, write_campaign
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.certify import lines_between, measured_errors
@@ -183,7 +183,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
     s = 2j * np.pi * measurement.frequency_hz
     parameters, _ = parameterise(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), s)
     selected = select_lines(inputs, measurement, settings.job)
-    weights, notes = line_weights(inputs, measurement, job, selected)
+    sigma, notes = line_sigma(inputs, measurement, job, selected)
     used = inputs.used
 
     def problem_on(now: Inputs, stage: ReductionStage, base: Mapping[str, float]) -> FactorProblem:
@@ -198,7 +198,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
             used,
             selected,
             residual_options(campaign.update),
-            weights,
+            sigma,
             tuple(extra for extra in drift_extras(now, campaign.update.nuisances) if extra.kind == "shift"),
         )
 

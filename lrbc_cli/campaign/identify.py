@@ -18,15 +18,15 @@ from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.sampling import changes_of
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
-from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior
+from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import DRAWS, Level, descend, gauss_newton_by_levels, prior_draws
-from lrbc_cli.updating.misfit import Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
 from lrbc_cli.updating.verdicts import pitch_of
@@ -43,12 +43,6 @@ FIRST_VARIANCE = 4.0
 #: and change of the noise variance that needs no further round.
 DRIFT_ROUNDS, DRIFT_ITERATIONS, DRIFT_TOLERANCE, DRIFT_NOISE = 3, 12, 1e-3, 0.15
 
-#: The direct comparison is taken where its noise has less than this share of the other's variance.
-DIRECT_HANDICAP = 2.0
-
-#: A comparison whose noise has this many times the variance of the other is left out.
-CLEARLY_WORSE = 10.0
-
 #: Standard deviation of the stiffness of a state that is compared with nothing about its start values [decades].
 LEVEL_STD = 0.5
 
@@ -61,6 +55,7 @@ class _Fit:
     """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
 
     measured: Complexes
+    relative: bool
     plain: Misfit
     misfit: Misfit
     solution: Solution
@@ -99,7 +94,9 @@ class _Job:
             inputs, self.measurement, name, lambda: source.model(self.s, self.parameters, responses=inputs.used).frf(self.prior)
         )
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
-        self.weights, notes = line_weights(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.error = self._change_error(reference)
+        self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.tight_sigma: Floats | None = None
         self.notes += notes
 
     def _before(self, reference: Mapping[str, Any] | None) -> Floats | None:
@@ -119,6 +116,17 @@ class _Job:
         if found is None:
             self.warnings.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
         return found
+
+    def _change_error(self, reference: Mapping[str, Any] | None) -> ChangeError | None:
+        """How wrong the changes may be that the model predicts; None without a state that it explains."""
+        if reference is None or not self.shapes.by_bolt or self.settings.regularisation != "auto" or self.settings.weights == "none":
+            return None
+        step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
+        nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
+        # A change is the difference of two states, each as wrong as the reference state.
+        most = float(np.sqrt(2.0) * reference["noise"]["sigma_db"])
+        lines = self.measurement.frequency_hz[self.selected]
+        return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size)
 
     def _shapes(self) -> Shapes:
         settings, bolts = self.settings, self.inputs.bolts
@@ -171,6 +179,7 @@ class _Job:
         ):
             self.warnings.append(f"its lines are not those of {reference}: compared without what the measurement of {reference} tells")
             return None
+        self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
         ratio = self._tight_frf() / np.where(valid, known, np.nan)
@@ -178,12 +187,12 @@ class _Job:
         limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
         return self.measured() * limited
 
-    def fit(self, measured: Complexes) -> _Fit:
+    def fit(self, measured: Complexes, relative: bool) -> _Fit:
         """Minimise; the weight of the prior by the settings; what drifted with it."""
         settings, bounds = self.settings, self.parameters.bounds
         automatic = settings.regularisation == "auto"
         eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
-        misfit = self._misfit(measured, eta)
+        misfit = self._misfit(measured, eta, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, draws = None, 0
         further: dict[str, Floats] = {}
@@ -208,15 +217,21 @@ class _Job:
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if automatic:
             sparse = settings.prior_shape == "sparse" and self.shapes.by_bolt
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, sparse)
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, sparse, self.error)
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        found = _Fit(measured, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0))
+        found = _Fit(
+            measured, relative, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0)
+        )
         return found.after(draws)
 
-    def _misfit(self, measured: Complexes, eta: float) -> Misfit:
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), self.weights)
+    def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
+        sigma = self.sigma
+        if relative and sigma is not None and self.tight_sigma is not None:
+            # A ratio of two measurements has the noise of both.
+            sigma = np.hypot(sigma, self.tight_sigma)
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), sigma)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent by the method of the settings; the Jacobian of its evaluation is to z."""
@@ -278,8 +293,9 @@ class _Job:
             settled = abs(now.variance / noise.variance - 1.0) < DRIFT_NOISE
             if self.settings.regularisation != "auto" or settled:
                 break
-            noise = now
-            misfit = extended_misfit(fit.misfit.with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
+            base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
+            noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
+            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
             level = Level(misfit, misfit.prior, T)
         found = replace(found, theta=level.theta(found.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)
@@ -296,32 +312,15 @@ class _Job:
         # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
-        return _Fit(
-            measured, self._misfit(measured, misfit.eta if fit.plain.eta else 0.0), misfit, solution, knowledge, fit.curve, evaluations
-        )
+        plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
+        return _Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
 
     def best(self) -> tuple[_Fit, bool]:
-        """The comparison that leaves the smaller residuals, and whether it is the relative one.
-
-        Far from the reference state the errors of the model are others, and a correction adds to them.
-        """
+        """The fit, and whether it is relative: automatically so for changes at bolts, where the reference job has the same lines."""
         way = self.settings.comparison
-        ways = {False: self.measured()}
-        if way != "direct":
-            corrected = self.corrected()
-            if corrected is not None:
-                ways[True] = corrected
-                if way == "relative":
-                    del ways[False]
-        fits = {relative: self.fit(measured) for relative, measured in ways.items()}
-        least = min(fit.knowledge.noise.variance for fit in fits.values())
-        # What drifted can turn the order round, unless it is clear.
-        ends = {k: self.drifted(fit) for k, fit in fits.items() if fit.knowledge.noise.variance <= CLEARLY_WORSE * least}
-        # In a direct comparison the bolts also absorb what is wrong with the reference state, which makes its residuals smaller.
-        relative = min(ends, key=lambda k: ends[k].knowledge.noise.variance * (1.0 if k else DIRECT_HANDICAP))
-        others = sum(fit.evaluations for fit in fits.values()) - fits[relative].evaluations
-        others += sum(ends[k].evaluations - fits[k].evaluations for k in ends if k != relative)
-        return ends[relative].after(others), relative
+        corrected = self.corrected() if way == "relative" or (way == "auto" and self.error is not None) else None
+        relative = corrected is not None
+        return self.drifted(self.fit(self.measured() if corrected is None else corrected, relative)), relative
 
     def about_reference(self, fit: _Fit, reference: Mapping[str, Any] | None, relative: bool) -> _Fit:
         """The same with the uncertainty of the reference state."""

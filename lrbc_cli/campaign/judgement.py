@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
-from lrbc_cli.config.settings import LOOSE_CHANGE
 from lrbc_cli.model.terms import LN10, ParameterGroup
-from lrbc_cli.updating.confidence import Band, Rule, band, pooled, weigh
+from lrbc_cli.updating.confidence import Band, Rule, band, weigh
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
@@ -25,12 +24,6 @@ IMPLAUSIBLE = 2.5
 
 #: What a baseline is, and what is said of a bolt of it that would be loose in another job.
 BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, but against the reference job it comes out loose"
-
-#: Probability with the other prior from which a bolt that one of them calls loose is so.
-AGREEMENT = 0.5
-
-#: Probability with the Gaussian prior below which no bolt is loose by the pooled one.
-LEAST_NORMAL = 0.9
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -146,17 +139,14 @@ def verdicts(
     if result.name in update.baselines:
         found = [v if v.far else _as_tight(v) for v in found]
     if not valid.passed:
-        found = [
-            replace(v, verdict="undecided", probability_loose=None, by_prior=None, note="the model does not explain the measurement")
-            for v in found
-        ]
+        found = [replace(v, verdict="undecided", probability_loose=None, note="the model does not explain the measurement") for v in found]
     return found
 
 
 def _as_tight(verdict: BoltVerdict) -> BoltVerdict:
     """A bolt of a baseline."""
     note = DOUBTFUL if verdict.verdict == "loose" else verdict.note or BASELINE
-    return replace(verdict, verdict="tight", probability_loose=None, by_prior=None, note=note)
+    return replace(verdict, verdict="tight", probability_loose=None, note=note)
 
 
 def doubtful(inputs: Inputs, found: Sequence[BoltVerdict]) -> list[str]:
@@ -190,38 +180,19 @@ def _weighed(
     update: UpdateConfig,
     scatter: float,
 ) -> BoltVerdict:
-    """Judge by the Gaussian about the optimum, by the sampled change, or by both, as the prior is."""
+    """Judge by the sampled change where there is one, else by the Gaussian about the optimum."""
     rule = Rule(update.threshold, update.confidence, scatter)
     change, std, ceiling = _change(result, bolt, verdict, where, reference)
-    gaussian = weigh(verdict, change, std, rule, ceiling)
     at = _sampled(result, bolt)
     if result.changes is None or at is None:
-        return gaussian
+        return weigh(verdict, change, std, rule, ceiling)
     group, values = where[verdict.edge]
     excess, ceiling = _saturated(result, int(result.changes.bolts[at]), group, values, reference)
-    limit = replace(rule, threshold=update.mixture_threshold).limit
-    below = float(result.changes.below(limit - excess, float(np.hypot(scatter, excess)))[at])
-    if update.prior_shape != "mixture":
-        normal = float(gaussian.probability_loose or 0.0)
-        probability = pooled([normal, below])
-        if normal >= rule.confidence and below >= AGREEMENT:
-            # The mixture spreads a gap over its bolts: that it is not sure of each of them is no objection.
-            probability = max(probability, normal)
-        found = weigh(verdict, change, std, rule, ceiling, probability)
-        found = replace(found, by_prior={"normal": normal, "mixture": below})
-        if found.verdict == "loose" and normal < LEAST_NORMAL:
-            # Beside a gap the mixture is sure of what the hats smear over the next bolt.
-            return replace(found, verdict="undecided", note=f"the mixture is sure, but the Gaussian prior gives {100 * normal:.0f} %")
-        return found
+    # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
+    rule = replace(rule, threshold=min(update.mixture_threshold, float(result.changes.smeared[at])))
+    below = float(result.changes.below(rule.limit - excess, float(np.hypot(scatter, excess)))[at])
     mean, spread = float(result.changes.mean[at]) + excess, float(np.hypot(result.changes.std[at], excess))
-    found = weigh(verdict, mean, spread, rule, ceiling, below)
-    if found.verdict == "loose":
-        # With neighbours hard to tell apart the samples can settle on one of them for what no bolt did.
-        wide = weigh(verdict, change, std, replace(rule, threshold=min(rule.threshold, LOOSE_CHANGE))).probability_loose
-        if wide is not None and wide < AGREEMENT:
-            note = f"the mixture alone calls it loose: {100 * wide:.0f} % with the Gaussian prior"
-            return replace(found, verdict="undecided", note=note)
-    return found
+    return weigh(verdict, mean, spread, rule, ceiling, below)
 
 
 def _change(
@@ -297,7 +268,6 @@ def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdi
                 "change_std": verdict.change_std,
                 "threshold": verdict.threshold,
                 "probability_loose": verdict.probability_loose,
-                "probability_by_prior": verdict.by_prior,
                 "probability_changed": None if at is None or result.changes is None else result.changes.inclusion[at],
                 "verdict": verdict.verdict,
                 "removed": name in removed if stated else None,

@@ -286,7 +286,7 @@ def _unknowns(
 def _notes(inputs: Inputs, by: str) -> list[str]:
     notes = []
     update = inputs.campaign.update
-    if update.weights != "none":
+    if update.weights in ("coherence", "scatter"):
         notes.append(f"weights: {update.weights} is not known before the measurement: all lines count as if they were clean")
     if by == "values":
         notes.append("no bolts: every value along the edges stands for itself")

@@ -228,7 +228,7 @@ def _shape(asked: str, result: Identification) -> str:
     """Of the prior that the verdicts rest on."""
     if asked != "auto":
         return asked
-    return "normal" if result.changes is None else "normal and mixture"
+    return "normal" if result.changes is None else "mixture"
 
 
 def _typical(stds: Floats) -> float | None:

@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 #: Directions of the reference state's covariance below this share of its largest say nothing.
 LEAST_SHARE = 1e-10
 
+#: How many residuals tell as much as one would if the model were exact: the errors that are left are shared by lines and responses.
+COARSENING = 4.0
+
 #: Least variance of the residuals [dB²]: below it errors of the reference state and changes cannot be told apart in double precision.
 LEAST_VARIANCE = 1e-6
 
@@ -74,7 +77,7 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
     ]
     problem = MixtureProblem(
         data,
-        max(knowledge.noise.variance, LEAST_VARIANCE),
+        max(COARSENING * knowledge.noise.variance, LEAST_VARIANCE),
         np.vstack([level.bounds(parameters.bounds), free]),
         order,
         pairs,

@@ -9,7 +9,7 @@ from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.config.settings import JobConfig, UpdateConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.updating.residuals import ResidualOptions, coherence_sigma, noise_weights
+from lrbc_cli.updating.residuals import ResidualOptions, coherence_sigma
 
 Floats = NDArray[np.float64]
 
@@ -19,15 +19,15 @@ def residual_options(update: UpdateConfig) -> ResidualOptions:
     return ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor)
 
 
-def line_weights(
+def line_sigma(
     inputs: Inputs, measurement: Measurement, job: JobConfig, selected: NDArray[np.int64]
 ) -> tuple[Floats | None, tuple[str, ...]]:
-    """Weights of the selected lines of the responses used.
+    """Standard deviation of the measured magnitudes on the selected lines of the responses used.
 
     Returns
     -------
     (m, U) float array or None
-        None for ``weights: none``.
+        [dB], NaN where unknown; None for ``weights: none``.
     tuple of str
         Which lines keep the weight 1 because nothing is known of their noise.
 
@@ -37,6 +37,13 @@ def line_weights(
         For ``weights: scatter`` without repeated measurements.
     """
     kind = inputs.campaign.update.weights
+    automatic = kind == "auto"
+    if automatic:
+        # Without a noise variance that follows the residuals there is nothing to weigh the measurement's noise against.
+        known = bool(np.isfinite(measurement.coherence[np.ix_(selected, inputs.used)]).any()) and job.averages * measurement.files > 1
+        kind = "none" if inputs.campaign.update.regularisation != "auto" else "coherence" if known else "scatter"
+        if kind == "scatter" and measurement.sigma_db is None:
+            kind = "none"
     if kind == "none":
         return None, ()
     if kind == "coherence":
@@ -53,7 +60,7 @@ def line_weights(
         what = "coherence" if kind == "coherence" else "second measurement"
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
         notes = (f"weights: no {what}, hence the weight 1, for {named}",)
-    return noise_weights(chosen), notes
+    return chosen, notes
 
 
-__all__ = ["line_weights", "residual_options"]
+__all__ = ["line_sigma", "residual_options"]

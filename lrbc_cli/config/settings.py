@@ -146,10 +146,11 @@ class UpdateConfig(Strict):
         description="dB below a response's largest selected line under which differences fade, so that antiresonances do not dominate; "
         "absent: none. Not with residual: complex.",
     )
-    weights: Literal["none", "coherence", "scatter"] = Field(
-        default="none",
-        description="Weights of the lines 1/sqrt(1 + (sigma/1 dB)²): none, sigma from the coherence and the jobs' `averages`, or from the "
-        "scatter of the jobs' `repeats`.",
+    weights: Literal["auto", "none", "coherence", "scatter"] = Field(
+        default="auto",
+        description="Weights of the lines 1/sqrt(1 + (sigma/s)²): coherence, sigma from it and the jobs' `averages`; scatter, from the "
+        "jobs' `repeats`; none; auto: coherence or scatter where measured and regularisation is auto. s is what the model lacks, which "
+        "follows the residuals with regularisation: auto, else 1 dB.",
     )
     regularisation: Regularisation = Field(
         default="auto",
@@ -169,8 +170,7 @@ class UpdateConfig(Strict):
         default="auto",
         description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
         "mixture: each bolt tight or loose, which is sampled, for verdicts where neighbours are hard to tell apart; both need "
-        "regularisation: auto. auto: normal and mixture, each giving a probability, which are pooled (mean log odds); normal "
-        "where mixture does not serve.",
+        "regularisation: auto. auto: mixture where that serves, else normal.",
     )
     unknowns: Literal["auto", "values", "bolts"] = Field(
         default="auto",
@@ -213,7 +213,7 @@ class UpdateConfig(Strict):
     comparison: Literal["auto", "direct", "relative"] = Field(
         default="auto",
         description="direct: the model with the measurement; relative: after correcting the measurement by what the model lacks in the "
-        "reference job, so that small changes show; auto: relative, unless direct leaves less than half of its noise variance.",
+        "reference job, so that small changes show; auto: relative where changes at bolts are sought.",
     )
     largest_misfit: Positive = Field(
         default=3.0,

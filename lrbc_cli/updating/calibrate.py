@@ -118,7 +118,8 @@ class FactorProblem:
     selected : int array
         Lines of the last stage.
     options : ResidualOptions or None
-    weights : (selected, U) float array or None
+    sigma : (selected, U) float array or None
+        Standard deviation of the measured magnitudes [dB].
     further : tuple of Extra
         Unknowns of the job that are no factors, such as where the hammer hit.
     """
@@ -133,7 +134,7 @@ class FactorProblem:
     responses: NDArray[np.int64] = field(repr=False)
     selected: NDArray[np.int64] = field(repr=False)
     options: ResidualOptions | None = None
-    weights: Floats | None = field(default=None, repr=False)
+    sigma: Floats | None = field(default=None, repr=False)
     further: tuple[Extra, ...] = ()
 
     @property
@@ -175,7 +176,7 @@ class FactorProblem:
         options = ResidualOptions() if self.options is None else self.options
         if soft and options.loss_scale is None:
             options = replace(options, loss_scale=SOFT_SCALE)
-        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.weights)
+        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.sigma)
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
         """Cost between smoothed spectra; None where the lines lie too far apart for that."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logit
 from scipy.stats import norm
 
 from lrbc_cli.model.terms import LN10, ParameterGroup
@@ -21,9 +20,6 @@ NORMAL_95 = float(norm.ppf(0.975))
 
 #: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
 CHI2_95 = NORMAL_95**2
-
-#: No prior is surer than this when it is pooled with others.
-LEAST_PROBABILITY = 1e-6
 
 #: The alarm threshold keeps this many standard deviations of the changes between tight states.
 SCATTER_MARGIN = 4.0
@@ -124,25 +120,6 @@ class Rule:
     def limit(self) -> float:
         """The threshold, or further down where tight states scatter that much."""
         return min(self.threshold, -SCATTER_MARGIN * self.scatter)
-
-
-def pooled(probabilities: Sequence[float]) -> float:
-    """One probability from those that several priors give: the mean of their log odds.
-
-    The logarithmic opinion pool (Genest and Zidek, Stat. Sci. 1, 1986): one that is nearly sure moves it as far as it is sure, and two that
-    contradict each other cancel.
-
-    Parameters
-    ----------
-    probabilities : sequence of float
-        Of the same event.
-
-    Returns
-    -------
-    float
-    """
-    p = np.clip(np.asarray(probabilities, dtype=float), LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
-    return float(expit(logit(p).mean()))
 
 
 def weigh(

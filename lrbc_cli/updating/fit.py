@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.misfit import Evaluation, Misfit, Sensitive
+from lrbc_cli.updating.misfit import ChangeError, Evaluation, Misfit, Sensitive
 from lrbc_cli.updating.noise import Noise, estimate_noise
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.shapes import Shapes
@@ -123,6 +123,16 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
     return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response)
 
 
+def weighed(misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None) -> tuple[Misfit, float]:
+    """The cost with its lines weighted against what the model lacks at an optimum, and the noise variance to be expected then."""
+    if error is not None:
+        misfit = misfit.about(theta, error)
+    if not misfit.weighted:
+        return misfit, noise.variance
+    level = misfit.followed(theta, evaluation)
+    return misfit.with_level(level), level**2 * noise.factor
+
+
 def sparse_weights(z: Floats, std: Floats) -> Floats:
     """Factors on the rows of the penalty that turn squares into a Student t prior, at the present z (iteratively reweighted squares)."""
     relative = np.where(np.isfinite(std), z / np.where(np.isfinite(std), std, 1.0), 0.0)
@@ -136,6 +146,7 @@ def follow_noise(
     shapes: Shapes,
     selected: NDArray[np.int64],
     sparse: bool,
+    error: ChangeError | None = None,
 ) -> tuple[Misfit, Solution, Noise]:
     """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
 
@@ -165,7 +176,7 @@ def follow_noise(
             z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
             # Unknowns without a prior have no row.
             misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
-        before = noise.variance
+        misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error)
         misfit = misfit.with_eta(max(before, 1e-6))
         found = again(misfit, solution.theta)
         first = len(history)

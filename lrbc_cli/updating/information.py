@@ -150,7 +150,8 @@ def experiment(
     y, J = _evaluate(model, theta, options)
     R = y.shape[1]
     weights = fading(y, quantity)
-    data = [_data(y[:, [r]], options, weights[:, [r]] / np.sqrt(variance)) for r in range(R)]
+    data = [_data(y[:, [r]], options) for r in range(R)]
+    weights = weights / np.sqrt(variance)
 
     def parts(values: NDArray[np.complexfloating], slopes: Floats) -> list[tuple[Floats, Floats]]:
         """Scaled residuals and Jacobian of each response."""
@@ -160,7 +161,8 @@ def experiment(
                 found.append((np.zeros(0), np.zeros((0, K))))
             else:
                 own, rows, _ = residual(values[:, [r]], slopes[:, [r]])
-                found.append((own, rows @ T))
+                weight = np.tile(weights[:, [r]][residual.valid], own.size // int(residual.valid.sum()))
+                found.append((weight * own, weight[:, None] * rows @ T))
         return found
 
     tight = [rows for _, rows in parts(y, J)]
@@ -201,9 +203,9 @@ def _evaluate(model: Sensitive, theta: Floats, options: ResidualOptions) -> tupl
     return y, np.where(np.isfinite(J), J, 0.0)
 
 
-def _data(y: NDArray[np.complexfloating], options: ResidualOptions, weights: Floats) -> DataResidual | None:
+def _data(y: NDArray[np.complexfloating], options: ResidualOptions) -> DataResidual | None:
     try:
-        return DataResidual(y, options, weights)
+        return DataResidual(y, options)
     except DataError:
         return None
 

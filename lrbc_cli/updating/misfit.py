@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decibel
+from lrbc_cli.updating.noise import spent
+from lrbc_cli.updating.residuals import DB, SIGMA_DB, DataResidual, ResidualOptions, decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -161,6 +162,58 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
     return np.vstack(rows) if rows else np.zeros((0, parameters.size))
 
 
+#: Standard deviation of the shift of a resonance that a model predicts, over that shift: 0.08 to 0.17 where bolts of virtual rigs are
+#: removed.
+SHIFT_ERROR = 0.12
+
+#: Distance of the knots between which such errors are interpolated, and of the lines between which a slope is taken, over the highest line.
+KNOTS, SLOPE_STEP = 0.02, 1e-4
+
+
+@dataclass(frozen=True)
+class ChangeError:
+    """How wrong a predicted change of the FRFs may be.
+
+    A resonance that the model moves may in fact have moved by some percent more or less, in all responses alike: an unknown shift of the
+    axis of frequency, piecewise linear, with a standard deviation of that share of how far the resonances nearby have moved.
+
+    Attributes
+    ----------
+    most : float
+        Error of a level that no change exceeds [dB].
+    here, nearby : callable
+        From the boundary's theta to (F, R) FRFs at the lines, and at lines that lie ``step_hz`` above.
+    frequency_hz : (F,) float array
+    step_hz : float
+    size : int
+        Of that theta; what drifted stands behind it.
+    """
+
+    most: float
+    here: Callable[[Floats], Complexes]
+    nearby: Callable[[Floats], Complexes]
+    frequency_hz: Floats = field(repr=False)
+    step_hz: float
+    size: int
+
+    def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes]:
+        """(F, R) change of the levels from the prior to theta [dB], and (F, R, K) errors of one standard deviation."""
+        f = self.frequency_hz
+        spacing = KNOTS * f.max()
+        knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
+        hats = np.column_stack([np.interp(f, knots, row) for row in np.eye(knots.size)])
+        hats = hats[:, hats.any(axis=0)]
+        before, now = self.here(prior[: self.size]), self.here(theta[: self.size])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first = DB * np.log(self.nearby(prior[: self.size]) / before) / self.step_hz
+            slope = DB * np.log(self.nearby(theta[: self.size]) / now) / self.step_hz
+            change = decibel(now) - decibel(before)
+        slope, first, change = (np.where(np.isfinite(x), x, 0.0) for x in (slope, first, change))
+        steep = 0.5 * (slope.real**2 + first.real**2)
+        shift = np.sqrt((hats.T @ (change**2).sum(axis=1)) / np.maximum(hats.T @ steep.sum(axis=1), np.finfo(float).tiny))
+        return change, np.asarray(slope[:, :, None] * (SHIFT_ERROR * hats * shift)[:, None, :])
+
+
 class Misfit:
     """Cost (29) with gradient and Jacobian at the selected lines.
 
@@ -179,8 +232,10 @@ class Misfit:
 
     options : ResidualOptions or None
         How data residuals are formed; as in (29) where None.
-    weights : (F, R) float array or None
-        Factors on the data residuals.
+    sigma : (F, R) float array or None
+        Standard deviation of the measured magnitude [dB], by which lines are weighted.
+    level : float
+        Standard deviation of what the model lacks [dB], against which that of the measurement counts.
 
     Raises
     ------
@@ -196,10 +251,11 @@ class Misfit:
         eta: float,
         penalty: Floats | None = None,
         options: ResidualOptions | None = None,
-        weights: Floats | None = None,
+        sigma: Floats | None = None,
+        level: float = SIGMA_DB,
     ) -> None:
         self.model = model
-        self._data = DataResidual(measured, options, weights)
+        self._data = DataResidual(measured, options, sigma, level)
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
         self.rows = rows[np.any(rows != 0.0, axis=1)]
@@ -255,6 +311,40 @@ class Misfit:
         other = copy(self)
         other.model, other.prior, other.eta = model, prior, eta
         return other.with_rows(rows)
+
+    @property
+    def level(self) -> float:
+        """Standard deviation of what the model lacks [dB]."""
+        return self._data.level
+
+    @property
+    def weighted(self) -> bool:
+        """Whether lines are weighted by what is known of their noise."""
+        return self._data.weighted
+
+    def with_level(self, level: float) -> Misfit:
+        """The same cost with another standard deviation of what the model lacks."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.with_level(level), 0
+        return other
+
+    def weighted_as(self, other: Misfit) -> Misfit:
+        """The same cost with the weights of another on the same lines."""
+        found = copy(self)
+        found._data, found.evaluations = self._data.weighted_as(other._data), 0
+        return found
+
+    def about(self, theta: Floats, error: ChangeError) -> Misfit:
+        """The same cost with lines weighted by how far the boundary has moved the model at theta from the prior."""
+        other = copy(self)
+        change, patterns = error(self.prior, theta)
+        other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, patterns), 0
+        return other
+
+    def followed(self, theta: Floats, evaluation: Evaluation) -> float:
+        """Standard deviation of what the model lacks, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
+        rows = evaluation.residual.size - self.penalty.shape[0]
+        return self._data.follow(self.model.frf(theta), spent(evaluation.jacobian[:rows], evaluation.jacobian[rows:]))
 
     def with_eta(self, eta: float) -> Misfit:
         """The same cost with another weight of the penalty, and its own count of evaluations."""

@@ -80,6 +80,18 @@ def correlation_factor(residual: Floats, jacobian: Floats, line: NDArray[np.int6
     return max(factor, 1.0)
 
 
+def spent(jacobian: Floats, penalty: Floats) -> float:
+    """How many unknowns the data determine, the penalty taking freedom from them.
+
+    Parameters
+    ----------
+    jacobian, penalty : (m, k) and (q, k) float arrays
+        Of the data, and of the weighted penalty.
+    """
+    normal = jacobian.T @ jacobian
+    return float(np.trace(np.linalg.lstsq(normal + penalty.T @ penalty, normal, rcond=1e-12)[0]))
+
+
 def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: NDArray[np.int64], response: NDArray[np.int64]) -> Noise:
     """Scatter of the data residuals at an optimum.
 
@@ -96,9 +108,6 @@ def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: ND
     -------
     Noise
     """
-    normal = jacobian.T @ jacobian
-    total = normal + penalty.T @ penalty
-    spent = float(np.trace(np.linalg.lstsq(total, normal, rcond=1e-12)[0]))
-    freedom = max(residual.size - spent, 1.0)
+    freedom = max(residual.size - spent(jacobian, penalty), 1.0)
     sigma = float(np.sqrt(residual @ residual / freedom))
     return Noise(sigma, correlation_factor(residual, jacobian, line, response))

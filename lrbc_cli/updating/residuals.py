@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from lrbc_cli.errors import DataError
 
@@ -18,6 +20,13 @@ DB = 20.0 / float(np.log(10.0))
 
 #: Standard deviation at which a line loses half of its weight in the sum of squares [dB].
 SIGMA_DB = 1.0
+
+#: Least and largest standard deviation of what a model lacks [dB].
+LEAST_LEVEL, MOST_LEVEL = 0.01, 100.0
+
+#: Standard deviation of the change of a level that a model predicts, over that change: 0.1 to 0.35 (rms over the lines) where single bolts
+#: of virtual rigs are removed.
+CHANGE_ERROR = 0.25
 
 #: Coherences below this say no more than that there is nothing but noise.
 LEAST_COHERENCE = 1e-4
@@ -49,6 +58,24 @@ class ResidualOptions:
     floor: float | None = None
 
 
+class _Shared:
+    """Errors that residuals share, taken out: ``(I + BBᵀ)^(-1/2)``, the columns of B being the errors over the residuals' own.
+
+    Parameters
+    ----------
+    patterns : (m, k) float array
+    """
+
+    def __init__(self, patterns: Floats) -> None:
+        power, rotation = np.linalg.eigh(patterns.T @ patterns)
+        kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
+        self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
+        self._taken = 1.0 - 1.0 / np.sqrt(1.0 + power[kept])
+
+    def __call__(self, columns: Floats) -> Floats:
+        return np.asarray(columns - (self._directions * self._taken) @ (self._directions.T @ columns))
+
+
 class DataResidual:
     """Residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
 
@@ -57,14 +84,17 @@ class DataResidual:
     measured : (F, R) complex array
         NaN or zero where a line is not to count.
     options : ResidualOptions
-    weights : (F, R) float array or None
-        Factors on the residuals; ones where None.
+    sigma : (F, R) float array or None
+        Standard deviation of the measured magnitude [dB], NaN where unknown; lines are weighted by it, see ``noise_weights``.
+    level : float
+        Standard deviation of what the model lacks [dB].
 
     Attributes
     ----------
     valid : (F, R) bool array
     target : (F, R) float array
         Measurement in dB, zero where not valid.
+    level : float
 
     Raises
     ------
@@ -72,7 +102,9 @@ class DataResidual:
         Where nothing is left to compare.
     """
 
-    def __init__(self, measured: Complexes, options: ResidualOptions | None = None, weights: Floats | None = None) -> None:
+    def __init__(
+        self, measured: Complexes, options: ResidualOptions | None = None, sigma: Floats | None = None, level: float = SIGMA_DB
+    ) -> None:
         self.options = ResidualOptions() if options is None else options
         self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
         if not self.valid.any():
@@ -80,7 +112,7 @@ class DataResidual:
         filled = np.where(self.valid, measured, 1.0)
         self.target = np.where(self.valid, decibel(filled), 0.0)
         self._measured = filled[self.valid]
-        self._weights = None if weights is None else weights[self.valid]
+        self._sigma = None if sigma is None else np.nan_to_num(sigma[self.valid], nan=0.0, posinf=np.inf)
         power = np.where(self.valid, np.abs(filled) ** 2, 0.0)
         self._floor: Floats | None = None
         if self.options.floor is not None:
@@ -90,6 +122,113 @@ class DataResidual:
             # A response without any line has no rms, and needs none.
             rms = np.sqrt(power.sum(axis=0) / np.maximum(self.valid.sum(axis=0), 1))
             self._rms = np.broadcast_to(rms, self.valid.shape)[self.valid]
+            if self._sigma is not None:
+                # A dB of a weak line is little of the response's rms.
+                self._sigma = self._sigma * np.abs(self._measured) / self._rms
+        self._noise = self._sigma
+        self._patterns: Floats | None = None
+        self._weigh(level)
+
+    def _weigh(self, level: float) -> None:
+        self.level = level
+        self._weights = None if self._sigma is None else noise_weights(self._sigma, level)
+        patterns = self._patterns
+        self._shared = None if patterns is None else _Shared(self._own_weights(patterns.shape[0])[:, None] * patterns / level)
+
+    def _own_weights(self, count: int) -> Floats:
+        """(count,) weights of the residuals."""
+        return np.ones(count) if self._weights is None else np.tile(self._weights, count // self._weights.size)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether lines are weighted by what is known of their noise."""
+        return self._sigma is not None or self._patterns is not None
+
+    def with_level(self, level: float) -> DataResidual:
+        """The same with another standard deviation of what the model lacks [dB]."""
+        other = copy(self)
+        other._weigh(level)
+        return other
+
+    def weighted_as(self, other: DataResidual) -> DataResidual:
+        """The same with the weights of another on the same lines."""
+        found = copy(self)
+        found._sigma, found._patterns = other._sigma, other._patterns
+        found._weigh(other.level)
+        return found
+
+    def with_change(self, y: Complexes, change: Floats, most: float, patterns: Floats | Complexes) -> DataResidual:
+        """The same where the model has moved by so much [dB] from a state that it explains: a share of that may be wrong.
+
+        Parameters
+        ----------
+        y : (F, R) complex array
+            FRFs there.
+        change : (F, R) float array
+            In dB.
+        most : float
+            The error that no change exceeds: that of a state which is compared with nothing [dB].
+        patterns : (F, R, K) float or complex array
+            Errors that the lines share, each with a standard deviation of one: ``20/ln10`` times the change of ln(H).
+
+        Returns
+        -------
+        DataResidual
+        """
+        other = copy(self)
+        wrong = CHANGE_ERROR * np.abs(change[self.valid])
+        wrong = wrong / np.sqrt(1.0 + (wrong / most) ** 2)
+        if self.options.kind == "complex":
+            wrong = wrong * np.abs(self._measured) / self._rms
+        other._sigma = wrong if self._noise is None else np.hypot(self._noise, wrong)
+        other._weights = other._shared = None
+        rows: NDArray[Any] = patterns if self.phase else patterns.real
+        _, other._patterns, _ = other(y, rows)
+        other._weigh(self.level)
+        return other
+
+    def raw(self, y: Complexes) -> Floats:
+        """Residuals before they are weighted."""
+        other = copy(self)
+        other._weights = other._shared = None
+        return other(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+
+    def follow(self, y: Complexes, spent: float) -> float:
+        """Standard deviation of what the model lacks, by the residuals that are left [dB].
+
+        The s at which the sum of squares is ``s²`` for each residual less those that the unknowns take: lines that the measurement's noise
+        explains, and errors that lines share, tell nothing of the rest.
+
+        Parameters
+        ----------
+        y : (F, R) complex array
+            FRFs at the optimum.
+        spent : float
+            Unknowns that the residuals determine.
+
+        Returns
+        -------
+        float
+            At least ``LEAST_LEVEL``; the present one where nothing is known of the noise.
+        """
+        if not self.weighted:
+            return self.level
+        residual = self.raw(y)
+        freedom = max(float(residual.size) - spent, 1.0)
+
+        def excess(log_level: float) -> float:
+            level = float(np.exp(log_level))
+            other = self.with_level(level)
+            own = other._whiten(other._own_weights(residual.size) * residual)
+            return float(own @ own) / level**2 / freedom - 1.0
+
+        low, high = np.log(LEAST_LEVEL), np.log(MOST_LEVEL)
+        if excess(low) <= 0.0:
+            return LEAST_LEVEL
+        return MOST_LEVEL if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
+
+    def _whiten(self, columns: Floats) -> Floats:
+        return columns if self._shared is None else self._shared(columns)
 
     @property
     def phase(self) -> bool:
@@ -128,7 +267,7 @@ class DataResidual:
             residual, jacobian = self._weights * residual, self._weights[:, None] * jacobian
         if np.iscomplexobj(residual):
             residual, jacobian = np.concatenate([residual.real, residual.imag]), np.vstack([jacobian.real, jacobian.imag])
-        return np.asarray(residual), np.asarray(jacobian), difference
+        return self._whiten(np.asarray(residual)), self._whiten(np.asarray(jacobian)), difference
 
     def _logarithmic(
         self, now: Complexes, difference: Floats, jacobian: Floats | Complexes
@@ -193,14 +332,16 @@ def coherence_sigma(coherence: Floats, averages: Floats | int) -> Floats:
     return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
 
 
-def noise_weights(sigma: Floats) -> Floats:
-    """Factors ``1/sqrt(1 + (sigma/1 dB)²)`` on residuals in dB; 1 where sigma is NaN.
+def noise_weights(sigma: Floats, level: float = SIGMA_DB) -> Floats:
+    """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 where sigma is NaN.
 
-    Below 1 dB the errors of a model outweigh those of a measurement: such lines keep about their weight.
+    Below the level the errors of a model outweigh those of a measurement: such lines keep about their weight.
 
     Parameters
     ----------
     sigma : float array
         Standard deviations [dB].
+    level : float
+        Standard deviation of what the model lacks [dB].
     """
-    return np.where(np.isnan(sigma), 1.0, 1.0 / np.sqrt(1.0 + (np.nan_to_num(sigma, posinf=np.inf) / SIGMA_DB) ** 2))
+    return np.where(np.isnan(sigma), 1.0, 1.0 / np.sqrt(1.0 + (np.nan_to_num(sigma, posinf=np.inf) / level) ** 2))

@@ -59,8 +59,6 @@ class BoltVerdict:
         That the change lies below the threshold.
     threshold : float or None
         Of the change [decades].
-    by_prior : dict or None
-        Probabilities that were pooled, by the shape of their prior.
     """
 
     log10_stiffness: float
@@ -73,7 +71,6 @@ class BoltVerdict:
     change_std: float | None = None
     probability_loose: float | None = None
     threshold: float | None = None
-    by_prior: dict[str, float] | None = None
 
 
 def pitch_of(bolts: Floats) -> float:

@@ -11,6 +11,7 @@ import pytest
 from campaigns import BOX_TRUTH, Folder, box, frame
 
 import lrbc_cli.campaign.identify as identification
+from lrbc_cli.campaign import sampling
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
@@ -97,7 +98,7 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path, monkeypatch: p
     from lrbc_cli.updating.misfit import Misfit
     from lrbc_cli.updating.optimise import gauss_newton
 
-    study = Study(box(tmp_path / "box"), monkeypatch, "update.comparison=direct")
+    study = Study(box(tmp_path / "box"), monkeypatch, "update.comparison=direct", "update.weights=none")
     tight = BOX_TRUTH["tight"]
     study.measure(study.tight, study.model.frf(tight), 0.0)
     reference = study.reference()
@@ -189,6 +190,8 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("loose", [None, 2])
 def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
+    # The model is exact.
+    monkeypatch.setattr(sampling, "COARSENING", 1.0)
     study = Study(plane_box(tmp_path / "box"), monkeypatch, f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
     tight = BOX_TRUTH["tight"]
     study.measure(study.tight, study.model.frf(tight), 0.005)
@@ -204,8 +207,8 @@ def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tm
     apart = (result.changes.mean - z[result.changes.bolts]) / result.changes.std
     assert np.abs(apart).max() < 3.5
     # Where the data say far more than either prior both give the same: what drifted and the reference state are marginalised alike.
-    np.testing.assert_allclose(result.changes.std, result.posterior.std[result.changes.bolts], rtol=0.2)
-    np.testing.assert_allclose(result.changes.mean, result.posterior.z[result.changes.bolts], atol=1e-3)
+    np.testing.assert_allclose(result.changes.std, result.posterior.std[result.changes.bolts], rtol=0.3)
+    np.testing.assert_allclose(result.changes.mean, result.posterior.z[result.changes.bolts], atol=4e-3)
 
 
 # -- baselines, the gate and plans ----------------------------------------------------------------------------------------
@@ -248,8 +251,11 @@ def test_baselines(with_baselines: Folder) -> None:
     scatter = results["loose"]["prior"]["scatter"]
     assert scatter == pytest.approx(np.sqrt(np.mean(np.square(changes))))
     assert scatter > 0
+    far = {"B1", "B6"}
     for bolt in results["loose"]["bolts"]:
-        assert bolt["threshold"] == pytest.approx(min(-0.5, -4 * scatter))
+        # Beside the gap, B3 and B4, it lies further down.
+        assert bolt["threshold"] <= min(-0.3, -4 * scatter) + 1e-12
+        assert bolt["name"] not in far or bolt["threshold"] == pytest.approx(min(-0.3, -4 * scatter))
         assert bolt["change_std"] >= scatter
     # In any order the same.
     assert folder.run("update", "--force", "--workers", "3").code == 0

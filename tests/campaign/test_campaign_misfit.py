@@ -11,7 +11,7 @@ from test_campaign_identify import identify, measure, values
 
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.unknowns import select_lines
-from lrbc_cli.campaign.weights import line_weights
+from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
@@ -83,15 +83,16 @@ def test_the_scatter_of_repeats_is_a_weight(box: Folder) -> None:
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
     selected = select_lines(inputs, measurement, "loose")
-    weights, notes = line_weights(inputs, measurement, job, selected)
+    sigma, notes = line_sigma(inputs, measurement, job, selected)
     assert notes == ()
-    assert weights is not None
+    assert sigma is not None
     assert measurement.sigma_db is not None
-    np.testing.assert_allclose(weights, noise_weights(measurement.sigma_db[np.ix_(selected, inputs.used)]))
+    np.testing.assert_array_equal(sigma, measurement.sigma_db[np.ix_(selected, inputs.used)])
+    weights = noise_weights(sigma)
     assert weights.min() < 0.5 < weights.max() < 1.0
     alone = inputs.campaign.jobs["loose"].model_copy(update={"repeats": ()})
     with pytest.raises(DataError, match="need repeated measurements"):
-        line_weights(inputs, read_measurement(inputs, alone, "loose"), alone, selected)
+        line_sigma(inputs, read_measurement(inputs, alone, "loose"), alone, selected)
 
 
 def test_repeats_change_the_result(box: Folder) -> None:
@@ -121,10 +122,10 @@ def test_coherence_is_a_weight(box: Folder) -> None:
     job = inputs.campaign.jobs["loose"]
     measurement = read_measurement(inputs, job, "loose")
     selected = select_lines(inputs, measurement, "loose")
-    weights, notes = line_weights(inputs, measurement, job, selected)
-    assert weights is not None
-    np.testing.assert_allclose(weights[:, 0], noise_weights(coherence_sigma(g2[selected], 3)), rtol=1e-6)
-    np.testing.assert_array_equal(weights[:, -1], 1.0)
+    sigma, notes = line_sigma(inputs, measurement, job, selected)
+    assert sigma is not None
+    np.testing.assert_allclose(sigma[:, 0], coherence_sigma(g2[selected], 3), rtol=1e-6)
+    assert np.isnan(sigma[:, -1]).all()
     (note,) = notes
     assert f"no coherence, hence the weight 1, for {inputs.responses[inputs.used[-1]].name} ({selected.size} lines)" in note
     tree = identify(box, "update.weights=coherence", "jobs.loose.averages=3")

@@ -10,7 +10,7 @@ from linear import line_group
 from scipy.stats import norm
 
 from lrbc_cli.model.terms import smoothing_matrix
-from lrbc_cli.updating.confidence import CHI2_95, SCATTER_MARGIN, Rule, band, open_sides, pooled, weigh
+from lrbc_cli.updating.confidence import CHI2_95, SCATTER_MARGIN, Rule, band, open_sides, weigh
 from lrbc_cli.updating.verdicts import BoltVerdict
 
 PLACE = BoltVerdict(4.0, None, "undecided", None)
@@ -122,15 +122,3 @@ class TestWeigh:
     def test_no_uncertainty(self) -> None:
         assert weigh(PLACE, -0.6, 0.0, self.rule).probability_loose == 1.0
         assert weigh(PLACE, -0.4, 0.0, self.rule).probability_loose == 0.0
-
-
-class TestPooled:
-    def test_odds_are_multiplied(self) -> None:
-        # Odds of 9 and 4: the root of 36 is 6.
-        assert pooled([0.9, 0.8]) == pytest.approx(6 / 7)
-        assert pooled([0.3]) == pytest.approx(0.3)
-        assert pooled([0.97, 0.03]) == pytest.approx(0.5)
-
-    def test_certainty_is_no_veto(self) -> None:
-        assert pooled([1.0, 0.0]) == pytest.approx(0.5)
-        assert 0.99 < pooled([1.0, 0.5]) < 1.0

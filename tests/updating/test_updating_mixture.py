@@ -10,7 +10,7 @@ from linear import line_group
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixturePrior, MixtureProblem, sample_changes
+from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixturePrior, MixtureProblem, adjacency, sample_changes
 from lrbc_cli.updating.shapes import bolt_shapes, neighbours
 
 BOLTS, ROWS = 8, 40
@@ -46,8 +46,11 @@ class Toy:
         problem, logs, means, stds = self.problem(), [], [], []
         kinds = np.array(list(product([False, True], repeat=BOLTS)))
         for loose in kinds:
-            mean = np.concatenate([problem.mean[: self.further], np.where(loose, PRIOR.loose_mean, 0.0)])
-            cov = np.diag(np.concatenate([problem.std[: self.further], np.where(loose, PRIOR.loose_std, PRIOR.tight_std)]) ** 2)
+            gap = np.convolve(loose, [1, 0, 1], "same") > 0
+            means_of = np.where(gap, PRIOR.loose_mean, PRIOR.alone_mean)
+            stds_of = np.where(gap, PRIOR.loose_std, PRIOR.alone_std)
+            mean = np.concatenate([problem.mean[: self.further], np.where(loose, means_of, 0.0)])
+            cov = np.diag(np.concatenate([problem.std[: self.further], np.where(loose, stds_of, PRIOR.tight_std)]) ** 2)
             total = self.J @ cov @ self.J.T + problem.variance * np.eye(ROWS)
             logs.append(multivariate_normal.logpdf(-self.r0, self.J @ mean, total) + loose.sum() * PRIOR.log_odds)
             gain = cov @ self.J.T @ np.linalg.inv(total)
@@ -106,7 +109,9 @@ def test_where_the_data_say_nothing_the_prior_stays() -> None:
     toy.J[:] *= 1e-6
     found = sample_changes(toy.problem(), np.zeros(2 + BOLTS))
     np.testing.assert_allclose(found.inclusion, PRIOR.loose_share, atol=1e-3)
-    np.testing.assert_allclose(found.mean, PRIOR.loose_share * PRIOR.loose_mean, atol=1e-3)
+    share = PRIOR.loose_share
+    alone = np.array([1 - share, *[(1 - share) ** 2] * (BOLTS - 2), 1 - share])
+    np.testing.assert_allclose(found.mean, share * (alone * PRIOR.alone_mean + (1 - alone) * PRIOR.loose_mean), atol=1e-3)
 
 
 def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
@@ -124,13 +129,14 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
     assert found.below(-0.3)[3] > 0.99
 
 
-def test_rank_one_changes_are_what_a_fresh_start_gives() -> None:
+def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
     rng = np.random.default_rng(3)
     J = rng.normal(size=(12, 5))
     A, b = J.T @ J, rng.normal(size=5)
+    pairs = [(0, 1), (1, 2), (3, 4)]
 
     def evidence(loose: np.ndarray) -> float:
-        precision, mean = PRIOR.of(loose)
+        precision, mean = PRIOR.of(loose, adjacency(5, pairs))
         H, h = A + np.diag(precision), b + precision * mean
         return float(
             0.5 * h @ np.linalg.solve(H, h)
@@ -140,22 +146,25 @@ def test_rank_one_changes_are_what_a_fresh_start_gives() -> None:
             + loose.sum() * PRIOR.log_odds
         )
 
-    score = KindScore(A, b, PRIOR, np.array([True, False, False, True, False]))
+    score = KindScore(A, b, PRIOR, np.array([True, False, False, True, False]), pairs)
     for i in rng.integers(5, size=30):
         before = score.loose.copy()
-        flipped = before.copy()
-        flipped[i] = not flipped[i]
-        assert score.gain(i) == pytest.approx(evidence(flipped) - evidence(before), abs=1e-8)
-        both = flipped.copy()
-        both[(i + 1) % 5] = not both[(i + 1) % 5]
-        assert score.swap_gain(i, (i + 1) % 5) == pytest.approx(evidence(both) - evidence(before), abs=1e-8)
-        either = score.conditionals(i)
+        gains, means, stds = score.flips()
+        for k in range(5):
+            flipped = before.copy()
+            flipped[k] = not flipped[k]
+            assert gains[k] == pytest.approx(evidence(flipped) - evidence(before), abs=1e-8)
+            fresh = KindScore(A, b, PRIOR, flipped, pairs)
+            own, other = int(before[k]), int(flipped[k])
+            assert means[k, other] == pytest.approx(fresh.mean[k], abs=1e-10)
+            assert stds[k, other] == pytest.approx(np.sqrt(fresh.covariance[k, k]), abs=1e-10)
+            assert means[k, own] == score.mean[k]
+        for gain, pair in zip(score.swaps(), pairs, strict=True):
+            both = before.copy()
+            both[list(pair)] = ~both[list(pair)]
+            assert gain == pytest.approx(evidence(both) - evidence(before), abs=1e-8)
         score.flip(i)
-        np.testing.assert_array_equal(score.loose, flipped)
-        assert either[int(flipped[i])] == pytest.approx((score.mean[i], np.sqrt(score.covariance[i, i])))
-        fresh = KindScore(A, b, PRIOR, flipped)
-        np.testing.assert_allclose(score.covariance, fresh.covariance, atol=1e-10)
-        np.testing.assert_allclose(score.mean, fresh.mean, atol=1e-10)
+        assert score.loose.tolist() == [bool(kind) != (k == i) for k, kind in enumerate(before)]
 
 
 def test_moments_of_two_conditionals() -> None:

@@ -14,7 +14,17 @@ from systems import direct_frf
 
 from lrbc_cli.updating.misfit import Misfit, decibel, port_model, reduced_model
 from lrbc_cli.updating.optimise import gauss_newton
-from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, coherence_sigma, noise_weights, soft
+from lrbc_cli.updating.residuals import (
+    CHANGE_ERROR,
+    DB,
+    LEAST_LEVEL,
+    SIGMA_DB,
+    DataResidual,
+    ResidualOptions,
+    coherence_sigma,
+    noise_weights,
+    soft,
+)
 
 ROWS = np.array([0, 2, 3])
 KINDS = ("db", "log-complex", "complex")
@@ -37,7 +47,7 @@ def state(at=(4, 5, 6), rows=ROWS):
     return model, parameters, y
 
 
-def misfit_of(options, *, eta=0.04, weights=None, measured=None, formula="port"):
+def misfit_of(options, *, eta=0.04, sigma=None, measured=None, formula="port"):
     model, parameters, own = state()
     measured = own if measured is None else measured
     by = (
@@ -45,7 +55,7 @@ def misfit_of(options, *, eta=0.04, weights=None, measured=None, formula="port")
         if formula == "port"
         else reduced_model(pads_dynamic(model), S, parameters, ROWS)
     )
-    return Misfit(by, measured, parameters.initial, eta, None, options, weights)
+    return Misfit(by, measured, parameters.initial, eta, None, options, sigma)
 
 
 def wavy(parameters, seed=2):
@@ -57,22 +67,22 @@ def wavy(parameters, seed=2):
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("options", CASES, ids=case_name)
 class TestTaylor:
-    def weights(self, weighted):
-        return np.random.default_rng(7).uniform(0.2, 1.0, size=(S.size, ROWS.size)) if weighted else None
+    def sigma(self, weighted):
+        return np.random.default_rng(7).uniform(0.2, 2.0, size=(S.size, ROWS.size)) if weighted else None
 
     def test_cost(self, options, weighted):
-        misfit = misfit_of(options, weights=self.weights(weighted))
+        misfit = misfit_of(options, sigma=self.sigma(weighted))
         theta = wavy(misfit.model.parameters)
         direction = np.random.default_rng(14).normal(size=theta.size)
         # The smallest steps would not cross a wrapped phase: the measurement lies in general position.
         check_derivative(lambda t: misfit(t).cost, misfit(theta).gradient, theta, direction / np.linalg.norm(direction), first=0.01)
 
     def test_residuals(self, options, weighted):
-        misfit = misfit_of(options, weights=self.weights(weighted))
+        misfit = misfit_of(options, sigma=self.sigma(weighted))
         theta = misfit.model.parameters.initial + 0.02 * np.random.default_rng(5).normal(size=misfit.model.parameters.size)
         # About a state of the model itself no phase is near the wrap.
         measured = misfit.model.frf(misfit.model.parameters.initial)
-        near = misfit_of(options, weights=self.weights(weighted), measured=measured)
+        near = misfit_of(options, sigma=self.sigma(weighted), measured=measured)
         direction = np.random.default_rng(3).normal(size=theta.size)
         check_derivative(lambda t: near(t).residual, near(theta).jacobian, theta, direction / np.linalg.norm(direction), first=0.01)
 
@@ -87,8 +97,8 @@ class TestEvery:
 
     def test_the_reported_misfit_is_plain(self, options):
         theta = wavy(pads_model(THIRDS, extras=True)[1])
-        weights = np.full((S.size, ROWS.size), 0.3)
-        assert misfit_of(options, weights=weights)(theta).misfit_db == misfit_of(ResidualOptions())(theta).misfit_db
+        sigma = np.full((S.size, ROWS.size), 0.3)
+        assert misfit_of(options, sigma=sigma)(theta).misfit_db == misfit_of(ResidualOptions())(theta).misfit_db
 
     def test_data_and_rows(self, options):
         misfit = misfit_of(options, eta=0.3)
@@ -250,18 +260,117 @@ class TestWeights:
         np.testing.assert_allclose(noise_weights(np.array([0.0, 1.0, np.nan, np.inf])), [1.0, np.sqrt(0.5), 1.0, 0.0])
         assert np.all(np.diff(noise_weights(np.linspace(0, 10, 50))) < 0)
 
-    def test_ones_change_nothing(self):
+    def test_no_noise_changes_nothing(self):
         theta = wavy(pads_model(THIRDS, extras=True)[1])
-        plain, ones = misfit_of(ResidualOptions())(theta), misfit_of(ResidualOptions(), weights=np.ones((S.size, ROWS.size)))(theta)
-        np.testing.assert_array_equal(plain.residual, ones.residual)
-        np.testing.assert_array_equal(plain.jacobian, ones.jacobian)
+        plain, none = misfit_of(ResidualOptions())(theta), misfit_of(ResidualOptions(), sigma=np.zeros((S.size, ROWS.size)))(theta)
+        np.testing.assert_array_equal(plain.residual, none.residual)
+        np.testing.assert_array_equal(plain.jacobian, none.jacobian)
 
-    def test_a_line_without_weight_does_not_matter(self):
+    @pytest.mark.parametrize("kind", ["db", "log-complex", "complex"])
+    def test_a_line_that_is_only_noise_does_not_matter(self, kind):
         _, parameters, measured = state()
-        measured[5] *= 100.0
-        weights = np.ones((S.size, ROWS.size))
-        weights[5] = 0.0
+        # Every response keeps its rms, by which complex differences are scaled.
+        measured[5] *= np.exp(2.0j)
+        if kind != "complex":
+            measured[5] *= 100.0
+        sigma = np.zeros((S.size, ROWS.size))
+        sigma[5] = np.inf
         theta = wavy(parameters)
-        a = misfit_of(ResidualOptions(), weights=weights)(theta)
-        b = misfit_of(ResidualOptions(), weights=weights, measured=measured)(theta)
+        a = misfit_of(ResidualOptions(kind), sigma=sigma)(theta)
+        b = misfit_of(ResidualOptions(kind), sigma=sigma, measured=measured)(theta)
         assert a.total == pytest.approx(b.total, rel=1e-12)
+
+    def test_complex_differences_weigh_by_their_own_size(self):
+        """A dB of a line far below its response's rms is a small difference: its noise is too."""
+        _, parameters, measured = state()
+        sigma = np.full((S.size, ROWS.size), 0.5)
+        theta = wavy(parameters)
+        plain = misfit_of(ResidualOptions("complex"))(theta).residual
+        weighted = misfit_of(ResidualOptions("complex"), sigma=sigma)(theta).residual
+        valid = np.isfinite(measured) & (np.abs(measured) > 0)
+        rms = np.sqrt(np.sum(np.abs(np.where(valid, measured, 0.0)) ** 2, axis=0) / valid.sum(axis=0))
+        own = (0.5 * np.abs(measured) / rms)[valid]
+        expected = np.tile(1.0 / np.sqrt(1.0 + own**2), 2)
+        count = 2 * int(valid.sum())
+        np.testing.assert_allclose(weighted[:count], expected * plain[:count], rtol=1e-10)
+
+
+class TestLevel:
+    """What the model lacks, from residuals of which some are the measurement's noise."""
+
+    @pytest.mark.parametrize("level", [0.05, 0.5])
+    def test_it_is_found_beside_the_noise(self, level):
+        rng = np.random.default_rng(1)
+        measured = np.exp(1j * rng.uniform(0, 6, (400, 5)))
+        sigma = np.exp(rng.uniform(np.log(0.01), np.log(5.0), measured.shape))
+        y = measured * 10 ** (np.hypot(level, sigma) * rng.normal(size=measured.shape) / 20)
+        found = DataResidual(measured, sigma=sigma).follow(y, 0.0)
+        assert found == pytest.approx(level, rel=0.1)
+        # As if the noise were not known.
+        assert np.std(decibel(y)) > 2 * level
+
+    def test_unknowns_take_residuals(self):
+        rng = np.random.default_rng(2)
+        measured = np.ones((40, 5), dtype=complex)
+        y = measured * 10 ** (0.3 * rng.normal(size=measured.shape) / 20)
+        data = DataResidual(measured, sigma=np.zeros(measured.shape))
+        assert data.follow(y, 50.0) == pytest.approx(data.follow(y, 0.0) * np.sqrt(200 / 150), rel=2e-3)
+
+    def test_limits(self):
+        measured = np.ones((40, 5), dtype=complex)
+        assert DataResidual(measured, sigma=np.ones(measured.shape)).follow(measured, 0.0) == LEAST_LEVEL
+        # Where nothing is known of the noise nothing is followed.
+        assert DataResidual(measured).follow(2 * measured, 0.0) == SIGMA_DB
+
+
+class TestSharedErrors:
+    """Errors that lines share are whitened: the sum of squares is that of the full covariance."""
+
+    @pytest.mark.parametrize("kind", ["db", "log-complex", "complex"])
+    def test_against_the_full_covariance(self, kind):
+        rng = np.random.default_rng(3)
+        shape = (30, 4)
+        measured = np.exp(rng.normal(size=shape) + 1j * rng.uniform(0, 6, shape))
+        y = measured * np.exp(0.05 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)))
+        patterns = rng.normal(size=(*shape, 3)) + 1j * rng.normal(size=(*shape, 3))
+        sigma, level, change = np.abs(rng.normal(size=shape)), 0.3, 2.0 * rng.normal(size=shape)
+        plain = DataResidual(measured, ResidualOptions(kind))
+        data = DataResidual(measured, ResidualOptions(kind), sigma, level).with_change(y, change, 0.4, patterns)
+        J = rng.normal(size=(*shape, 2)) + 1j * rng.normal(size=(*shape, 2))
+        real = kind == "db"
+        r, rows, _ = plain(y, J.real if real else J)
+        B = plain(y, patterns.real if real else patterns)[1]
+        wrong = CHANGE_ERROR * np.abs(change)
+        wrong /= np.sqrt(1 + (wrong / 0.4) ** 2)
+        own = np.hypot(sigma, wrong)
+        if kind == "complex":
+            own = own * np.abs(measured) / np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
+        own = np.tile(own.ravel(), 1 if real else 2)
+        inverse = level**2 * np.linalg.inv(np.diag(level**2 + own**2) + B @ B.T)
+        found, found_rows, _ = data(y, J.real if real else J)
+        np.testing.assert_allclose(found @ found, r @ inverse @ r, rtol=1e-9)
+        np.testing.assert_allclose(found_rows.T @ found_rows, rows.T @ inverse @ rows, rtol=1e-9)
+        np.testing.assert_allclose(found_rows.T @ found, rows.T @ inverse @ r, rtol=1e-8)
+
+    def test_the_level_beside_shared_errors(self):
+        """Errors along known patterns tell nothing of what the model lacks besides."""
+        rng = np.random.default_rng(4)
+        shape = (200, 5)
+        measured = np.ones(shape, dtype=complex)
+        patterns = rng.normal(size=(*shape, 6))
+        error = patterns @ rng.normal(size=6) + 0.1 * rng.normal(size=shape)
+        y = 10 ** (error / 20) + 0j
+        data = DataResidual(measured).with_change(y, np.zeros(shape), 1.0, patterns)
+        assert data.follow(y, 0.0) == pytest.approx(0.1, rel=0.1)
+        assert np.std(error) > 1.0
+
+    def test_weights_are_handed_over(self):
+        rng = np.random.default_rng(5)
+        shape = (20, 3)
+        measured = np.exp(rng.normal(size=shape)) + 0j
+        y = measured * 1.1
+        first = DataResidual(measured, sigma=np.ones(shape)).with_change(y, np.ones(shape), 1.0, rng.normal(size=(*shape, 2)))
+        second = DataResidual(measured, sigma=np.zeros(shape)).weighted_as(first.with_level(0.2))
+        empty = np.zeros((*shape, 0))
+        np.testing.assert_array_equal(first.with_level(0.2)(y, empty)[0], second(y, empty)[0])
+        assert second.level == 0.2
