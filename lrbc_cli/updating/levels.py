@@ -205,7 +205,7 @@ def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats) -> dict[str, Flo
     rng = np.random.default_rng(DRAW_SEED)
     std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
     thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(DRAWS, std.size))]
-    order = np.argsort([misfit(theta).total for theta in thetas], kind="stable")[:DRAWS_KEPT]
+    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:DRAWS_KEPT]
     return {f"changes drawn from the prior, {k + 1} of {DRAWS}": thetas[k] for k in order}
 
 

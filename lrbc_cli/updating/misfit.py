@@ -294,6 +294,10 @@ class Misfit:
         own, _, _ = self._data(y, np.zeros((*y.shape, 0), dtype=complex))
         return float(own @ own)
 
+    def sum(self, theta: Floats) -> float:
+        """Sum of squares of data and penalty, without derivatives."""
+        return self.data_sum(theta) + self.eta * self.departures(theta)
+
     def departures(self, theta: Floats) -> float:
         """Sum of squares of the penalty before it is weighted by eta [decade²]."""
         rows = self.rows @ (theta - self.prior)
