@@ -207,6 +207,9 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
             if group.kind == "stiffness":
                 theta[values] = bounds[values, 1 if state == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
+    if tree is not None and reference is not None and job != reference:
+        # A job that is compared states what its changes leave, which is far less than what the model lacks.
+        job, tree = reference, read_json(campaign.output / reference / "result.json", RESULT_FORMAT)
     known_noise = tree.get("noise") if tree is not None else None
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if known_noise and known_noise.get("sigma_db") and known_noise.get("correlation_factor"):

@@ -177,7 +177,9 @@ class DataResidual:
         """
         other = copy(self)
         wrong = CHANGE_ERROR * np.abs(change[self.valid])
-        wrong = wrong / np.sqrt(1.0 + (wrong / most) ** 2)
+        both = np.hypot(wrong, most)
+        # Nothing is wrong with a model that explains its reference state exactly.
+        wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
         if self.options.kind == "complex":
             wrong = wrong * np.abs(self._measured) / self._rms
         other._sigma = wrong if self._noise is None else np.hypot(self._noise, wrong)

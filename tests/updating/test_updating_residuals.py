@@ -374,3 +374,11 @@ class TestSharedErrors:
         empty = np.zeros((*shape, 0))
         np.testing.assert_array_equal(first.with_level(0.2)(y, empty)[0], second(y, empty)[0])
         assert second.level == 0.2
+
+    def test_a_state_that_is_explained_exactly(self):
+        """Its error bounds that of any change: no error at all, and no division by it."""
+        shape = (20, 3)
+        measured = np.full(shape, 2.0 + 0j)
+        data = DataResidual(measured).with_change(measured, np.zeros(shape), 0.0, np.zeros((*shape, 2)))
+        r, _, _ = data(1.1 * measured, np.zeros((*shape, 0)))
+        np.testing.assert_allclose(r, decibel(np.array(1.1 + 0j)))
