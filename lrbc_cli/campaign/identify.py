@@ -23,7 +23,7 @@ from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, noise_of, posterior, weighed
+from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import DRAWS, Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
@@ -124,7 +124,8 @@ class _Job:
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
         # A change is the difference of two states, each as wrong as the reference state.
-        most = float(np.sqrt(2.0) * reference["noise"]["sigma_db"])
+        lacks = max(float(reference["noise"]["sigma_db"]), float(reference["misfit_db"]["final"]))
+        most = float(np.sqrt(2.0)) * lacks
         lines = self.measurement.frequency_hz[self.selected]
         return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size)
 
@@ -182,7 +183,7 @@ class _Job:
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
-        ratio = self._tight_frf() / np.where(valid, known, np.nan)
+        ratio = self._tight_frf() / np.where(valid, known, np.nan + 0j)
         level = 20.0 * np.log10(np.abs(ratio))
         limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
         return self.measured() * limited
@@ -290,12 +291,14 @@ class _Job:
             found = onwards(found.theta, DRIFT_ITERATIONS)
             evaluations += found.evaluations
             now = noise_of(misfit, found.evaluation, self.selected)
-            settled = abs(now.variance / noise.variance - 1.0) < DRIFT_NOISE
+            settled = abs(now.variance - noise.variance) < DRIFT_NOISE * max(noise.variance, LEAST_VARIANCE)
             if self.settings.regularisation != "auto" or settled:
                 break
             base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
             noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
-            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, 1e-6)), model, extras, noise.variance)
+            misfit = extended_misfit(
+                fit.misfit.weighted_as(base).with_eta(max(noise.variance, LEAST_VARIANCE)), model, extras, noise.variance
+            )
             level = Level(misfit, misfit.prior, T)
         found = replace(found, theta=level.theta(found.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)
@@ -402,7 +405,7 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if relative else stored_covariance(job.parameters, reference)
-    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state)
+    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error)
     opens = job.opens(fit)
     optimised = time.perf_counter()
     initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)

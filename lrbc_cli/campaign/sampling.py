@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.levels import Level
-from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.misfit import ChangeError, Misfit
 from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem, sample_changes
 from lrbc_cli.updating.shapes import neighbours
 
@@ -24,7 +26,9 @@ COARSENING = 4.0
 LEAST_VARIANCE = 1e-6
 
 
-def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None) -> ChangeSamples | None:
+def changes_of(
+    inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None, error: ChangeError | None = None
+) -> ChangeSamples | None:
     """Sample the changes at the bolts of a job whose prior is a mixture, or a Gaussian and a mixture.
 
     Parameters
@@ -38,6 +42,8 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
         Of the fit, to its unknowns and to what drifted.
     state : (size, size) float array or None
         Covariance of the reference state; None where the comparison is free of its error.
+    error : ChangeError or None
+        How wrong predicted changes may be: the tight state predicts none, so nothing of it is forgiven there.
 
     Returns
     -------
@@ -63,10 +69,20 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
         mean += [0.0] * int(kept.sum())
         std += [1.0] * int(kept.sum())
     further = np.hstack(columns)
+    variance = max(COARSENING * knowledge.noise.variance, LEAST_VARIANCE)
 
-    def data(z: Floats) -> tuple[Floats, Floats]:
-        found = level(z[:count])
-        return found.residual[:rows] + further @ z[count:], np.hstack([found.jacobian[:rows], further])
+    def data_by(level: Level, further: Floats) -> Callable[[Floats], tuple[Floats, Floats]]:
+        def data(z: Floats) -> tuple[Floats, Floats]:
+            found = level(z[:count])
+            return found.residual[:rows] + further @ z[count:], np.hstack([found.jacobian[:rows], further])
+
+        return data
+
+    def about(z: Floats) -> tuple[Callable[[Floats], tuple[Floats, Floats]], float]:
+        assert error is not None
+        there = plain.about(np.clip(level.theta(z[:count]), *parameters.bounds.T), error)
+        offset = -0.5 * there.log_det * there.level**2 / variance
+        return data_by(Level(there, prior, shapes.T), there.carried(further, plain)), offset
 
     free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
     order = np.unique(shapes.bolts[shapes.bolts >= 0])
@@ -76,12 +92,13 @@ def changes_of(inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Fl
         for a, b in neighbours(parameters, bolts, [int(i) for i in np.flatnonzero(shapes.bolts >= 0)])
     ]
     problem = MixtureProblem(
-        data,
-        max(COARSENING * knowledge.noise.variance, LEAST_VARIANCE),
+        data_by(level, further),
+        variance,
         np.vstack([level.bounds(parameters.bounds), free]),
         order,
         pairs,
         np.concatenate([np.zeros(count), mean]),
         np.concatenate([shapes.std, std]),
+        None if error is None else about,
     )
     return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]))

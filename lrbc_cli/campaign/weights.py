@@ -40,14 +40,16 @@ def line_sigma(
     automatic = kind == "auto"
     if automatic:
         # Without a noise variance that follows the residuals there is nothing to weigh the measurement's noise against.
-        known = bool(np.isfinite(measurement.coherence[np.ix_(selected, inputs.used)]).any()) and job.averages * measurement.files > 1
+        known = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
         kind = "none" if inputs.campaign.update.regularisation != "auto" else "coherence" if known else "scatter"
         if kind == "scatter" and measurement.sigma_db is None:
             kind = "none"
     if kind == "none":
         return None, ()
     if kind == "coherence":
-        sigma = coherence_sigma(measurement.coherence, job.averages * measurement.files)
+        # Of no record at all some programs write 0, which no estimate is.
+        told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
+        sigma = coherence_sigma(told, job.averages * measurement.files)
     elif measurement.sigma_db is None:
         raise DataError("weights from scatter need repeated measurements", file=job.frf, expected="jobs.NAME.repeats")
     else:

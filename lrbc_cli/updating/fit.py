@@ -19,6 +19,12 @@ Floats = NDArray[np.float64]
 #: The weight of the prior follows the noise until it changes by less than this, or so many times.
 NOISE_CHANGE, NOISE_ROUNDS = 0.05, 6
 
+#: A round that makes the mean misfit this much larger, in share and in dB, is not kept.
+RUNAWAY, LEAST_RUNAWAY = 1.5, 0.1
+
+#: Least variance of the noise [dB²].
+LEAST_VARIANCE = 1e-6
+
 #: Weight that stands for none where the rows of something else share it.
 LEAST_ETA = 1e-30
 
@@ -123,13 +129,37 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
     return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response)
 
 
-def weighed(misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None) -> tuple[Misfit, float]:
-    """The cost with its lines weighted against what the model lacks at an optimum, and the noise variance to be expected then."""
+def weighed(
+    misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None, damped: bool = False
+) -> tuple[Misfit, float]:
+    """The cost with its lines weighted against what the model lacks at an optimum, and the noise variance to be expected then.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    evaluation : Evaluation
+        There, as the misfit gives it.
+    noise : Noise
+        By that evaluation.
+    theta : (size,) float array
+    error : ChangeError or None
+        How wrong predicted changes may be; None where none are predicted.
+    damped : bool
+        Go half the way only, in logarithms: two levels can lead to each other.
+
+    Returns
+    -------
+    Misfit, float
+        [dB²]
+    """
+    before = misfit.level
     if error is not None:
         misfit = misfit.about(theta, error)
     if not misfit.weighted:
         return misfit, noise.variance
     level = misfit.followed(theta, evaluation)
+    if damped:
+        level = float(np.sqrt(level * before))
     return misfit.with_level(level), level**2 * noise.factor
 
 
@@ -162,6 +192,8 @@ def follow_noise(
     selected : int array
     sparse : bool
         A prior with long tails: few large changes cost less than many small ones.
+    error : ChangeError or None
+        See ``weighed``.
 
     Returns
     -------
@@ -172,12 +204,13 @@ def follow_noise(
     noise = noise_of(misfit, solution.evaluation, selected)
     history, iterations = list(solution.history), solution.iterations
     for round_ in range(NOISE_ROUNDS):
+        kept = misfit, solution, noise
         if sparse:
             z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
             # Unknowns without a prior have no row.
             misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
-        misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error)
-        misfit = misfit.with_eta(max(before, 1e-6))
+        misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error, round_ > 1)
+        misfit = misfit.with_eta(max(before, LEAST_VARIANCE))
         found = again(misfit, solution.theta)
         first = len(history)
         history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
@@ -190,7 +223,15 @@ def follow_noise(
             starts=solution.starts,
         )
         noise = noise_of(misfit, solution.evaluation, selected)
-        if round_ and abs(noise.variance / before - 1.0) < NOISE_CHANGE:
+        if misfit.weighted and solution.evaluation.misfit_db > RUNAWAY * kept[1].evaluation.misfit_db + LEAST_RUNAWAY:
+            # Weights of a loosened state forgive the tight one: from there the noise would only grow.
+            misfit, solution, noise = (
+                kept[0],
+                replace(kept[1], iterations=iterations, evaluations=len(history), history=tuple(history)),
+                kept[2],
+            )
+            break
+        if round_ and abs(noise.variance - before) < NOISE_CHANGE * max(before, LEAST_VARIANCE):
             break
     return misfit, solution, noise
 
@@ -247,5 +288,6 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     covariance = np.asarray(noise.variance * np.linalg.inv(normal + floor * np.eye(normal.shape[0])))
     z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
     held = np.isfinite(shapes.std) & (misfit.eta > 0)
-    spread = np.where(held, shapes.std * np.sqrt(noise.variance / (misfit.eta or 1.0)), np.inf)
+    spread = np.full(shapes.std.size, np.inf)
+    spread[held] = shapes.std[held] * np.sqrt(noise.variance / (misfit.eta or 1.0))
     return Posterior(shapes, tuple(extras), z, solution.theta[size:], covariance, noise, spread)

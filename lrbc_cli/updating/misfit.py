@@ -345,6 +345,15 @@ class Misfit:
         other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, patterns), 0
         return other
 
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of the covariance of the data residuals over ``level²``."""
+        return self._data.log_det
+
+    def carried(self, columns: Floats, other: Misfit) -> Floats:
+        """Derivatives of the data residuals of another that differs in the weights only, as this one would give them."""
+        return self._data.carried(columns, other._data)
+
     def followed(self, theta: Floats, evaluation: Evaluation) -> float:
         """Standard deviation of what the model lacks, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
         rows = evaluation.residual.size - self.penalty.shape[0]

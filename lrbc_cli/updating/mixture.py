@@ -8,7 +8,7 @@ Gaussian about a linearisation, the changes drop out in closed form, and the kin
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,11 @@ ROUNDS, MOVES, LEAST_GAIN = 8, 3, 0.01
 START_CHANGE = -0.4
 
 #: Descent for given kinds, at last and while they are sought: its sum of squares is a few hundred to a few thousand; a tenth matters.
-DESCENT_TOLERANCE, DESCENT_ITERATIONS, SEARCH_ITERATIONS = 1e-4, 12, 6
+DESCENT_TOLERANCE, DESCENT_ITERATIONS = 1e-4, 12
+SEARCH_TOLERANCE, SEARCH_ITERATIONS = 1e-3, 5
+
+#: Descents for given kinds, each with the covariance where the one before ended.
+COVARIANCE_ROUNDS = 2
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,9 @@ class MixtureProblem:
         Pairs of positions in ``bolts`` that lie side by side along an edge.
     mean, std : (m,) float arrays
         Gaussian prior of those of z that are none; not read at bolts.
+    about : callable or None
+        Where the covariance of the residuals depends on the state: from z to such data with the covariance there, and its share in the log
+        evidence.
     """
 
     data: Callable[[Floats], tuple[Floats, Floats]]
@@ -116,6 +123,7 @@ class MixtureProblem:
     neighbours: Sequence[tuple[int, int]]
     mean: Floats
     std: Floats
+    about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -319,7 +327,7 @@ def _priors(problem: MixtureProblem, prior: MixturePrior, kinds: Bools) -> tuple
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, iterations: int) -> _State:
+def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, tolerance: float, iterations: int) -> _State:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
     scale, weight = problem.variance**-0.5, np.sqrt(precision)
@@ -331,7 +339,7 @@ def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Float
         jacobian = np.vstack([scale * J, np.diag(weight)])
         return Evaluation(float(np.log10(total)), total, float(r @ r), float(np.mean(np.abs(r))), residual, jacobian)
 
-    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=DESCENT_TOLERANCE, max_iterations=iterations)
+    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=tolerance, max_iterations=iterations)
     value, z = found.evaluation, found.theta
     rows = value.residual.size - z.size
     J, r = value.jacobian[:rows], value.residual[:rows]
@@ -348,13 +356,24 @@ def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Float
     return _State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
 
 
+def _settle_there(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, tolerance: float, iterations: int) -> _State:
+    """The same, with the covariance of the residuals where it ends: a state answers for its own errors only."""
+    if problem.about is None:
+        return _settle(problem, prior, kinds, z, tolerance, iterations)
+    for _ in range(COVARIANCE_ROUNDS):
+        data, offset = problem.about(z)
+        state = _settle(replace(problem, data=data), prior, kinds, z, tolerance, iterations)
+        z = state.z
+    return replace(state, evidence=state.evidence + offset)
+
+
 def best_state(problem: MixtureProblem, z: Floats, prior: MixturePrior) -> _State:
     """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z."""
     best: _State | None = None
     for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < START_CHANGE, z)):
         seen: set[bytes] = set()
         for _ in range(ROUNDS):
-            state = _settle(problem, prior, kinds, start, SEARCH_ITERATIONS)
+            state = _settle_there(problem, prior, kinds, start, SEARCH_TOLERANCE, SEARCH_ITERATIONS)
             if best is None or state.evidence > best.evidence:
                 best = state
             seen.add(kinds.tobytes())
@@ -365,7 +384,7 @@ def best_state(problem: MixtureProblem, z: Floats, prior: MixturePrior) -> _Stat
                 break
             kinds, start = score.loose.copy(), state.z
     assert best is not None
-    return _settle(problem, prior, best.kinds, best.z, DESCENT_ITERATIONS)
+    return _settle_there(problem, prior, best.kinds, best.z, DESCENT_TOLERANCE, DESCENT_ITERATIONS)
 
 
 def sample_changes(

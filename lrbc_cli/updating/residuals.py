@@ -70,10 +70,16 @@ class _Shared:
         power, rotation = np.linalg.eigh(patterns.T @ patterns)
         kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
         self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
-        self._taken = 1.0 - 1.0 / np.sqrt(1.0 + power[kept])
+        self._grown = np.sqrt(1.0 + power[kept])
+        #: log det of ``I + BBᵀ``.
+        self.log_det = float(2.0 * np.log(self._grown).sum())
 
     def __call__(self, columns: Floats) -> Floats:
-        return np.asarray(columns - (self._directions * self._taken) @ (self._directions.T @ columns))
+        return np.asarray(columns - (self._directions * (1.0 - 1.0 / self._grown)) @ (self._directions.T @ columns))
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return np.asarray(columns + (self._directions * (self._grown - 1.0)) @ (self._directions.T @ columns))
 
 
 class DataResidual:
@@ -188,6 +194,20 @@ class DataResidual:
         _, other._patterns, _ = other(y, rows)
         other._weigh(self.level)
         return other
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of the covariance of the residuals over ``level²``; lines that are only noise do not count."""
+        weights = 0.0 if self._weights is None else float(np.log(self._weights[self._weights > 0]).sum())
+        # Real and imaginary parts have the same weights.
+        return -2.0 * weights * (2 if self.phase else 1) + (0.0 if self._shared is None else self._shared.log_det)
+
+    def carried(self, columns: Floats, other: DataResidual) -> Floats:
+        """Derivatives of residuals as another that differs in the weights only gives them, as this one would."""
+        before = other._own_weights(columns.shape[0])
+        plain = columns if other._shared is None else other._shared.undo(columns)
+        share = np.divide(self._own_weights(columns.shape[0]), before, out=np.zeros_like(before), where=before > 0)
+        return self._whiten(share[:, None] * plain)
 
     def raw(self, y: Complexes) -> Floats:
         """Residuals before they are weighted."""

@@ -136,6 +136,39 @@ def test_coherence_is_a_weight(box: Folder) -> None:
     assert other["misfit_db"]["initial"] == tree["misfit_db"]["initial"]
 
 
+@pytest.mark.parametrize("written", [0.0, np.nan])
+def test_no_coherence_is_not_a_bad_one(box: Folder, written: float) -> None:
+    """Some programs write a column of zeros where they have none."""
+    records = read_frf(box.data / "loose.uff").records
+    g2 = np.full(records[0].frequency_hz.size, written)
+    write_frf(box.data / "loose.h5", FrfSet("loose", tuple(replace(r, coherence=g2) for r in records)))
+    words = ("update.regularisation=auto", "jobs.loose.frf=data/loose.h5")
+    for kind, known in (("auto", False), ("coherence", True)):
+        inputs = box.inputs(f"update.weights={kind}", *words)
+        job = inputs.campaign.jobs["loose"]
+        measurement = read_measurement(inputs, job, "loose")
+        sigma, notes = line_sigma(inputs, measurement, job, select_lines(inputs, measurement, "loose"))
+        assert (sigma is not None) == known
+        assert sigma is None or np.isnan(sigma).all()
+        assert bool(notes) == known
+
+
+def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
+    records = read_frf(box.data / "loose.uff").records
+    g2 = np.full(records[0].frequency_hz.size, 0.9)
+    write_frf(box.data / "loose.uff", FrfSet("loose", tuple(replace(r, coherence=g2) for r in records)))
+    inputs = box.inputs("update.regularisation=auto")
+    job = inputs.campaign.jobs["loose"]
+    measurement = read_measurement(inputs, job, "loose")
+    selected = select_lines(inputs, measurement, "loose")
+    sigma, _ = line_sigma(inputs, measurement, job, selected)
+    np.testing.assert_allclose(sigma, coherence_sigma(np.full((selected.size, inputs.used.size), 0.9), job.averages), rtol=1e-6)
+    # One average has no coherence; a weight of one's own for the prior leaves nothing to weigh the noise against.
+    for words in (("update.regularisation=auto", "jobs.loose.averages=1"), ("update.regularisation=10",)):
+        inputs = box.inputs(*words)
+        assert line_sigma(inputs, measurement, inputs.campaign.jobs["loose"], selected)[0] is None
+
+
 def test_resonances_of_the_model_too(frame: Folder) -> None:
     own = identify(frame, job="loose-all")["lines"]["frequency_hz"]
     both = identify(frame, "update.lines=resonances-both", job="loose-all")["lines"]["frequency_hz"]

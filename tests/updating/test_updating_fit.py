@@ -10,7 +10,7 @@ from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.fit import extended_misfit, follow_noise, noise_of, posterior, residual_places, sparse_weights
+from lrbc_cli.updating.fit import extended_misfit, follow_noise, noise_of, posterior, residual_places, sparse_weights, weighed
 from lrbc_cli.updating.levels import Level, descend
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
@@ -220,3 +220,44 @@ def test_noise_of_an_evaluation() -> None:
     misfit = case.misfit(np.zeros(5))
     found = noise_of(misfit, case.begin(misfit).evaluation, SELECTED)
     assert found.sigma == pytest.approx(SIGMA, rel=0.15)
+
+
+def measured_with_noise_known(case: Case, z: np.ndarray) -> Misfit:
+    """The same measurement, its noise known."""
+    found = case.misfit(z)
+    measured = 10.0 ** (found.target / 20.0) + 0j
+    sigma = np.full(measured.shape, SIGMA)
+    return Misfit(found.model, measured, found.prior, found.eta, case.shapes.penalty(), found._data.options, sigma)
+
+
+class TestRounds:
+    def test_a_round_that_loses_the_fit_is_not_kept(self) -> None:
+        case = Case(7)
+        misfit = measured_with_noise_known(case, np.array([0.5, -1.0, 0.7, -0.3, 0.2]))
+        begun = case.begin(misfit)
+
+        def slides(misfit: Misfit, theta: np.ndarray):
+            return descend(misfit, case.prior, case.parameters.bounds, case.shapes.T, max_iterations=0)
+
+        kept, solution, noise = follow_noise(misfit, begun, slides, case.shapes, SELECTED, False)
+        assert kept is misfit
+        np.testing.assert_array_equal(solution.theta, begun.theta)
+        assert noise == noise_of(misfit, begun.evaluation, SELECTED)
+        assert solution.evaluations > begun.evaluations
+
+    def test_no_noise_at_all(self) -> None:
+        case = Case(8)
+        clean = case.misfit(np.array([0.5, -1.0, 0.7, -0.3, 0.2]), 0.0)
+        _, solution, noise = case.follow(clean)
+        assert noise.sigma < 1e-3
+        assert solution.status == "converged"
+
+    def test_half_the_way(self) -> None:
+        case = Case(9)
+        misfit = measured_with_noise_known(case, np.zeros(5))
+        begun = case.begin(misfit)
+        noise = noise_of(misfit, begun.evaluation, SELECTED)
+        full, _ = weighed(misfit, begun.evaluation, noise, begun.theta, None)
+        half, variance = weighed(misfit, begun.evaluation, noise, begun.theta, None, True)
+        assert half.level == pytest.approx(np.sqrt(full.level * misfit.level))
+        assert variance == pytest.approx(half.level**2 * noise.factor)

@@ -129,6 +129,27 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
     assert found.below(-0.3)[3] > 0.99
 
 
+def test_a_state_answers_for_its_own_errors_only() -> None:
+    """Errors that a large change brings along are no excuse for no change at all."""
+    rows, truth = 40, -1.2
+    J = np.full((rows, 1), 3.0)
+    r0 = -truth * J[:, 0] + np.random.default_rng(0).normal(size=rows)
+
+    def about(z: np.ndarray):
+        w = 1.0 / np.sqrt(1.0 + (8.0 * float(z[0])) ** 2)
+        return (lambda z: (w * (r0 + J @ z), w * J)), float(rows * np.log(w))
+
+    def problem(data, about=None):
+        one = np.ones(1)
+        return MixtureProblem(data, 1.0, np.array([[-9.0, 9.0]]), np.array([0]), [], 0 * one, one, about)
+
+    fixed = sample_changes(problem(about(np.array([truth]))[0]), np.array([truth]))
+    own = sample_changes(problem(about(np.array([truth]))[0], about), np.array([truth]))
+    assert not fixed.kinds.any()
+    assert own.kinds.all()
+    assert own.below(-0.3)[0] > 0.99
+
+
 def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
     rng = np.random.default_rng(3)
     J = rng.normal(size=(12, 5))

@@ -351,6 +351,10 @@ class TestSharedErrors:
         np.testing.assert_allclose(found @ found, r @ inverse @ r, rtol=1e-9)
         np.testing.assert_allclose(found_rows.T @ found_rows, rows.T @ inverse @ rows, rtol=1e-9)
         np.testing.assert_allclose(found_rows.T @ found, rows.T @ inverse @ r, rtol=1e-8)
+        assert data.log_det == pytest.approx(-np.linalg.slogdet(inverse)[1], rel=1e-9)
+        # Derivatives under other weights need not be formed again.
+        other = DataResidual(measured, ResidualOptions(kind), sigma, level).with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns)
+        np.testing.assert_allclose(data.carried(other(y, J.real if real else J)[1], other), found_rows, rtol=1e-8, atol=1e-10)
 
     def test_the_level_beside_shared_errors(self):
         """Errors along known patterns tell nothing of what the model lacks besides."""
