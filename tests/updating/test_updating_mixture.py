@@ -147,7 +147,7 @@ def test_a_state_answers_for_its_own_errors_only() -> None:
     own = sample_changes(problem(about(np.array([truth]))[0], about), np.array([truth]))
     assert not fixed.kinds.any()
     assert own.kinds.all()
-    assert own.below(-0.3)[0] > 0.99
+    assert own.below(-0.3)[0] > 0.95
 
 
 def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
