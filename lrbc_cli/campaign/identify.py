@@ -21,6 +21,7 @@ from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covari
 from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.reduction.ports import single_threaded
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, noise_of, posterior, weighed
@@ -228,10 +229,12 @@ class _Job:
         return found.after(draws)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
-        sigma = self.sigma
-        if relative and sigma is not None and self.tight_sigma is not None:
-            # A ratio of two measurements has the noise of both.
-            sigma = np.hypot(sigma, self.tight_sigma)
+        # A ratio of two measurements has the noise of both, as far as it is known.
+        parts = [part for part in (self.sigma, self.tight_sigma if relative else None) if part is not None]
+        sigma: Floats | None = None
+        if parts:
+            unknown = np.all([np.isnan(part) for part in parts], axis=0)
+            sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
         return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), sigma)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
@@ -396,6 +399,12 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     NumericalError
         Where the optimisation fails.
     """
+    # Small matrices throughout: threads of BLAS would cost more than they do, two of our own share the lines.
+    with single_threaded():
+        return _identify(inputs, source, name, reference)
+
+
+def _identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None) -> Identification:
     start = time.perf_counter()
     job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()

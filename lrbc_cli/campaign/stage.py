@@ -160,12 +160,15 @@ class FrfSource:
         None only for full-order evaluation.
     kind : str
         ``port``, ``reduced`` or ``full``.
+    known : dict
+        What was found on sets of lines, for those who ask again.
     """
 
     inputs: Inputs
     stage: ReductionStage | None
     kind: str
     progress: Callable[[str], None] = lambda _: None
+    known: dict[bytes, Any] = field(default_factory=dict)
     _tables: dict[bytes, PortFrf] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

@@ -26,7 +26,7 @@ SATURATION_TERMS = 120
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
-    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s.
+    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s, once for all jobs that have them.
 
     Returns
     -------
@@ -34,6 +34,14 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
     dict
         Where the FRFs saturate, by stiffness group.
     """
+    key = s.tobytes()
+    if key not in source.known:
+        source.known[key] = _parameterise(inputs, source, s)
+    found: tuple[Parameterisation, dict[str, Saturation]] = source.known[key]
+    return found
+
+
+def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
     model = inputs.model
     scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
     # Other groups stand at their start values, or at their local stiffness while those are unknown.

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,53 @@ SYMMETRY = 1e-9
 
 #: Flexibility that is left where a term clamps, relative to its port: none would make terms that depend on each other singular.
 CLAMPED = 1e-14
+
+
+#: Cubes of the terms, summed over the lines, from which two threads solve: less is done before a thread has begun; and terms up to which
+#: LAPACK does not use threads of its own.
+THREADED, MOST_TERMS = 2e6, 128
+
+
+def solved(A: Complexes, B: Complexes) -> Complexes:
+    """``A⁻¹ B`` line by line, the lines shared by two threads where that pays.
+
+    Parameters
+    ----------
+    A : (F, n, n) complex array
+    B : (F, n, k) complex array
+
+    Returns
+    -------
+    (F, n, k) complex array
+        The same whatever the threads.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where a line is singular.
+    """
+    lines, n = A.shape[:2]
+    if lines * float(n) ** 3 < THREADED or n > MOST_TERMS or (os.cpu_count() or 1) < 2:
+        return np.asarray(np.linalg.solve(A, B))
+    found = np.empty(B.shape, dtype=np.result_type(A, B))
+    middle = lines // 2
+    failed: list[BaseException] = []
+
+    def first() -> None:
+        try:
+            found[:middle] = np.linalg.solve(A[:middle], B[:middle])
+        except Exception as error:
+            failed.append(error)
+
+    helper = Thread(target=first, daemon=True)
+    helper.start()
+    try:
+        found[middle:] = np.linalg.solve(A[middle:], B[middle:])
+    finally:
+        helper.join()
+    if failed:
+        raise failed[0]
+    return found
 
 
 @dataclass(frozen=True)
@@ -93,7 +143,7 @@ class PortFrf:
         (F, R) complex array
         """
         E, F = self._split(D)
-        w = np.linalg.solve(self._matrix(self.Hpp, E, F), self.Hp0)
+        w = solved(self._matrix(self.Hpp, E, F), self.Hp0)
         return self._respond(F, w)
 
     def drive(self, D: Complexes) -> tuple[Complexes, Complexes]:
@@ -105,7 +155,7 @@ class PortFrf:
         u : (F, nt, n_in) complex array
         """
         E, F = self._split(D)
-        w = np.linalg.solve(self._matrix(self.Hpp, E, F), self.Hp0)
+        w = solved(self._matrix(self.Hpp, E, F), self.Hp0)
         return self._respond(F, w), -F[:, :, None] * w
 
     def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
@@ -127,11 +177,11 @@ class PortFrf:
         right = self.H0p.transpose(0, 2, 1)
         A = self._matrix(self.Hpp, E, F)
         if self.symmetric:
-            both = np.linalg.solve(A, np.concatenate([self.Hp0, right], axis=2))
+            both = solved(A, np.concatenate([self.Hp0, right], axis=2))
             w, v = both[:, :, :n_in], both[:, :, n_in:]
         else:
             w = np.linalg.solve(A, self.Hp0)
-            v = np.linalg.solve(self._matrix(self.Hpp.transpose(0, 2, 1), E, F), right)
+            v = solved(self._matrix(self.Hpp.transpose(0, 2, 1), E, F), right)
         y = self._respond(F, w)
         dy = v[:, :, :] * w[:, :, self.input_of]
         dy *= -(E**2)[:, :, None]
@@ -205,10 +255,16 @@ def _blas() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
+def single_threaded() -> AbstractContextManager[object]:
+    """BLAS with one thread, for work that consists of small matrices."""
+    limit: AbstractContextManager[object] = _blas().limit(limits=1)
+    return limit
+
+
 def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
     """Run ``work`` on slices of lines, in threads with BLAS limited to one thread each (small dense solves release the GIL)."""
     slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
-    with _blas().limit(limits=1):
+    with single_threaded():
         if len(slices) < 2 or workers < 2:
             for part in slices:
                 work(part)

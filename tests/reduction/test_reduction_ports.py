@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
+import lrbc_cli.reduction.ports as ports_module
 from lrbc_cli.reduction.ports import in_chunks, port_frf
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
@@ -258,3 +259,22 @@ def test_a_failure_in_a_chunk_is_not_swallowed():
 
     with pytest.raises(FloatingPointError):
         in_chunks(40, work)
+
+
+class TestThreads:
+    """Lines solved by two threads are those of one."""
+
+    def test_the_same_to_the_last_bit(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        rng = np.random.default_rng(0)
+        A, B = (rng.normal(size=(41, 9, k)) + 1j * rng.normal(size=(41, 9, k)) for k in (9, 3))
+        expected = np.linalg.solve(A, B)
+        monkeypatch.setattr(ports_module, "THREADED", 0.0)
+        np.testing.assert_array_equal(ports_module.solved(A, B), expected)
+
+    @pytest.mark.parametrize("line", [0, 40])
+    def test_a_singular_line_is_told(self, line: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        A = np.tile(np.eye(5, dtype=complex), (41, 1, 1))
+        A[line] = 0.0
+        monkeypatch.setattr(ports_module, "THREADED", 0.0)
+        with pytest.raises(np.linalg.LinAlgError):
+            ports_module.solved(A, np.ones((41, 5, 1), dtype=complex))
