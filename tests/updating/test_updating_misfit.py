@@ -10,7 +10,7 @@ from systems import direct_frf, relative
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
-from lrbc_cli.updating.misfit import Misfit, decibel, mean_misfit, penalty_rows, port_model, reduced_model
+from lrbc_cli.updating.misfit import ChangeError, Misfit, decibel, mean_misfit, penalty_rows, port_model, reduced_model
 
 ROWS = np.array([0, 2, 3])
 
@@ -202,3 +202,50 @@ def test_the_check_of_gradients_sees_an_error_of_a_percent(factor):
     direction = np.random.default_rng(3).normal(size=theta.size)
     with pytest.raises(AssertionError, match="second order"):
         check_derivative(lambda t: misfit(t).cost, factor * misfit(theta).gradient, theta, direction / np.linalg.norm(direction))
+
+
+class TestChangeError:
+    """A resonance that is moved may have moved by some percent more or less."""
+
+    LINES = np.arange(20.0, 201.0)
+    STEP = 1e-3
+
+    def response(self, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """Two responses, a resonance at 60 Hz that stays and one near 140 Hz that follows theta."""
+        moved = 140.0 + float(theta[0])
+        first, second = (1.0 / (f0**2 - f**2 + 0.02j * f0 * f) for f0 in (60.0, moved))
+        return np.column_stack([first + second, 2.0 * first - second])
+
+    def error(self, most: float = 1.0) -> ChangeError:
+        here, nearby = (lambda theta, f=f: self.response(theta, f) for f in (self.LINES, self.LINES + self.STEP))
+        return ChangeError(most, here, nearby, self.LINES, self.STEP, 1)
+
+    @pytest.mark.parametrize("shift", [0.02, -0.3])
+    def test_the_error_is_a_share_of_the_shift(self, shift: float) -> None:
+        prior, theta = np.zeros(1), np.array([shift])
+        change, patterns = self.error()(prior, theta)
+        np.testing.assert_allclose(
+            change, decibel(self.response(theta, self.LINES)) - decibel(self.response(prior, self.LINES)), atol=1e-10
+        )
+        # Near the resonance that moves: what 12 % more of the shift would change, in both responses.
+        near = (self.LINES > 132) & (self.LINES < 148)
+        more = decibel(self.response(theta * 1.12, self.LINES)) - decibel(self.response(theta, self.LINES))
+        total = patterns.real.sum(axis=2) * np.sign(shift)
+        # The axis of frequency moves against the resonance.
+        size = np.sqrt(np.mean(more[near] ** 2))
+        assert np.sqrt(np.mean((total + more)[near] ** 2)) < 0.25 * size
+        # Where nothing moves there is hardly any error.
+        still = (self.LINES > 50) & (self.LINES < 70)
+        assert np.abs(total[still]).max() < 0.02 * np.abs(total[near]).max()
+
+    def test_no_change_no_error(self) -> None:
+        change, patterns = self.error()(np.zeros(1), np.zeros(1))
+        np.testing.assert_array_equal(change, 0.0)
+        np.testing.assert_array_equal(patterns, 0.0)
+
+    def test_what_drifted_does_not_count(self) -> None:
+        """Theta may be longer than the boundary's."""
+        one = self.error()(np.zeros(1), np.array([0.1]))
+        two = self.error()(np.zeros(3), np.array([0.1, 5.0, -2.0]))
+        for a, b in zip(one, two, strict=True):
+            np.testing.assert_array_equal(a, b)
