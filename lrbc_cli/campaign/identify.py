@@ -184,7 +184,6 @@ class _Job:
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
         valid = np.isfinite(known) & (np.abs(known) > 0)
-        # Not known where the reference job has no value.
         ratio = np.where(valid, self._tight_frf() / np.where(valid, known, 1.0), np.nan)
         level = 20.0 * np.log10(np.abs(ratio))
         limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
@@ -400,7 +399,6 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     NumericalError
         Where the optimisation fails.
     """
-    # Small matrices throughout: threads of BLAS would cost more than they do, two of our own share the lines.
     with single_threaded():
         return _identify(inputs, source, name, reference)
 

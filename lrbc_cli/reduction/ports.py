@@ -256,7 +256,7 @@ def _blas() -> ThreadpoolController:
 
 
 def single_threaded() -> AbstractContextManager[object]:
-    """BLAS with one thread, for work that consists of small matrices."""
+    """BLAS with one thread, for work on small matrices: its threads would cost more than they do."""
     limit: AbstractContextManager[object] = _blas().limit(limits=1)
     return limit
 
