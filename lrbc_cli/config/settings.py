@@ -11,7 +11,7 @@ from lrbc_cli.config.structure import Record
 
 #: Changes below which a bolt is loose [decades]: a third of the tight stiffness; half of it where bolts are tight or loose, so that
 #: the changes of those that are tight stay within retorquing.
-LOOSE_CHANGE, MIXTURE_CHANGE = -0.5, -0.3
+LOOSE_CHANGE, MIXTURE_CHANGE = -0.5, -0.35
 
 
 def _check_band(value: tuple[float, float]) -> tuple[float, float]:
@@ -204,7 +204,7 @@ class UpdateConfig(Strict):
     )
     loose_change: Annotated[float, Field(lt=0)] | None = Field(
         default=None,
-        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, and -0.3 for "
+        description="Change of log10 stiffness at a bolt against the reference job below which it is loose; absent: -0.5, and -0.35 for "
         "what a mixture says.",
     )
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
