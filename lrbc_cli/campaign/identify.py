@@ -321,19 +321,18 @@ class _Job:
         plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
         return _Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
 
-    def best(self) -> tuple[_Fit, bool]:
-        """The fit, and whether it is relative: automatically so for changes at bolts, where the reference job has the same lines."""
+    def best(self) -> _Fit:
+        """By the comparison of the settings: automatically relative for changes at bolts, where the reference job has the same lines."""
         way = self.settings.comparison
         corrected = self.corrected() if way == "relative" or (way == "auto" and self.error is not None) else None
-        relative = corrected is not None
-        return self.drifted(self.fit(self.measured() if corrected is None else corrected, relative)), relative
+        return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
 
-    def about_reference(self, fit: _Fit, reference: Mapping[str, Any] | None, relative: bool) -> _Fit:
+    def about_reference(self, fit: _Fit, reference: Mapping[str, Any] | None) -> _Fit:
         """The same with the uncertainty of the reference state."""
         if not self.against_reference:
             return fit
         state, knowledge = stored_covariance(self.parameters, reference), fit.knowledge
-        if relative:
+        if fit.relative:
             # Its error is in model and measurement alike; that of its measurement is in the residuals.
             return replace(fit, knowledge=knowledge.about_estimate(state))
         value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
@@ -407,12 +406,11 @@ def _identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[s
     start = time.perf_counter()
     job = _Job(inputs, source, name, reference)
     ports = time.perf_counter()
-    fit, relative = job.best()
-    fit = job.about_reference(fit, reference, relative)
+    fit = job.about_reference(job.best(), reference)
     solution, knowledge = fit.solution, fit.knowledge
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
-    state = None if relative else stored_covariance(job.parameters, reference)
+    state = None if fit.relative else stored_covariance(job.parameters, reference)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error)
     opens = job.opens(fit)
     optimised = time.perf_counter()
@@ -434,7 +432,7 @@ def _identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[s
         opens,
         job.prior,
         job.against_reference,
-        relative,
+        fit.relative,
         solution.history[0].cost,
         fit.evaluations * fit.misfit.lines,
         {

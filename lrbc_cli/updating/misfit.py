@@ -46,7 +46,7 @@ class FrfModel:
     ----------
     s : (F,) complex array
     parameters : Parameterisation
-    values, linearise : callables
+    values, linearised : callables
         From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt).
     name : str
         ``port`` or ``reduced``.
@@ -383,4 +383,16 @@ def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
     return np.where(count > 0, np.where(valid, difference, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
-__all__ = ["DB", "Evaluation", "FrfModel", "Misfit", "decibel", "mean_misfit", "penalty_rows", "port_model", "reduced_model"]
+__all__ = [
+    "DB",
+    "SLOPE_STEP",
+    "ChangeError",
+    "Evaluation",
+    "FrfModel",
+    "Misfit",
+    "decibel",
+    "mean_misfit",
+    "penalty_rows",
+    "port_model",
+    "reduced_model",
+]

@@ -28,7 +28,7 @@ from lrbc_cli.campaign.inputs import Inputs, read_inputs
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import FrfSource, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_weights, residual_options
+from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Evaluation, Misfit, penalty_rows
@@ -148,7 +148,7 @@ def misfit_of(inputs: Inputs, source: FrfSource, name: str) -> tuple[Misfit, Flo
     assert settings.regularisation != "l-curve"
     assert settings.prior == "initial"
     rows = penalty_rows(parameters, settings.penalty.value, settings.penalty.slope, settings.penalty.curvature)
-    weights, _ = line_weights(inputs, measurement, job, selected)
+    sigma, _ = line_sigma(inputs, measurement, job, selected)
     misfit = Misfit(
         source.model(s, parameters, selected, inputs.used),
         measurement.values[np.ix_(selected, inputs.used)],
@@ -156,7 +156,7 @@ def misfit_of(inputs: Inputs, source: FrfSource, name: str) -> tuple[Misfit, Flo
         settings.regularisation,
         rows,
         residual_options(settings),
-        weights,
+        sigma,
     )
     return misfit, parameters.initial, parameters.bounds
 
