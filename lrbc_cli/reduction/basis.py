@@ -247,9 +247,11 @@ class Projection:
         for field, turn in zip(self.fields, turns, strict=True):
             field.Q = field.Q @ turn
 
-    def operator(self, which: int) -> Any:
-        """Vᵀ K V (0), Vᵀ C V (1) or Vᵀ M V (2), fields one after the other."""
-        return self._assemble(self._blocks[which], self.sizes)
+    @property
+    def operators(self) -> tuple[Any, Any, Any]:
+        """Vᵀ K V, Vᵀ C V and Vᵀ M V with the terms at their reference values, fields one after the other."""
+        K, C, M = (self._assemble(blocks, self.sizes) for blocks in self._blocks)
+        return K, C, M
 
     def project(self, matrix: sp.csc_array) -> Any:
         """Vᵀ A V of any matrix, fields one after the other."""

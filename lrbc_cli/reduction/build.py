@@ -12,7 +12,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, check_orthonormal, energy_weight, new_directions
-from lrbc_cli.reduction.certify import port_errors, quantity_groups, random_vectors, residual_errors
+from lrbc_cli.reduction.basis import check_orthonormal, new_directions
+from lrbc_cli.reduction.certify import port_errors, random_vectors, residual_errors
 from lrbc_cli.reduction.compress import Compressor
-from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.estimate import Estimator, Sweep
 from lrbc_cli.reduction.full import full_operators, full_ports
 from lrbc_cli.reduction.lines import FullLine, FullLines
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
-from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale, reference_values
+from lrbc_cli.reduction.vectors import certificate_vectors
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 10
+ALGORITHM_VERSION = 11
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -57,9 +57,6 @@ COMPRESSION, STRICTER = 0.1, 0.1
 #: By how much an estimate may prove too large.
 LEAST_EFFECTIVITY = 0.1
 
-#: Lines of the grid of the estimate; fewer where each costs more, by the number of terms.
-GRID_LINES = 120
-
 
 class _Clock:
     def __init__(self) -> None:
@@ -73,114 +70,64 @@ class _Clock:
         self._last = now
 
 
+class _Effectivity:
+    """Measured over estimated error at lines that were solved: how far the estimate is believed.
+
+    Points of very many terms are so costly that an estimate that proves too large is believed less.
+    """
+
+    def __init__(self, many: bool) -> None:
+        self.value, self._least, self._known = 1.0, LEAST_EFFECTIVITY if many else 1.0, not many
+
+    def see(self, error: float, expected: float) -> None:
+        if expected > 0:
+            seen = float(np.clip(error / expected, self._least, 10.0))
+            self.value = max(self.value, seen) if self._known else seen
+            self._known = True
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A basis that may be the last: the sweep of the rich one, that of the compressed one, and the rich model once it was compressed."""
+
+    rich: Sweep
+    sweep: Sweep
+    full: ReducedModel | None = field(default=None, repr=False)
+
+
 class Reducer:
-    """State of one adaptive reduction; ``run`` does it."""
+    """State of one adaptive reduction: ``run`` expands, compresses and certifies; the parameters are those of ``reduce_model``."""
 
     def __init__(
         self, model: FeModel, input_of: NDArray[np.int64], options: ReductionOptions, *, backend: str = "auto", ordering: str = "auto"
     ) -> None:
         self.clock = _Clock()
-        self.model, self.options, self.input_of = model, options, input_of
-        high = band_omega(model.K, model.M, options.band_hz)
-        self.scale = local_scale(model.K, model.M, model.terms, high)
-        self.reference = reference_values(model.terms, self.scale, high)
-        K, C, M = full_operators(model, self.reference)
-        self.Z = DynamicStiffness(K, C, M, model.is_acoustic, backend=backend, ordering=ordering)
-        self.lines = FullLines(self.Z, model, input_of, self.reference, self.scale)
-        weight = energy_weight(K, M, high)
-        masks = [~model.is_acoustic, model.is_acoustic]
-        self.fields = [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()]
-        self.projection = Projection(
-            (K, C, M),
-            self.lines.inputs,
-            self.lines.outputs,
-            self.fields,
-            dual=self.lines.dual,
-            residual_weight=energy_weight(K, M, high, RESIDUAL_STIFFNESS),
-            transposed=not self.Z.symmetric,
-        )
+        self.problem = Problem.of(model, input_of, options, backend=backend, ordering=ordering)
+        self.lines = FullLines(self.problem)
+        self.basis = self.problem.empty_basis()
+        self.estimator = Estimator(self.problem)
+        self.effectivity = _Effectivity(self.problem.many)
         # Large bases are costlier than points.
-        self.deflation = max((10 if self.lines.many else 1) * DEFLATION * options.tolerance, 1e-12)
-        count = int(np.clip(GRID_LINES * (100 / max(model.terms.size, 1)) ** 1.25, 16, GRID_LINES))
-        self.estimator = Estimator(self, count=max(count, 3 * options.held_out))
+        self.deflation = max((10 if self.problem.many else 1) * DEFLATION * options.tolerance, 1e-12)
         self.loss = COMPRESSION * options.tolerance
         #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
         self.capped = False
         self.exact: dict[float, PortFrf] = {}
         self.enriched: list[float] = []
+        self.held_out: list[float] = []
+        #: Errors at held-out lines, of the basis as it is.
+        self.measured: dict[float, dict[str, float]] = {}
         self.trace: list[Step] = []
         self.clock.lap("basis")
 
-    # -- one line ---------------------------------------------------------------------------------------------------
-
-    def enrich(self, line: FullLine) -> tuple[int, int]:
-        """Add the moments at a factorised line to the basis; returns (order, added directions)."""
-        line = self.lines.expanded(line)
-        self.lines.release(line)
-        assert line.snapshots is not None
-        new = [new_directions(f, line.snapshots, self.deflation) for f in self.fields]
-        self.clock.lap("basis")
-        self.projection.extend(new)
-        self.clock.lap("projection")
-        self.enriched.append(line.frequency_hz)
-        return line.order, sum(block.shape[1] for block in new)
-
-    def compress(self, sweep: Sweep) -> None:
-        """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
-        compressor = Compressor(self, sweep, self.loss)
-        counts = compressor.search(self.options.tolerance)
-        limit = self.options.max_size
-        self.capped = limit is not None and sum(counts) > limit
-        if limit is not None and self.capped:
-            counts = compressor.within(limit)
-        self.projection.restrict(compressor.turns(counts))
-        self.clock.lap("compression")
-
-    # -- errors -----------------------------------------------------------------------------------------------------
-
-    def operators(self) -> tuple[Any, Any, Any]:
-        """Projected K, C and M with the terms at their reference values."""
-        P = self.projection
-        return P.operator(0), P.operator(1), P.operator(2)
-
     @property
-    def structure(self) -> int:
-        """Structural ones of the reduced DOFs."""
-        return 0 if self.model.is_acoustic.all() else self.projection.sizes[0]
+    def options(self) -> ReductionOptions:
+        """What is asked for."""
+        return self.problem.options
 
     def reduced(self) -> ReducedModel:
         """The reduced model on the basis so far."""
-        P, R = self.projection, self.model.L.shape[0]
-        n_in = self.model.B.shape[1]
-        inputs, outputs = P.inputs, P.outputs
-        left, right = inputs[:, n_in:], outputs[R:].T
-        K, C, M = (A - (left * self.reference[:, i]) @ right.T for i, A in enumerate(self.operators()))
-        return ReducedModel(
-            K, C, M, inputs[:, :n_in], outputs[:R], left, right, self.model.output_power, self.input_of, self.reference, self.structure
-        )
-
-    def projected_groups(self) -> dict[str, dict[str, Any]]:
-        """Vᵀ A V of the further groups of factors."""
-        return {name: {key: self.projection.project(A) for key, A in group.items()} for name, group in self.model.extras.items()}
-
-    def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
-        """Measured relative error of y at a line that was solved for all inputs, by kind of parameter vector."""
-        exact = self.exact[frequency]
-        return port_errors(self.model, self.scale, exact, model.ports(exact.s, workers=1))
-
-    def measure(self, line: FullLine, model: ReducedModel) -> dict[str, float]:
-        """The same at a line just factorised, by the residuals where not all inputs were solved."""
-        if line.exact is not None:
-            return self.errors(line.frequency_hz, model)
-        return residual_errors(
-            self.model, self.scale, model, line.factorisation, self.projection.lift, lambda amplitudes: self.lines.inputs @ amplitudes
-        )
-
-    def quantity_groups(self) -> list[NDArray[np.int64]]:
-        """Responses that share a physical quantity."""
-        return quantity_groups(self.model)
-
-    # -- the loop ---------------------------------------------------------------------------------------------------
+        return self.problem.reduced(self.basis)
 
     def run(self, progress: Callable[[str], None] = lambda _: None) -> Reduction:
         """Grow the basis until the estimate holds over the band and the measured error at the held-out lines.
@@ -190,118 +137,22 @@ class Reducer:
         NumericalError
             Where a factorisation fails.
         """
-        options = self.options
-        angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
-        rich = self._expand(self.estimator.grid.frequency(0.5 - 0.5 * np.cos(angles)), progress)
-        held_out: list[float] = []
-        # Measured over estimated error. Points of very many terms are so costly that an estimate that proves too large is believed less.
-        effectivity, least = 1.0, LEAST_EFFECTIVITY if self.lines.many else 1.0
-        # Valid for the basis as it is: emptied whenever it grows.
-        measured: dict[float, dict[str, float]] = {}
-        sweep = rich
-        full, compressed = self.reduced(), False
-        again: list[float] = []
-        known = not self.lines.many
+        rich = self.expand(progress)
         while True:
-            if len(held_out) >= options.held_out:
-                # The basis may have grown after a line was held out: all errors are those of the final model.
-                final = self.reduced()
-                measured = {frequency: measured.get(frequency) or self.errors(frequency, final) for frequency in held_out}
-                again = [frequency for frequency in held_out if max(measured[frequency].values()) > options.tolerance]
-                if not again or not self._may_grow():
-                    break
-                held_out = [frequency for frequency in held_out if frequency not in again]
-            if not compressed and (self._is_good(rich.estimate, effectivity) or not self._may_grow()):
-                full, compressed, sweep = self.reduced(), True, rich
-                # With very many terms it would save little, and each comparison costs as much as several full lines.
-                if not self.lines.many or options.max_size is not None:
-                    size = self.projection.size
-                    self.compress(rich)
-                    sweep = self._sweep()
-                    self.trace.append(Step(float("nan"), self.projection.size, 0, 0, None, self.estimator.grid.lines_hz, sweep.estimate))
-                    progress(f"   compressed  r = {self.projection.size:4d}  from {size}")
-            # A line that is likely to enrich the basis decides where the next one is.
-            width = min(self.lines.width if compressed else 1, options.held_out - len(held_out))
-            batch = self.lines.solve(
-                again[:1] or self.estimator.grid.worst(sweep.estimate, self.enriched, held_out, width, options.held_out)
-            )
-            again = []
-            self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
-            grown = False
-            while batch:
-                line = batch.pop(0)
-                frequency, model = line.frequency_hz, self.reduced()
-                measured[frequency] = self.measure(line, model)
-                error = max(measured[frequency].values())
-                expected = float(np.interp(frequency, self.estimator.grid.lines_hz, sweep.estimate))
-                if expected > 0 and not grown:
-                    seen = float(np.clip(error / expected, least, 10.0))
-                    effectivity = max(effectivity, seen) if known else seen
-                    known = True
-                if compressed and not grown and error > 0.5 * options.tolerance and self._lost_by_compression(line, full, error):
-                    self.loss *= STRICTER
-                needs = error > 0.5 * options.tolerance or not (grown or self._is_good(rich.estimate, effectivity))
-                order = added = 0
-                if needs and self._may_grow():
-                    self.clock.lap("certificate")
-                    order, added = self.enrich(line)
-                    # Nothing new although the error is too large: the deflation hides what is missing.
-                    if added == 0:
-                        self.deflation *= 0.1
-                        if self.deflation < 1e-15:
-                            held_out.append(frequency)
-                else:
-                    held_out.append(frequency)
-                    self.clock.lap("certificate")
-                self._record(frequency, order, added, error)
-                progress(
-                    f"{frequency:8.2f} Hz  r = {self.projection.size:4d}  measured error {error:.1e}  "
-                    + (f"expansion point, +{added}" if order else "held out")
-                )
-                if added:
-                    grown, measured = True, {}
-                del line
-            if grown:
-                sweep = rich = self._sweep(seen=True)
-                compressed = False
-                # A larger basis can be measured again only where the exact port FRFs are known.
-                held_out = [frequency for frequency in held_out if frequency in self.exact]
-        return self._finish(held_out, measured, full if compressed else self.reduced(), rich, sweep)
+            if self._holds(rich) or self.stopped:
+                candidate = self.compress(rich, progress)
+                if not self.certify(candidate, progress):
+                    return self._finish(candidate)
+            elif not self._visit_worst(_Candidate(rich, rich), 1, progress):
+                continue
+            rich = self._sweep(seen=True)
 
-    def _lost_by_compression(self, line: FullLine, full: ReducedModel, error: float) -> bool:
-        """Whether the rich model is much better than the compressed one at a line."""
-        return line.exact is not None and max(self.errors(line.frequency_hz, full).values()) < 0.5 * error
+    # -- expand -----------------------------------------------------------------------------------------------------
 
-    def _sweep(self, *, seen: bool = False) -> Sweep:
-        """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
-        sweep = self.estimator.sweep()
-        if seen:
-            self.trace[-1] = replace(self.trace[-1], estimate=sweep.estimate)
-        self.clock.lap("estimate")
-        return sweep
-
-    def _is_good(self, estimate: Floats, effectivity: float) -> bool:
-        return float(estimate.max()) * effectivity <= self.options.tolerance
-
-    def _may_grow(self) -> bool:
-        return not self.stopped
-
-    @property
-    def stopped(self) -> str:
-        """Why no further point is of use; empty where one may be."""
-        if self.capped:
-            return f"max_size {self.options.max_size}"
-        if len(self.enriched) >= self.options.max_points:
-            return f"{self.options.max_points} expansion points"
-        if self.projection.size >= self.model.size:
-            return "the basis is as large as the model"
-        errors = [step.measured_error for step in self.trace if step.measured_error is not None]
-        if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE]) and max(errors[-PATIENCE:]) < ROUNDED:
-            return "rounding"
-        return ""
-
-    def _expand(self, frequencies_hz: Floats, progress: Callable[[str], None]) -> Sweep:
-        """Expand at these lines, the outer ones first, until the estimate is good."""
+    def expand(self, progress: Callable[[str], None] = lambda _: None) -> Sweep:
+        """Expand at the first lines, the outer ones first, until the estimate is good."""
+        angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
+        frequencies_hz = self.estimator.grid.frequency(0.5 - 0.5 * np.cos(angles))
         rest = [float(frequency) for frequency in (*frequencies_hz[::2], *frequencies_hz[1::2])]
         while True:
             batch, rest = rest[: self.lines.width], rest[self.lines.width :]
@@ -318,75 +169,218 @@ class Reducer:
                         error = max(self.errors(line.frequency_hz, self.reduced()).values())
                         self.clock.lap("certificate")
                 order, added = self.enrich(line)
-                self._record(line.frequency_hz, order, added, error)
-                missed = "" if error is None else f"measured error {error:.1e}  "
-                progress(f"{line.frequency_hz:8.2f} Hz  r = {self.projection.size:4d}  {missed}expansion point, +{added}")
+                self._record(line.frequency_hz, order, added, error, progress)
                 del line
-            if len(self.enriched) > (FIRST_POINTS - 1 if self.lines.many else 1):
+            if len(self.enriched) > (FIRST_POINTS - 1 if self.problem.many else 1):
                 sweep = self._sweep(seen=True)
                 if not rest or self._is_good(sweep.estimate, 1.0):
                     return sweep
 
-    def _record(self, frequency: float, order: int, added: int, error: float | None) -> None:
-        grid = self.estimator.grid.lines_hz
-        self.trace.append(Step(frequency, self.projection.size, order, added, error, grid, np.full(grid.size, np.nan)))
+    def enrich(self, line: FullLine) -> tuple[int, int]:
+        """Add the moments at a factorised line to the basis; returns (order, added directions)."""
+        line = self.lines.expanded(line)
+        self.lines.release(line)
+        assert line.snapshots is not None
+        new = [new_directions(part, line.snapshots, self.deflation) for part in self.basis.fields]
+        self.clock.lap("basis")
+        self.basis.extend(new)
+        self.clock.lap("projection")
+        self.enriched.append(line.frequency_hz)
+        added = sum(block.shape[1] for block in new)
+        if added:
+            self._changed()
+        return line.order, added
 
-    def _unseen(
-        self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep
-    ) -> float:
-        """Bound of the error at lines that were not solved in full."""
-        lines = np.array(held_out)
-        if self.lines.many:
-            worst = np.array([max(measured[line].values()) for line in held_out])
-            return unseen_bound(
-                worst, np.interp(lines, self.estimator.grid.lines_hz, sweep.estimate), sweep.estimate, np.zeros(()), self.options.tolerance
-            )
-        worst = np.array([max(self.errors(line, full).values()) for line in held_out])
-        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.quantity_groups(), self.estimator.local)
-        # The certificate has more vectors than the sweep: where it measured, its differences correct those.
-        final = np.array([max(measured[line].values()) for line in held_out])
-        computed = np.interp(lines, self.estimator.grid.lines_hz, lost)
-        lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
-        return unseen_bound(
-            worst, np.interp(lines, self.estimator.grid.lines_hz, rich.estimate), rich.estimate, lost, self.options.tolerance
+    # -- compress ---------------------------------------------------------------------------------------------------
+
+    def compress(self, rich: Sweep, progress: Callable[[str], None] = lambda _: None) -> _Candidate:
+        """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
+        full, limit, size = self.reduced(), self.options.max_size, self.basis.size
+        # With very many terms it would save little, and each comparison costs as much as several full lines.
+        if self.problem.many and limit is None:
+            return _Candidate(rich, rich, full)
+        compressor = Compressor(self.problem, self.basis, rich, self.estimator, self.loss)
+        counts = compressor.search(self.options.tolerance)
+        self.capped = limit is not None and sum(counts) > limit
+        if limit is not None and self.capped:
+            counts = compressor.within(limit)
+        self.basis.restrict(compressor.turns(counts))
+        self._changed()
+        self.clock.lap("compression")
+        sweep = self._sweep()
+        self.trace.append(Step(float("nan"), self.basis.size, 0, 0, None, self.estimator.grid.lines_hz, sweep.estimate))
+        progress(f"   compressed  r = {self.basis.size:4d}  from {size}")
+        return _Candidate(rich, sweep, full)
+
+    def _changed(self) -> None:
+        """Errors are those of another basis now; it can be measured again only where the exact port FRFs are known."""
+        self.measured = {}
+        self.held_out = [frequency for frequency in self.held_out if frequency in self.exact]
+
+    # -- certify ----------------------------------------------------------------------------------------------------
+
+    def certify(self, candidate: _Candidate, progress: Callable[[str], None] = lambda _: None) -> bool:
+        """Measure the error at lines outside the basis until so many as asked for hold; returns whether one made the basis grow."""
+        while True:
+            missing = self.options.held_out - len(self.held_out)
+            if missing > 0:
+                if self._visit_worst(candidate, min(self.lines.width, missing), progress):
+                    return True
+                continue
+            final = self.reduced()
+            self.measured = {frequency: self.measured.get(frequency) or self.errors(frequency, final) for frequency in self.held_out}
+            missed = [frequency for frequency in self.held_out if max(self.measured[frequency].values()) > self.options.tolerance]
+            if not missed or self.stopped:
+                return False
+            self.held_out = [frequency for frequency in self.held_out if frequency not in missed]
+            if self._visit(self.lines.solve(missed[:1]), candidate, progress):
+                return True
+
+    def _visit_worst(self, candidate: _Candidate, count: int, progress: Callable[[str], None]) -> bool:
+        """Visit lines where the estimate is worst, each in a part of the band of its own."""
+        grid, estimate = self.estimator.grid, candidate.sweep.estimate
+        return self._visit(
+            self.lines.solve(grid.worst(estimate, self.enriched, self.held_out, count, self.options.held_out)), candidate, progress
         )
 
-    def _finish(
-        self, held_out: list[float], measured: dict[float, dict[str, float]], full: ReducedModel, rich: Sweep, sweep: Sweep
-    ) -> Reduction:
-        for f in self.fields:
-            check_orthonormal(f)
-        model = replace(self.reduced(), extras=self.projected_groups())
-        lines = tuple(HeldOut(f, measured[f]) for f in sorted(held_out))
+    def _visit(self, batch: list[FullLine], candidate: _Candidate, progress: Callable[[str], None]) -> bool:
+        """Measure the error at lines just solved: each is held out, or enriches the basis; returns whether the basis grew.
+
+        The others are left where one makes it grow: the next ones depend on the new basis, not on how many lines are solved at a time.
+        """
         tolerance = self.options.tolerance
-        # No bound below what was measured.
-        unseen = max(self._unseen(held_out, measured, full, rich, sweep), max((line.worst for line in lines), default=0.0))
-        self.clock.lap("certificate")
-        seconds = dict(self.clock.seconds)
-        seconds["full_line"] = self.lines.line_seconds
-        seconds["factor"] = self.lines.factor_seconds
-        seconds["total"] = time.perf_counter() - self.clock.start
-        vectors = sum(
-            len(v)
-            for v in certificate_vectors(self.model.terms, self.scale, np.array([1j]), random_vectors(self.model.terms.size)).values()
+        self.exact.update({line.frequency_hz: line.exact for line in batch if line.exact is not None})
+        while batch:
+            line = batch.pop(0)
+            frequency = line.frequency_hz
+            errors = self.measure(line, self.reduced())
+            error = max(errors.values())
+            self.effectivity.see(error, float(np.interp(frequency, self.estimator.grid.lines_hz, candidate.sweep.estimate)))
+            if candidate.full is not None and error > 0.5 * tolerance and self._lost_by_compression(line, candidate.full, error):
+                self.loss *= STRICTER
+            order = added = 0
+            self.clock.lap("certificate")
+            if (error > 0.5 * tolerance or not self._holds(candidate.rich)) and not self.stopped:
+                order, added = self.enrich(line)
+                # Nothing new although the error is too large: the deflation hides what is missing.
+                self.deflation *= 1.0 if added else 0.1
+            if not order or self.deflation < 1e-15:
+                self.held_out.append(frequency)
+                self.measured[frequency] = errors
+            self._record(frequency, order, added, error, progress)
+            del line
+            if added:
+                return True
+        return False
+
+    def errors(self, frequency: float, model: ReducedModel) -> dict[str, float]:
+        """Measured relative error of y at a line that was solved for all inputs, by kind of parameter vector."""
+        exact = self.exact[frequency]
+        return port_errors(self.problem.model, self.problem.scale, exact, model.ports(exact.s, workers=1))
+
+    def measure(self, line: FullLine, model: ReducedModel) -> dict[str, float]:
+        """The same at a line just factorised, by the residuals where not all inputs were solved."""
+        if line.exact is not None:
+            return self.errors(line.frequency_hz, model)
+        inputs = self.problem.inputs
+        return residual_errors(
+            self.problem.model, self.problem.scale, model, line.factorisation, self.basis.lift, lambda amplitudes: inputs @ amplitudes
         )
-        reached = all(line.worst <= tolerance for line in lines)
+
+    def _lost_by_compression(self, line: FullLine, full: ReducedModel, error: float) -> bool:
+        """Whether the rich model is much better than the compressed one at a line."""
+        return line.exact is not None and max(self.errors(line.frequency_hz, full).values()) < 0.5 * error
+
+    # -- what all three need ----------------------------------------------------------------------------------------
+
+    def _sweep(self, *, seen: bool = False) -> Sweep:
+        """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
+        sweep = self.estimator.sweep(self.basis)
+        if seen:
+            self.trace[-1] = replace(self.trace[-1], estimate=sweep.estimate)
+        self.clock.lap("estimate")
+        return sweep
+
+    def _holds(self, rich: Sweep) -> bool:
+        return self._is_good(rich.estimate, self.effectivity.value)
+
+    def _is_good(self, estimate: Floats, effectivity: float) -> bool:
+        return float(estimate.max()) * effectivity <= self.options.tolerance
+
+    @property
+    def stopped(self) -> str:
+        """Why no further point is of use; empty where one may be."""
+        if self.capped:
+            return f"max_size {self.options.max_size}"
+        if len(self.enriched) >= self.options.max_points:
+            return f"{self.options.max_points} expansion points"
+        if self.basis.size >= self.problem.model.size:
+            return "the basis is as large as the model"
+        errors = [step.measured_error for step in self.trace if step.measured_error is not None]
+        if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE]) and max(errors[-PATIENCE:]) < ROUNDED:
+            return "rounding"
+        return ""
+
+    def _record(self, frequency: float, order: int, added: int, error: float | None, progress: Callable[[str], None]) -> None:
+        grid = self.estimator.grid.lines_hz
+        self.trace.append(Step(frequency, self.basis.size, order, added, error, grid, np.full(grid.size, np.nan)))
+        missed = "" if error is None else f"measured error {error:.1e}  "
+        done = f"expansion point, +{added}" if order else "held out"
+        progress(f"{frequency:8.2f} Hz  r = {self.basis.size:4d}  {missed}{done}")
+
+    # -- the end ----------------------------------------------------------------------------------------------------
+
+    def _unseen(self, candidate: _Candidate) -> float:
+        """Bound of the error at lines that were not solved in full."""
+        grid, rich, sweep = self.estimator.grid.lines_hz, candidate.rich, candidate.sweep
+        tolerance, lines = self.options.tolerance, np.array(self.held_out)
+        # The certificate has more vectors than the sweep: where it measured, its differences correct those.
+        final = np.array([max(self.measured[line].values()) for line in self.held_out])
+        if self.problem.many or candidate.full is None:
+            return unseen_bound(final, np.interp(lines, grid, sweep.estimate), sweep.estimate, np.zeros(()), tolerance)
+        worst = np.array([max(self.errors(line, candidate.full).values()) for line in self.held_out])
+        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.problem.quantities, self.estimator.local)
+        computed = np.interp(lines, grid, lost)
+        lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
+        return unseen_bound(worst, np.interp(lines, grid, rich.estimate), rich.estimate, lost, tolerance)
+
+    def _finish(self, candidate: _Candidate) -> Reduction:
+        for part in self.basis.fields:
+            check_orthonormal(part)
+        problem, options = self.problem, self.options
+        groups = {name: {key: self.basis.project(A) for key, A in group.items()} for name, group in problem.model.extras.items()}
+        lines = tuple(HeldOut(frequency, self.measured[frequency]) for frequency in sorted(self.held_out))
+        # No bound below what was measured.
+        unseen = max(self._unseen(candidate), max((line.worst for line in lines), default=0.0))
+        self.clock.lap("certificate")
+        terms = problem.model.terms
+        vectors = certificate_vectors(terms, problem.scale, np.array([1j]), random_vectors(terms.size))
+        reached = all(line.worst <= options.tolerance for line in lines)
         return Reduction(
-            model,
-            self.options,
-            reached,
-            lines,
-            unseen,
-            tuple(self.trace),
-            seconds,
-            self.Z.backend,
-            self.Z.coupling.text,
-            tuple(self.projection.sizes),
-            self.model.size,
-            vectors,
-            {"platform": platform.platform(), "processor": platform.processor() or platform.machine(), "cores": os.cpu_count() or 1},
-            datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-            "" if reached else self.stopped,
+            model=replace(self.reduced(), extras=groups),
+            options=options,
+            reached=reached,
+            held_out=lines,
+            unseen=unseen,
+            trace=tuple(self.trace),
+            seconds=self.clock.seconds
+            | {
+                "full_line": self.lines.line_seconds,
+                "factor": self.lines.factor_seconds,
+                "total": time.perf_counter() - self.clock.start,
+            },
+            backend=problem.Z.backend,
+            coupling=problem.Z.coupling.text,
+            sizes=tuple(self.basis.sizes),
+            full_size=problem.model.size,
+            vectors=sum(len(kind) for kind in vectors.values()),
+            machine={
+                "platform": platform.platform(),
+                "processor": platform.processor() or platform.machine(),
+                "cores": os.cpu_count() or 1,
+            },
+            date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            stopped="" if reached else self.stopped,
         )
 
 

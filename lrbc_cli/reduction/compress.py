@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 from numpy.typing import NDArray
 
-from lrbc_cli.reduction.estimate import Sweep
-from lrbc_cli.reduction.ports import in_chunks, port_frf
-from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.basis import Projection
+from lrbc_cli.reduction.estimate import Estimator, Sweep
+from lrbc_cli.reduction.ports import in_chunks
+from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.sweep import Solver
 from lrbc_cli.reduction.unseen import distance
-
-if TYPE_CHECKING:
-    from lrbc_cli.reduction.build import Reducer
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -65,25 +63,30 @@ class Compressor:
 
     Parameters
     ----------
-    reducer : Reducer
+    problem : Problem
+    basis : Projection
+        The rich one.
     sweep : Sweep
-        Of its present basis.
+        Of that basis.
+    estimator : Estimator
+        That made the sweep: its vectors are those of the comparison.
     limit : float
         Relative difference of y that is allowed.
     """
 
-    def __init__(self, reducer: Reducer, sweep: Sweep, limit: float) -> None:
-        self._reducer, self._limit = reducer, limit
+    def __init__(self, problem: Problem, basis: Projection, sweep: Sweep, estimator: Estimator, limit: float) -> None:
+        self._problem, self._limit = problem, limit
         self.modes = [Modes.of(spread) for spread in sweep.spread]
-        P, T = reducer.projection, la.block_diag(*[modes.vectors for modes in self.modes])
-        self._starts = np.cumsum([0, *P.sizes[:-1]])
-        self._turned = [T.T @ A @ T for A in reducer.operators()]
-        self._inputs, self._outputs = T.T @ P.inputs, P.outputs @ T
+        T = la.block_diag(*[modes.vectors for modes in self.modes])
+        self._starts = np.cumsum([0, *basis.sizes[:-1]])
+        self._structure = problem.structure_of(basis) > 0
+        self._turned = [T.T @ A @ T for A in basis.operators]
+        self._inputs, self._outputs = T.T @ basis.inputs, basis.outputs @ T
         count = sweep.ports.lines
-        checks = max(CHECKS * 100 // max(reducer.model.terms.size, 100), 3)
+        checks = max(CHECKS * 100 // max(problem.model.terms.size, 100), 3)
         worst = np.argsort(sweep.estimate, kind="stable")[-checks:]
         at = np.union1d(np.linspace(0, count - 1, min(checks, count)).round().astype(int), worst)
-        self._at, self._ports, self._vectors = at, sweep.ports, reducer.estimator.vectors
+        self._at, self._ports, self._vectors, self._local = at, sweep.ports, estimator.vectors, estimator.local
 
     def turns(self, counts: Sequence[int]) -> list[Floats]:
         """The first columns of each field."""
@@ -91,13 +94,13 @@ class Compressor:
 
     def error(self, counts: Sequence[int], at: NDArray[np.int64] | None = None) -> float:
         """Relative difference of y to the rich model with so many columns a field, at some lines of the grid or at all."""
-        reducer = self._reducer
+        problem = self._problem
         # Only the leading part of the operators in principal directions is used.
         keep = np.concatenate([start + np.arange(count) for start, count in zip(self._starts, counts, strict=True)])
         K, C, M = (A[np.ix_(keep, keep)] for A in self._turned)
-        structure = counts[0] if reducer.structure else 0
+        structure = counts[0] if self._structure else 0
         none = np.zeros((keep.size, 0))
-        solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=reducer.Z.symmetric)
+        solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=problem.Z.symmetric)
         at = np.arange(self._ports.lines) if at is None else at
         outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s[at]
         H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)
@@ -106,11 +109,8 @@ class Compressor:
             H[part] = outputs @ solver.solve(s[part])[0]
 
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
-        ports = port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
-        rich = self._ports.select(at, np.arange(reducer.input_of.size))
-        return float(
-            distance(rich, ports, [D[at] for D in self._vectors], reducer.quantity_groups(), reducer.estimator.local).max(initial=0.0)
-        )
+        rich = self._ports.select(at, np.arange(problem.responses))
+        return float(distance(rich, problem.ports(H, s), [D[at] for D in self._vectors], problem.quantities, self._local).max(initial=0.0))
 
     def search(self, start: float) -> list[int]:
         """Columns of each field: the largest share left out, in strides, that keeps the difference within the limit.

@@ -189,7 +189,6 @@ class DynamicStiffness:
         )
         self._state: tuple[complex, Any, Any] | None = None
         self.factor_seconds: list[float] = []
-        self.solve_seconds: list[tuple[int, float]] = []
 
     def twin(self) -> DynamicStiffness:
         """Another one on the same matrices and ordering, with factors of its own: for a second thread."""
@@ -282,7 +281,6 @@ class DynamicStiffness:
     def _solve(self, s: complex, rhs: Columns, *, transposed: bool, refine: int) -> Complexes:
         if self._state is None or self._state[0] != s:
             raise NumericalError("the factorisation was released, or replaced by a later one")
-        start = time.perf_counter()
         _, left, right = self._state
         before, after = (right, left) if transposed else (left, right)
         # A symmetric S needs no transposed solve.
@@ -317,7 +315,6 @@ class DynamicStiffness:
             part = columns[:, first : first + step]
             dense = part if isinstance(part, np.ndarray) else part.toarray()
             out[:, first : first + step] = solved(np.asarray(dense, dtype=complex))
-        self.solve_seconds.append((columns.shape[1], time.perf_counter() - start))
         return np.asarray(out[:, 0] if rhs.ndim == 1 else out)
 
 

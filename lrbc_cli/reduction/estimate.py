@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.grid import Grid
-from lrbc_cli.reduction.ports import PortFrf, in_chunks, port_frf
-from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.ports import PortFrf, in_chunks
+from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.sweep import Solver
 from lrbc_cli.reduction.vectors import certificate_vectors
 
-if TYPE_CHECKING:
-    from lrbc_cli.reduction.build import Reducer
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Lines of the grid; fewer where each costs more, by the number of terms.
+GRID_LINES = 120
 
 
 @dataclass(frozen=True)
@@ -52,39 +53,46 @@ class Estimator:
 
     Parameters
     ----------
-    reducer : Reducer
-    count : int
-        Lines of the grid.
+    problem : Problem
+
+    Attributes
+    ----------
+    grid : Grid
+    vectors : list of (F, nt) complex arrays
+        Dynamic values of the terms for which the error is estimated.
+    local : (R,) float array
+        From ``local_responses``.
     """
 
-    def __init__(self, reducer: Reducer, count: int) -> None:
-        self._reducer = reducer
-        low, high = reducer.options.band_hz
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        low, high = problem.options.band_hz
+        model = problem.model
+        count = int(np.clip(GRID_LINES * (100 / max(model.terms.size, 1)) ** 1.25, 16, GRID_LINES))
+        count = max(count, 3 * problem.options.held_out)
         self.grid = Grid(low, high, count)
         s = 2j * np.pi * self.grid.lines_hz
-        model = reducer.model
-        chosen = certificate_vectors(model.terms, reducer.scale, s, count=1 if reducer.lines.many else 2)
-        kinds = ("free", "clamped", "random") if reducer.lines.many else ("free", "loose", "local", "clamped", "random")
+        chosen = certificate_vectors(model.terms, problem.scale, s, count=1 if problem.many else 2)
+        kinds = ("free", "clamped", "random") if problem.many else ("free", "loose", "local", "clamped", "random")
         self.vectors = [D for kind in kinds for D in chosen[kind]]
-        self.local = local_responses(model, complex(s[count // 2]), reducer.input_of)
-        self._acoustic_response = np.asarray(abs(reducer.lines.dual).T @ model.is_acoustic.astype(float)) > 0
+        self.local = local_responses(model, complex(s[count // 2]), problem.input_of)
+        self._acoustic_response = np.asarray(abs(problem.dual).T @ model.is_acoustic.astype(float)) > 0
 
-    def sweep(self) -> Sweep:
+    def sweep(self, basis: Projection) -> Sweep:
         """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis."""
-        reducer = self._reducer
-        P = reducer.projection
+        problem = self._problem
         s = 2j * np.pi * self.grid.lines_hz
-        symmetric = reducer.Z.symmetric
-        solver = Solver(reducer.operators(), reducer.structure, P.inputs, P.dual, symmetric=symmetric)
+        symmetric = problem.Z.symmetric
+        solver = Solver(basis.operators, problem.structure_of(basis), basis.inputs, basis.dual, symmetric=symmetric)
         turn = solver.turn
-        SK, SC, SM = (P.sketched(i) @ turn for i in range(3))
-        TK, TC, TM = (SK, SC, SM) if symmetric else tuple(P.sketched(i, transposed=True) @ turn for i in range(3))
-        L, theta_B, theta_dual = P.outputs @ turn, P.sketched_inputs, P.sketched_dual
-        kappa = reducer.Z.coupling.kappa
-        R, n_in = reducer.model.L.shape[0], reducer.model.B.shape[1]
+        SK, SC, SM = (basis.sketched(i) @ turn for i in range(3))
+        TK, TC, TM = (SK, SC, SM) if symmetric else tuple(basis.sketched(i, transposed=True) @ turn for i in range(3))
+        L, theta_B, theta_dual = basis.outputs @ turn, basis.sketched_inputs, basis.sketched_dual
+        kappa = problem.Z.coupling.kappa
+        R, n_in = problem.responses, problem.loads
         H = np.empty((s.size, L.shape[0], theta_B.shape[1]), dtype=complex)
         estimate = np.zeros(s.size)
-        ends = np.cumsum([0, *P.sizes])
+        ends = np.cumsum([0, *basis.sizes])
         spreads: dict[int, list[Floats]] = {}
 
         def work(part: slice) -> None:
@@ -92,20 +100,20 @@ class Estimator:
             X, Y = solver.solve(s[part])
             H[part] = _times(L, X)
             # Rows of the acoustic field scaled as in the symmetrised system, by |l| = 1/|kappa s²|.
-            weight = self._row_weight(s[part], kappa)[:, :, None]
+            weight = _row_weight(s[part], basis, kappa)[:, :, None]
             rest = weight * (theta_dual - (z**2 * _times(TM, Y) + z * _times(TC, Y) + _times(TK, Y)))
             dual_norm = np.linalg.norm(rest, axis=1)
             if kappa is not None:
                 dual_norm = dual_norm * np.where(self._acoustic_response[None, :], np.abs(kappa * s[part, None] ** 2), 1.0)
-            dual_norm = dual_norm[:, reducer.lines.dual_of[:R]]
-            ports = self._ports(H[part], s[part])
+            dual_norm = dual_norm[:, problem.dual_of[:R]]
+            ports = problem.ports(H[part], s[part])
             driven = [ports.drive(D[part]) for D in self.vectors]
             # What drives the system for every input and vector: the input itself and what the terms add.
             unit = np.broadcast_to(np.eye(n_in, dtype=complex), (part.stop - part.start, n_in, n_in))
             u = np.concatenate([np.concatenate([unit, aux], axis=1) for _, aux in driven], axis=2)
             x = X @ u
             residual = np.linalg.norm(weight * (_times(theta_B, u) - (z**2 * _times(SM, x) + z * _times(SC, x) + _times(SK, x))), axis=1)
-            size = np.abs(s[part, None] ** reducer.model.output_power[None, :])
+            size = np.abs(s[part, None] ** problem.model.output_power[None, :])
             for at, (y, _) in enumerate(driven):
                 of_vector = residual[:, at * n_in : (at + 1) * n_in]
                 estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm * size, y, ports.H00))
@@ -115,18 +123,14 @@ class Estimator:
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
         # In the order of the lines, whichever thread came first: sums must not depend on it.
         spread = [np.sum(parts, axis=0) for parts in zip(*(spreads[at] for at in sorted(spreads)), strict=True)]
-        return Sweep(estimate, self._ports(H, s), spread)
-
-    def _ports(self, H: Complexes, s: Complexes) -> PortFrf:
-        reducer = self._reducer
-        return port_frf(H, s, reference_dynamic(reducer.reference, s), reducer.model.output_power, reducer.input_of)
+        return Sweep(estimate, problem.ports(H, s), spread)
 
     def _relative(self, residual: Floats, dual: Floats, y: Complexes, reference: Complexes) -> Floats:
         """(F,) estimated relative error for one parameter vector, the worst over inputs and quantities."""
         worst = np.zeros(y.shape[0])
         for column in range(residual.shape[1]):
-            mine = self._reducer.input_of == column
-            for group in self._reducer.quantity_groups():
+            mine = self._problem.input_of == column
+            for group in self._problem.quantities:
                 rows = group[mine[group]]
                 if rows.size:
                     error = residual[:, column] * np.linalg.norm(dual[:, rows], axis=1)
@@ -136,13 +140,13 @@ class Estimator:
                     worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), silent))
         return worst
 
-    def _row_weight(self, s: NDArray[np.complexfloating[Any, Any]], kappa: float | None) -> Floats:
-        """(F, sketch rows) square root of |l| of each field's rows."""
-        P = self._reducer.projection
-        weight = np.ones((s.size, P.rows * len(P.fields)))
-        if kappa is not None:
-            weight[:, P.rows :] = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None]
-        return weight
+
+def _row_weight(s: Complexes, basis: Projection, kappa: float | None) -> Floats:
+    """(F, sketch rows) square root of |l| of each field's rows."""
+    weight = np.ones((s.size, basis.rows * len(basis.fields)))
+    if kappa is not None:
+        weight[:, basis.rows :] = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None]
+    return weight
 
 
 def _spread(X: Complexes) -> Floats:

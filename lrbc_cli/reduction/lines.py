@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -17,10 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation, columns_at_once
-from lrbc_cli.reduction.ports import PortFrf, port_frf
-from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.dynamic import Analysis, DynamicStiffness, Factorisation, columns_at_once
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.problem import Problem, distinct_columns
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -28,15 +26,14 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Factors above this size are made one at a time.
 SIDE_BY_SIDE_BYTES = 400e6
 
-#: Inputs above which only the first line is solved for all of them, and later ones for so many random combinations.
-MANY_INPUTS = 150
+#: Random combinations that stand for very many inputs, see ``Problem.many``.
 COMBINATIONS = 96
 
-#: A second moment pays where a factorisation takes more time than this many blocks of solves.
+#: A second moment pays where a factorisation costs more than this many blocks of solves.
 MOMENT_PAYS = 4.0
 
-#: Faster factorisations [s] are not worth the choice, and their times are noise.
-MOMENT_SECONDS = 0.2
+#: Time of an operation of a solve over that of an operation of a factorisation, which works on dense blocks: measured with both back ends.
+SOLVE_EFFORT = 5.0
 
 
 @dataclass(frozen=True)
@@ -85,47 +82,23 @@ class FullLines:
 
     Parameters
     ----------
-    Z : DynamicStiffness
-        With the terms at their reference values.
-    model : FeModel
-    input_of : (n_out,) int array
-    reference : (nt, 3) float array
-    scale : (nt,) float array
-        From ``local_scale``.
-
-    Attributes
-    ----------
-    dual : (n, d) csc_array
-        Distinct responses, and outputs of the terms where their solutions are not those of the inputs.
-    dual_of : int array
-        Which of them belongs to each response (and output of a term).
-    many : bool
-        So many inputs that they are compressed before solving: what one line's solutions span, random combinations at the next one leave
-        only where it is new. Errors are then measured by residuals.
+    problem : Problem
     """
 
-    def __init__(self, Z: DynamicStiffness, model: FeModel, input_of: NDArray[np.int64], reference: Floats, scale: Floats) -> None:
-        self._stations = [Z]
-        self._model, self._input_of, self._reference = model, input_of, reference
-        self.inputs: sp.csc_array = model.inputs
-        self.outputs = model.outputs
-        # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
-        covered = Z.symmetric and model.terms.symmetric
-        # A response to several hammer points is one place all the same.
-        self.dual, self.dual_of = distinct_columns((model.L.T if covered else self.outputs.T).tocsc())
-        self._heard, self._heard_of = distinct_columns(self.outputs.T.tocsc())
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._stations = [problem.Z]
+        self._heard, self._heard_of = distinct_columns(problem.outputs.T.tocsc())
         self._one_solve: float | None = None
         self._pools: list[ThreadPoolExecutor] = []
-        self.many = self.inputs.shape[1] > MANY_INPUTS
         self._spanned = False
-        self._scale = scale
 
     @cached_property
     def combinations(self) -> Complexes | Floats:
         """(n, k) the loads and random combinations of the term inputs, each term weighted with its local stiffness."""
-        n_in = self._model.B.shape[1]
-        mix = np.random.default_rng(20180405).normal(size=(self._scale.size, COMBINATIONS)) * np.sqrt(self._scale)[:, None]
-        return np.hstack([self.inputs[:, :n_in].toarray(), self.inputs[:, n_in:] @ mix])
+        inputs, loads, scale = self._problem.inputs, self._problem.loads, self._problem.scale
+        mix = np.random.default_rng(20180405).normal(size=(scale.size, COMBINATIONS)) * np.sqrt(scale)[:, None]
+        return np.hstack([inputs[:, :loads].toarray(), inputs[:, loads:] @ mix])
 
     @property
     def width(self) -> int:
@@ -173,32 +146,31 @@ class FullLines:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def _line(self, Z: DynamicStiffness, frequency_hz: float, expand: bool) -> FullLine:
-        s = 2j * np.pi * frequency_hz
+        problem, s = self._problem, 2j * np.pi * frequency_hz
         if self._large(Z):
             _trim()
         factorisation = Z.factor(s)
         if self._one_solve is None:
-            load, times = self.inputs[:, [0]].toarray()[:, 0], []
+            load, times = problem.inputs[:, [0]].toarray()[:, 0], []
             for _ in range(3):
                 start = time.perf_counter()
                 factorisation.solve(load, refine=1)
                 times.append(time.perf_counter() - start)
             self._one_solve = min(times)
-        if self.many and (self._spanned or not expand):
+        if problem.many and (self._spanned or not expand):
             line = FullLine(frequency_hz, factorisation, None, None)
-        elif not expand and self._heard.shape[1] < self.inputs.shape[1]:
+        elif not expand and self._heard.shape[1] < problem.inputs.shape[1]:
             # More hammer points than responses: the port FRFs take fewer solves from the other side.
-            H = np.asarray(self.inputs.T @ factorisation.solve_transposed(self._heard)).T[self._heard_of]
+            H = np.asarray(problem.inputs.T @ factorisation.solve_transposed(self._heard)).T[self._heard_of]
             line = FullLine(frequency_hz, factorisation, None, self._ports(s, H))
         else:
-            X = factorisation.solve(self.inputs)
+            X = factorisation.solve(problem.inputs)
             self._spanned = True
-            line = FullLine(frequency_hz, factorisation, X, self._ports(s, np.asarray(self.outputs @ X)))
+            line = FullLine(frequency_hz, factorisation, X, self._ports(s, np.asarray(problem.outputs @ X)))
         return self.expanded(line) if expand else line
 
     def _ports(self, s: complex, H: Complexes) -> PortFrf:
-        lines = np.array([s])
-        return port_frf(H[None], lines, reference_dynamic(self._reference, lines), self._model.output_power, self._input_of)
+        return self._problem.ports(H[None], np.array([s]))
 
     def release(self, line: FullLine) -> None:
         """Give the memory of large factors back; the line cannot be solved again."""
@@ -215,37 +187,31 @@ class FullLines:
         if line.snapshots is not None:
             return line
         s, factorisation = 2j * np.pi * line.frequency_hz, line.factorisation
-        primal = factorisation.solve(self.combinations if self.many else self.inputs) if line.X is None else line.X
-        blocks = [primal, factorisation.solve_transposed(self.dual)]
-        order = self.order()
-        if order > 1:
+        problem = self._problem
+        primal = factorisation.solve(self.combinations if problem.many else problem.inputs) if line.X is None else line.X
+        blocks = [primal, factorisation.solve_transposed(problem.dual)]
+        if self.order > 1:
             # Second moment, X1 = -Z⁻¹ (2 s M + C) X0; the sign spans nothing.
             Z = factorisation.owner
             slope = (2 * s * Z.M + Z.C).tocsr()
             blocks += [_by_columns(factorisation.solve, slope, blocks[0]), _by_columns(factorisation.solve_transposed, slope.T, blocks[1])]
-        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, tuple(blocks), order)
+        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, tuple(blocks), self.order)
 
+    @cached_property
     def order(self) -> int:
-        """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves, by measured times."""
-        Z = self._stations[0]
-        # PARDISO's first factorisation contains its analysis.
-        factored = Z.factor_seconds[1:] if Z.backend == "pardiso" else Z.factor_seconds
-        if not factored:
-            return 1
-        most = max(columns for columns, _ in Z.solve_seconds)
-        block = min(seconds for columns, seconds in Z.solve_seconds if columns == most) / most * (self.inputs.shape[1] + self.dual.shape[1])
-        return 2 if min(factored) > max(MOMENT_PAYS * block, MOMENT_SECONDS) else 1
+        """Moments an expansion point, see ``moments_worth``."""
+        return moments_worth(self._problem, self._problem.Z.analyse())
 
 
-def distinct_columns(A: sp.csc_array) -> tuple[sp.csc_array, NDArray[np.int64]]:
-    """Columns that differ, in their order, and for each column of A which of them it is."""
-    A = A.copy()
-    A.sum_duplicates()
-    kept: dict[tuple[bytes, bytes], int] = {}
-    of = np.empty(A.shape[1], dtype=np.int64)
-    for j, (low, high) in enumerate(itertools.pairwise(A.indptr)):
-        of[j] = kept.setdefault((A.indices[low:high].tobytes(), A.data[low:high].tobytes()), len(kept))
-    return A[:, np.unique(of, return_index=True)[1]].tocsc(), of
+def moments_worth(problem: Problem, analysis: Analysis) -> int:
+    """Moments an expansion point: a second one pays where a factorisation costs far more than a block of solves.
+
+    By counted operations, not by the clock: the same model gives the same basis on a busy machine.
+    """
+    # Both in complex multiplications and additions; LU has two triangles to fill, and both LU and LDLᵀ two to solve with.
+    factor = analysis.operations * (1 if problem.Z.half else 2)
+    block = 2 * analysis.triangle * (problem.inputs.shape[1] + problem.dual.shape[1])
+    return 2 if factor > MOMENT_PAYS * SOLVE_EFFORT * block else 1
 
 
 def cores() -> int:

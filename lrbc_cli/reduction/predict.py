@@ -13,11 +13,10 @@ import numpy as np
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import DynamicStiffness, columns_at_once
-from lrbc_cli.reduction.full import full_operators
-from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, distinct_columns
+from lrbc_cli.reduction.dynamic import columns_at_once
+from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
 from lrbc_cli.reduction.outcome import ReductionOptions
-from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
+from lrbc_cli.reduction.problem import Problem
 
 COMPLEX, REAL = 16, 8
 
@@ -112,15 +111,12 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     """
     if backend == "auto":
         backend = "pardiso" if pardiso.library() else "superlu"
-    n, high = model.size, band_omega(model.K, model.M, options.band_hz)
-    reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
-    Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
-    analysis = Z.analyse()
-    covered = Z.symmetric and model.terms.symmetric
-    inputs, dual = model.inputs.shape[1], distinct_columns((model.L if covered else model.outputs).T.tocsc())[0].shape[1]
-    columns = inputs + dual
-    # A second moment is taken where factors are large against the blocks of solves.
-    moments = 2 if 2 * analysis.triangle / n > 19 * columns else 1
+    # What each response belongs to costs nothing.
+    problem = Problem.of(model, np.zeros(model.L.shape[0], dtype=np.int64), options, backend=backend, ordering=ordering)
+    n, Z, analysis = model.size, problem.Z, problem.Z.analyse()
+    inputs = problem.inputs.shape[1]
+    columns = inputs + problem.dual.shape[1]
+    moments = moments_worth(problem, analysis)
     size = min(SIZE_RELATION * columns, options.max_size or n, n)
     # Two lines side by side have two factors.
     width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1

@@ -283,7 +283,7 @@ class TestKrylov:
         C = csc(sp.diags_array(20.0 * np.random.default_rng(0).uniform(size=n)))
         model = fe_model(K, M, C=C, loads=unit(n, 30), outputs=unit(n, 90), left=unit(n, 50))
         R = reducer(model)
-        monkeypatch.setattr(R.lines, "order", lambda: order)
+        monkeypatch.setitem(vars(R.lines), "order", order)
         R.deflation = 1e-13
         R.enrich(*R.lines.solve([150.0]))
         reduced, point = R.reduced(), 2j * np.pi * 150.0
@@ -300,12 +300,12 @@ class TestKrylov:
         R = reducer(model)
         for frequency in (50.0, 150.0, 350.0):
             R.enrich(*R.lines.solve([frequency]))
-            for field in R.fields:
+            for field in R.basis.fields:
                 assert field.Q.dtype == np.float64
                 assert check_orthonormal(field) < 1e-12
-        sizes = R.projection.sizes
+        sizes = R.basis.sizes
         assert len(sizes) == 2
-        K, C, M = (R.projection.operator(i) for i in range(3))
+        K, C, M = R.basis.operators
         # The coupling keeps its form: no acoustic rows in the structure's part of M, no structural ones in the air's part of K.
         assert not K[sizes[0] :, : sizes[0]].any()
         assert not M[: sizes[0], sizes[0] :].any()
@@ -316,10 +316,10 @@ class TestKrylov:
         R = reducer(model)
         for frequency in (50.0, 150.0, 350.0):
             R.enrich(*R.lines.solve([frequency]))
-        P = R.projection
+        P = R.basis
         V = np.zeros((model.size, P.size))
         at = 0
-        for field in R.fields:
+        for field in R.basis.fields:
             V[np.ix_(field.dofs, np.arange(at, at + field.V.shape[1]))] = field.V
             at += field.V.shape[1]
         reduced = R.reduced()
@@ -377,11 +377,11 @@ class TestCertificate:
         grid = R.estimator.grid.lines_hz
         lines = np.flatnonzero(np.abs(grid[:, None] - np.array(R.enriched)).min(axis=1) > 0.01 * (BAND[1] - BAND[0]))[::2]
         s = 2j * np.pi * grid[lines]
-        full, ports = dense_ports(model, s, R.reference, input_of), R.reduced().ports(s)
-        estimate, error = R.estimator.sweep().estimate[lines], np.zeros(lines.size)
-        for D in (D for Ds in certificate_vectors(model.terms, R.scale, s, count=2).values() for D in Ds):
+        full, ports = dense_ports(model, s, R.problem.reference, input_of), R.reduced().ports(s)
+        estimate, error = R.estimator.sweep(R.basis).estimate[lines], np.zeros(lines.size)
+        for D in (D for Ds in certificate_vectors(model.terms, R.problem.scale, s, count=2).values() for D in Ds):
             y, exact = ports.evaluate(D), full.evaluate(D)
-            for group in R.quantity_groups():
+            for group in R.problem.quantities:
                 size = np.linalg.norm(exact[:, group], axis=1)
                 error = np.maximum(error, np.linalg.norm((y - exact)[:, group], axis=1) / np.where(size > 0, size, 1.0))
         assert error.max() < 1e-3

@@ -9,6 +9,7 @@ from scipy import stats
 from systems import beam, csc, dense_ports, duct, fe_model, relative, unit
 
 from lrbc_cli.reduction import lines as full_lines
+from lrbc_cli.reduction import problem
 from lrbc_cli.reduction.build import COMPRESSION, Reducer, ReductionOptions, reduce_model
 from lrbc_cli.reduction.certify import port_errors, residual_errors
 from lrbc_cli.reduction.compress import ELSEWHERE, Compressor, Modes
@@ -60,8 +61,8 @@ def rich(model, tolerance=1e-3, points=(45.0, 200.0, 360.0)):
 def test_the_sweep_solves_the_reduced_system(name):
     """With the air condensed out or not: the same as the dense system, in the coordinates of the basis."""
     R = rich(MODELS[name]())
-    P, operators = R.projection, R.operators()
-    solver = Solver(operators, R.structure, P.inputs, P.dual, symmetric=R.Z.symmetric)
+    P, operators = R.basis, R.basis.operators
+    solver = Solver(operators, R.problem.structure_of(R.basis), P.inputs, P.dual, symmetric=R.problem.Z.symmetric)
     assert solver.condensed == ("box" in name)
     s = 2j * np.pi * np.array([17.0, 111.0, 390.0])
     X, Y = solver.solve(s)
@@ -69,21 +70,21 @@ def test_the_sweep_solves_the_reduced_system(name):
     for at, z in enumerate(s):
         Z = z**2 * M + z * C + K
         assert relative(solver.turn @ X[at], np.linalg.solve(Z, P.inputs)) < 1e-8
-        assert relative(solver.turn @ Y[at], np.linalg.solve(Z if R.Z.symmetric else Z.T, P.dual)) < 1e-8
+        assert relative(solver.turn @ Y[at], np.linalg.solve(Z if R.problem.Z.symmetric else Z.T, P.dual)) < 1e-8
 
 
 @pytest.mark.parametrize("name", ["box", "skew box"])
 def test_a_restricted_projection_is_that_of_the_smaller_basis(name):
     R = rich(MODELS[name]())
-    P = R.projection
+    P = R.basis
     rng = np.random.default_rng(0)
     turns = [la.qr(rng.normal(size=(size, size // 2)), mode="economic")[0] for size in P.sizes]
     T = la.block_diag(*turns)
-    operators, sketches, inputs, outputs = R.operators(), [P.sketched(i) for i in range(3)], P.inputs, P.outputs
+    operators, sketches, inputs, outputs = R.basis.operators, [P.sketched(i) for i in range(3)], P.inputs, P.outputs
     states = rng.normal(size=(T.shape[1], 2))
     lifted = P.lift(T @ states)
     P.restrict(turns)
-    for found, full in zip(R.operators(), operators, strict=True):
+    for found, full in zip(R.basis.operators, operators, strict=True):
         np.testing.assert_allclose(found, T.T @ full @ T, rtol=0, atol=1e-11 * np.abs(full).max())
     for i, full in enumerate(sketches):
         np.testing.assert_allclose(P.sketched(i), full @ T, rtol=0, atol=1e-11 * np.abs(full).max())
@@ -92,12 +93,12 @@ def test_a_restricted_projection_is_that_of_the_smaller_basis(name):
     np.testing.assert_allclose(P.lift(states), lifted, rtol=0, atol=1e-12 * np.abs(lifted).max())
     # It can grow again.
     R.enrich(*R.lines.solve([300.0]))
-    V = np.zeros((R.model.size, P.size))
+    V = np.zeros((R.problem.model.size, P.size))
     start = 0
-    for field in R.fields:
+    for field in R.basis.fields:
         V[field.dofs, start : start + field.Q.shape[1]] = field.V
         start += field.Q.shape[1]
-    for found, full in zip((R.reduced().K, R.reduced().M), (R.model.K, R.model.M), strict=True):
+    for found, full in zip((R.reduced().K, R.reduced().M), (R.problem.model.K, R.problem.model.M), strict=True):
         expected = V.T @ (full @ V)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
@@ -106,10 +107,10 @@ class TestCompression:
     @pytest.mark.parametrize("name", MODELS)
     def test_it_keeps_the_responses_of_the_rich_model(self, name):
         R = rich(MODELS[name]())
-        sweep, size = R.estimator.sweep(), R.projection.size
+        sweep, size = R.estimator.sweep(R.basis), R.basis.size
         R.compress(sweep)
-        assert R.projection.size < size
-        lost = distance(sweep.ports, R.estimator.sweep().ports, R.estimator.vectors, R.quantity_groups())
+        assert R.basis.size < size
+        lost = distance(sweep.ports, R.estimator.sweep(R.basis).ports, R.estimator.vectors, R.problem.quantities)
         # Searched at some of the lines, it holds at all of them.
         assert lost.max() <= ELSEWHERE * COMPRESSION * R.options.tolerance
         assert np.sort(lost)[: lost.size * 9 // 10].max() <= COMPRESSION * R.options.tolerance
@@ -120,28 +121,28 @@ class TestCompression:
         reduction = reduce_model(model, one_input(model), ReductionOptions(BAND))
         s = 2j * np.pi * np.linspace(*BAND, 120)
         R = Reducer(model, one_input(model), ReductionOptions(BAND))
-        K, C, M = (A.toarray() for A in (R.Z.K, R.Z.C, R.Z.M))
+        K, C, M = (A.toarray() for A in (R.problem.Z.K, R.problem.Z.C, R.problem.Z.M))
         rhs = np.hstack([model.inputs.toarray(), model.L.T.toarray()])
         X = np.hstack([np.linalg.solve(z**2 * M + z * C + K, rhs) for z in s])
         bases = []
-        for field in R.fields:
+        for field in R.basis.fields:
             Y = X[field.dofs] * field.weight[:, None]
             Y = Y / np.linalg.norm(Y, axis=0)
             bases.append(la.svd(np.hstack([Y.real, Y.imag]), full_matrices=False)[0] / field.weight[:, None])
-        exact = dense_ports(model, s[::3], R.reference)
-        vectors = [D for Ds in certificate_vectors(model.terms, R.scale, s[::3], count=4).values() for D in Ds]
+        exact = dense_ports(model, s[::3], R.problem.reference)
+        vectors = [D for Ds in certificate_vectors(model.terms, R.problem.scale, s[::3], count=4).values() for D in Ds]
 
         def error(counts) -> float:
             V = np.zeros((model.size, sum(counts)))
             start = 0
-            for field, basis, count in zip(R.fields, bases, counts, strict=True):
+            for field, basis, count in zip(R.basis.fields, bases, counts, strict=True):
                 V[field.dofs, start : start + count] = basis[:, :count]
                 start += count
             small = reduction.model.__class__(
                 *(V.T @ (A @ V) for A in (model.K, model.C, model.M)), V.T @ model.B, model.L @ V, V.T @ model.terms.left,
-                V.T @ model.terms.right, model.output_power, one_input(model), R.reference, counts[0],
+                V.T @ model.terms.right, model.output_power, one_input(model), R.problem.reference, counts[0],
             )  # fmt: skip
-            return float(distance(exact, small.ports(s[::3]), vectors, R.quantity_groups()).max())
+            return float(distance(exact, small.ports(s[::3]), vectors, R.problem.quantities).max())
 
         found = reduction.sizes
         smallest = min(
@@ -153,8 +154,8 @@ class TestCompression:
 
     def test_a_limit_of_the_size_is_kept(self):
         R = rich(box())
-        compressor = Compressor(R, R.estimator.sweep(), 1e-9)
-        for limit in (R.projection.size - 1, 30, 12):
+        compressor = Compressor(R.problem, R.basis, R.estimator.sweep(R.basis), R.estimator, 1e-9)
+        for limit in (R.basis.size - 1, 30, 12):
             counts = compressor.within(limit)
             assert limit - 4 <= sum(counts) <= limit
 
@@ -173,12 +174,12 @@ class TestCompression:
 def test_errors_by_residuals_are_those_by_exact_ports(name):
     model = MODELS[name]()
     R = rich(model, points=(150.0, 300.0))
-    R.compress(R.estimator.sweep())
+    R.compress(R.estimator.sweep(R.basis))
     reduced = R.reduced()
     for frequency in (60.0, 385.0):
         [line] = R.lines.solve([frequency])
-        expected = port_errors(model, R.scale, line.exact, reduced.ports(line.exact.s))
-        found = residual_errors(model, R.scale, reduced, line.factorisation, R.projection.lift, lambda u: R.lines.inputs @ u)
+        expected = port_errors(model, R.problem.scale, line.exact, reduced.ports(line.exact.s))
+        found = residual_errors(model, R.problem.scale, reduced, line.factorisation, R.basis.lift, lambda u: R.problem.inputs @ u)
         assert 1e-7 < max(expected.values()) < 0.5
         for kind, error in expected.items():
             # Up to a share of its own size.
@@ -187,22 +188,22 @@ def test_errors_by_residuals_are_those_by_exact_ports(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_many_inputs_are_compressed_before_solving(monkeypatch, name):
-    monkeypatch.setattr(full_lines, "MANY_INPUTS", 3)
+    monkeypatch.setattr(problem, "MANY_INPUTS", 3)
     monkeypatch.setattr(full_lines, "COMBINATIONS", 4)
     model = MODELS[name]()
     R = Reducer(model, one_input(model), ReductionOptions(BAND))
-    assert R.lines.many
+    assert R.problem.many
     assert R.lines.combinations.shape[1] == 5
     reduction = R.run()
     assert reduction.reached
     # Only the first line was solved for all inputs.
     assert len(R.exact) == 1
     s = 2j * np.pi * np.linspace(12.0, 399.0, 25)
-    exact, found = dense_ports(model, s, R.reference), reduction.model.ports(s)
+    exact, found = dense_ports(model, s, R.problem.reference), reduction.model.ports(s)
     vectors = [
         D for Ds in certificate_vectors(model.terms, local_scale(model.K, model.M, model.terms, 2 * np.pi * 400.0), s).values() for D in Ds
     ]
-    error = distance(exact, found, vectors, R.quantity_groups())
+    error = distance(exact, found, vectors, R.problem.quantities)
     assert np.mean(error < 1e-3) > 0.95
 
 
@@ -232,12 +233,12 @@ def test_a_roving_hammer_is_solved_from_the_other_side(skew):
     )  # fmt: skip
     input_of = np.repeat(np.arange(hammer.size), 2)
     R = Reducer(model, input_of, ReductionOptions(BAND))
-    assert R.lines.dual.shape[1] == (2 if R.Z.symmetric else 4)
-    whole = model.L.T if R.Z.symmetric else model.outputs.T
-    np.testing.assert_array_equal(R.lines.dual[:, R.lines.dual_of].toarray(), whole.toarray())
+    assert R.problem.dual.shape[1] == (2 if R.problem.Z.symmetric else 4)
+    whole = model.L.T if R.problem.Z.symmetric else model.outputs.T
+    np.testing.assert_array_equal(R.problem.dual[:, R.problem.dual_of].toarray(), whole.toarray())
     (line,) = R.lines.solve([123.0])
     assert line.X is None
-    exact = dense_ports(model, np.array([line.factorisation.s]), R.reference, input_of)
+    exact = dense_ports(model, np.array([line.factorisation.s]), R.problem.reference, input_of)
     for name in ("H00", "H0p", "Hp0", "Hpp"):
         np.testing.assert_allclose(
             getattr(line.exact, name), getattr(exact, name), rtol=1e-6, atol=1e-10 * np.abs(getattr(exact, name)).max()
@@ -245,10 +246,10 @@ def test_a_roving_hammer_is_solved_from_the_other_side(skew):
     reduction = R.run()
     assert reduction.reached
     s = 2j * np.pi * np.linspace(12.0, 399.0, 25)
-    exact, found = dense_ports(model, s, R.reference, input_of), reduction.model.ports(s)
+    exact, found = dense_ports(model, s, R.problem.reference, input_of), reduction.model.ports(s)
     scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * 400.0)
     vectors = [D for Ds in certificate_vectors(model.terms, scale, s).values() for D in Ds]
-    assert np.mean(distance(exact, found, vectors, R.quantity_groups()) < 1e-3) > 0.95
+    assert np.mean(distance(exact, found, vectors, R.problem.quantities) < 1e-3) > 0.95
 
 
 class TestBound:
@@ -283,6 +284,6 @@ class TestBound:
         exact, found = dense_ports(model, s, reduction.model.reference), reduction.model.ports(s)
         scale = local_scale(model.K, model.M, model.terms, 2 * np.pi * BAND[1])
         vectors = [D for Ds in certificate_vectors(model.terms, scale, s).values() for D in Ds]
-        groups = Reducer(model, one_input(model), ReductionOptions(BAND)).quantity_groups()
+        groups = Reducer(model, one_input(model), ReductionOptions(BAND)).problem.quantities
         assert reduction.worst < reduction.unseen
         assert np.mean(distance(exact, found, vectors, groups) <= reduction.unseen) >= 0.95
