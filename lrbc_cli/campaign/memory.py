@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
 import sys
 from pathlib import Path
-from typing import Any
+
+import psutil
 
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import NumericalError
@@ -23,19 +22,8 @@ CGROUPS = (
 
 
 def available_bytes() -> float:
-    """Memory that this process can still have: what the system calls available, within the limit of its container.
-
-    Where the system does not tell (macOS), all of its memory; infinite where not even that is known.
-    """
-    found = float("inf")
-    if sys.platform == "win32":
-        found = _windows_status("ullAvailPhys")
-    else:
-        meminfo = _number_in(Path("/proc/meminfo"), "MemAvailable:")
-        if meminfo is not None:
-            found = 1024.0 * meminfo
-        elif "SC_PHYS_PAGES" in os.sysconf_names:
-            found = float(os.sysconf("SC_PHYS_PAGES")) * float(os.sysconf("SC_PAGE_SIZE"))
+    """Memory that this process can still have: what the system calls available, within the limit of its container."""
+    found = float(psutil.virtual_memory().available)
     for folder, limit, used in _cgroups():
         try:
             room = float((folder / limit).read_text(encoding="ascii")) - float((folder / used).read_text(encoding="ascii"))
@@ -71,23 +59,14 @@ def _address_space() -> float:
     import resource
 
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    taken = _number_in(Path("/proc/self/status"), "VmSize:")
-    if limit == resource.RLIM_INFINITY or taken is None:
+    if limit == resource.RLIM_INFINITY:
         return float("inf")
-    return max(float(limit) - 1024.0 * taken, 0.0)
+    return max(float(limit) - float(psutil.Process().memory_info().vms), 0.0)
 
 
 def resident_bytes() -> float:
-    """Memory that this process holds now; where the system tells the peak only, that."""
-    if sys.platform == "win32":
-        return _windows_working_set()
-    resident = _number_in(Path("/proc/self/status"), "VmRSS:")
-    if resident is not None:
-        return 1024.0 * resident
-    import resource
-
-    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    return peak if sys.platform == "darwin" else 1024.0 * peak
+    """Memory that this process holds now."""
+    return float(psutil.Process().memory_info().rss)
 
 
 def options_of(inputs: Inputs) -> ReductionOptions:
@@ -146,38 +125,3 @@ def _number_in(file: Path, name: str) -> float | None:
     except OSError:
         return None
     return next((float(line.split()[1]) for line in lines if line.startswith(name)), None)
-
-
-def _windows_status(field: str) -> float:
-    class Status(ctypes.Structure):
-        _fields_ = (
-            ("dwLength", ctypes.c_uint32),
-            ("dwMemoryLoad", ctypes.c_uint32),
-            *((name, ctypes.c_uint64) for name in ("ullTotalPhys", "ullAvailPhys", "ullTotalPageFile", "ullAvailPageFile")),
-            *((name, ctypes.c_uint64) for name in ("ullTotalVirtual", "ullAvailVirtual", "ullAvailExtendedVirtual")),
-        )
-
-    status = Status(dwLength=ctypes.sizeof(Status))
-    windows: Any = getattr(ctypes, "windll", None)
-    if windows is None or not windows.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)):
-        return float("inf")
-    return float(getattr(status, field))
-
-
-def _windows_working_set() -> float:
-    class Counters(ctypes.Structure):
-        _fields_ = (
-            ("cb", ctypes.c_uint32),
-            ("PageFaultCount", ctypes.c_uint32),
-            *((name, ctypes.c_size_t) for name in ("PeakWorkingSetSize", "WorkingSetSize", "a", "b", "c", "d", "e", "f")),
-        )
-
-    counters = Counters(cb=ctypes.sizeof(Counters))
-    windows: Any = getattr(ctypes, "windll", None)
-    if windows is None:
-        return 0.0
-    windows.kernel32.GetCurrentProcess.restype = ctypes.c_void_p
-    process = ctypes.c_void_p(windows.kernel32.GetCurrentProcess())
-    if not windows.psapi.GetProcessMemoryInfo(process, ctypes.byref(counters), counters.cb):
-        return 0.0
-    return float(counters.WorkingSetSize)
