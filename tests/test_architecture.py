@@ -23,7 +23,8 @@ ALLOWED = {
     "updating": {"errors", "model", "reduction"},
     "report": {"errors", "model", "io", "config", "reduction", "updating"},
     "campaign": {"errors", "model", "io", "config", "reduction", "updating"},
-    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "report"},
+    "guide": {"config"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "report", "guide"},
     "__main__": {"cli"},
 }
 
@@ -38,6 +39,7 @@ FORBIDDEN = {
     "config": {"h5py", "click", "matplotlib", "scipy"},
     "campaign": {"yaml", "click", "matplotlib"},
     "report": {"yaml", "h5py", "click", "pydantic"},
+    "guide": NO_FILES | {"numpy", "scipy"},
     "cli": {"yaml", "h5py", "matplotlib", "pydantic", "numpy", "scipy"},
     "__main__": NO_FILES | {"numpy", "scipy"},
 }

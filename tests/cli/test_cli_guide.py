@@ -1,0 +1,68 @@
+"""The guide that ships with the package."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from lrbc_cli import guide
+from lrbc_cli.cli.main import COMMANDS, main
+from lrbc_cli.config.schema import campaign_schema
+
+
+def shown(*args: str) -> str:
+    found = CliRunner().invoke(main, ["guide", *args])
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+@pytest.mark.parametrize("topic", guide.TOPICS)
+def test_every_topic_of_the_list_is_a_page(topic: str) -> None:
+    assert re.search(rf"^  {topic} +\S", shown(), flags=re.MULTILINE)
+    text = shown(topic)
+    assert text.startswith("# ")
+    assert text.endswith("\n")
+
+
+def properties(node: Any) -> set[str]:
+    """Keys of all objects of a schema, at any depth."""
+    if isinstance(node, list):
+        return set().union(*map(properties, node))
+    if not isinstance(node, dict):
+        return set()
+    own = set(node["properties"]) if isinstance(node.get("properties"), dict) else set()
+    return own.union(*map(properties, node.values()))
+
+
+def test_the_page_on_the_campaign_file_has_every_key_of_the_schema() -> None:
+    text = shown("campaign")
+    missing = {key for key in properties(campaign_schema()) if f"| `{key}` |" not in text}
+    assert not missing
+
+
+def test_tables_are_well_formed() -> None:
+    """As many cells in each row as in its head: a bar inside a cell would shift what follows."""
+    for topic in guide.TOPICS:
+        width = 0
+        for line in guide.page(topic).splitlines():
+            if not line.startswith("|"):
+                width = 0
+                continue
+            cells = len(re.findall(r"(?<!\\)\|", line))
+            width = width or cells
+            assert cells == width, (topic, line)
+
+
+def test_pages_name_commands_that_exist() -> None:
+    for topic in guide.TOPICS:
+        named = set(re.findall(r"`lrbc ([a-z]+)", guide.page(topic)))
+        assert named <= set(COMMANDS), topic
+
+
+def test_a_wrong_topic_lists_the_pages() -> None:
+    found = CliRunner().invoke(main, ["guide", "nonsense"])
+    assert found.exit_code == 2
+    assert "verdicts" in found.output
