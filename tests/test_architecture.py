@@ -24,6 +24,8 @@ ALLOWED = {
     "report": {"errors", "model", "io", "config", "reduction", "updating"},
     "campaign": {"errors", "model", "io", "config", "reduction", "updating"},
     "guide": {"config"},
+    "matrices": {"errors", "model", "reduction", "updating"},
+    "study": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
     "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "report", "guide"},
     "__main__": {"cli"},
 }
@@ -40,6 +42,8 @@ FORBIDDEN = {
     "campaign": {"yaml", "click", "matplotlib"},
     "report": {"yaml", "h5py", "click", "pydantic"},
     "guide": NO_FILES | {"numpy", "scipy"},
+    "matrices": NO_FILES,
+    "study": {"yaml", "h5py", "click", "pydantic"},
     "cli": {"yaml", "h5py", "matplotlib", "pydantic", "numpy", "scipy"},
     "__main__": NO_FILES | {"numpy", "scipy"},
 }

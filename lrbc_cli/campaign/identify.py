@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.drift import drift_extras, stored_offsets
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.sampling import changes_of
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
@@ -73,11 +73,13 @@ class _Fit:
 class _Job:
     """What the steps of one identification share."""
 
-    def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None) -> None:
-        self.inputs, self.source, self.name = inputs, source, name
+    def __init__(
+        self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None, given: Mapping[str, Measurement]
+    ) -> None:
+        self.inputs, self.source, self.name, self._given = inputs, source, name, given
         self.settings = inputs.campaign.update
         begin = time.perf_counter()
-        self.measurement = read_measurement(inputs, inputs.campaign.jobs[name], name)
+        self.measurement = self._read(name)
         self.seconds_read = time.perf_counter() - begin
         for warning in self.measurement.warnings:
             log.warning("job %s: %s", name, warning)
@@ -99,6 +101,10 @@ class _Job:
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight_sigma: Floats | None = None
         self.notes += notes
+
+    def _read(self, name: str) -> Measurement:
+        """A job's measurement, from its file where it was not handed over."""
+        return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
 
     def _before(self, reference: Mapping[str, Any] | None) -> Floats | None:
         """Theta of the reference job, where it is the prior."""
@@ -171,7 +177,7 @@ class _Job:
         if not self.against_reference or reference is None:
             return None
         try:
-            tight = read_measurement(self.inputs, self.inputs.campaign.jobs[reference], reference)
+            tight = self._read(reference)
         except DataError as error:
             # Its earlier result still serves.
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
@@ -376,7 +382,13 @@ class _Job:
         return y
 
 
-def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None = None) -> Identification:
+def identify(
+    inputs: Inputs,
+    source: FrfSource,
+    name: str,
+    reference: Mapping[str, Any] | None = None,
+    measurements: Mapping[str, Measurement] | None = None,
+) -> Identification:
     """Run one job.
 
     Parameters
@@ -386,6 +398,8 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
     name : str
     reference : mapping or None
         Stored result of the reference job.
+    measurements : mapping or None
+        Measurements that are at hand, by job: their files are not read.
 
     Returns
     -------
@@ -399,12 +413,14 @@ def identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[st
         Where the optimisation fails.
     """
     with single_threaded():
-        return _identify(inputs, source, name, reference)
+        return _identify(inputs, source, name, reference, measurements or {})
 
 
-def _identify(inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None) -> Identification:
+def _identify(
+    inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None, given: Mapping[str, Measurement]
+) -> Identification:
     start = time.perf_counter()
-    job = _Job(inputs, source, name, reference)
+    job = _Job(inputs, source, name, reference, given)
     ports = time.perf_counter()
     fit = job.about_reference(job.best(), reference)
     solution, knowledge = fit.solution, fit.knowledge

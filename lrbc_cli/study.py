@@ -1,0 +1,362 @@
+"""The public face: a campaign as an object that reduces, computes FRFs, identifies and judges.
+
+The command line does the same through the same functions; nothing here writes result files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lrbc_cli.campaign.cache import cache_folder
+from lrbc_cli.campaign.calibration import apply_calibration
+from lrbc_cli.campaign.identification import Identification
+from lrbc_cli.campaign.identify import identify
+from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.judgement import validity, verdicts
+from lrbc_cli.campaign.plan import Request, make_plan
+from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.results import result_tree
+from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.config import load_campaign
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.build import Reduction
+from lrbc_cli.updating.verdicts import BoltVerdict
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Identified:
+    """One job, identified and judged.
+
+    Attributes
+    ----------
+    name : str
+    identification : Identification
+        Values, posterior, FRFs before and after.
+    record : mapping
+        What ``result.json`` would hold, see ``lrbc guide results``.
+    """
+
+    name: str
+    identification: Identification = field(repr=False)
+    record: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def status(self) -> str:
+        """``converged``, ``stopped`` or ``unexplained``."""
+        return str(self.record["status"])
+
+    @property
+    def misfit_db(self) -> float:
+        """Mean absolute misfit of the responses used [dB]."""
+        return float(self.record["misfit_db"]["final"])
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """Verdict of each bolt."""
+        return {bolt["name"]: bolt["verdict"] for bolt in self.record["bolts"]}
+
+    @property
+    def probability_loose(self) -> dict[str, float | None]:
+        """Posterior probability of each bolt of being loose; None where none is stated."""
+        return {bolt["name"]: bolt["probability_loose"] for bolt in self.record["bolts"]}
+
+
+class Study:
+    """A campaign: its model with the stored calibration, its reduced model and its jobs. ``load`` makes it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        As read, a stored calibration applied.
+    cache : Path or None
+        Folder of the cache; the user's where None.
+    progress : callable
+        Gets one line of text a step.
+    """
+
+    def __init__(self, inputs: Inputs, cache: Path | None = None, progress: Callable[[str], None] = lambda _: None) -> None:
+        self.inputs = inputs
+        self._folder, self._progress = cache_folder(cache), progress
+        self._stage: ReductionStage | None = None
+        self._source: FrfSource | None = None
+
+    def __repr__(self) -> str:
+        return f"Study({self.inputs.campaign.name!r}, {self.model.size} DOFs, {self.model.terms.size} terms, jobs {self.jobs})"
+
+    @property
+    def model(self) -> FeModel:
+        """The full-order model, calibrated where a stored calibration fits."""
+        return self.inputs.model
+
+    @property
+    def responses(self) -> list[str]:
+        """Names of the responses, in the order of the columns of all FRFs."""
+        return [response.name for response in self.inputs.responses]
+
+    @property
+    def jobs(self) -> list[str]:
+        """Names of the jobs."""
+        return list(self.inputs.campaign.jobs)
+
+    def reduce(self, *, force: bool = False, accept: bool = False) -> Reduction:
+        """The reduced model with its certificate: from the cache, or built and kept.
+
+        Parameters
+        ----------
+        force : bool
+            Build anew.
+        accept : bool
+            Accept a model that does not reach its tolerance.
+
+        Raises
+        ------
+        NumericalError
+            Where the tolerance is not reached and not accepted, or memory does not suffice.
+        """
+        if self._stage is None or force:
+            self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress)
+            self._source = None
+        return self._stage.reduction
+
+    @property
+    def source(self) -> FrfSource:
+        """FRFs of the reduced model on any lines of its band."""
+        if self._source is None:
+            self.reduce()
+            self._source = frf_source(self.inputs, self._stage, self._progress)
+        return self._source
+
+    def parameters(self, hz: ArrayLike) -> Parameterisation:
+        """The unknowns with start values and bounds; ``auto`` is resolved on the lines hz [Hz]."""
+        return parameterise(self.inputs, self.source, self._lines(hz))[0]
+
+    def frf(self, hz: ArrayLike, **log10: ArrayLike) -> Complexes:
+        """(F, R) FRFs of the reduced model.
+
+        Parameters
+        ----------
+        hz : (F,) array
+            Lines inside the band [Hz].
+        **log10
+            Values by parameter group, one or one a parameter; ``inf`` clamps, ``-inf`` frees. Others stand at their start values.
+
+        Examples
+        --------
+        >>> study = load("configs/frame.yaml")
+        >>> study.frf([100.0, 101.0], left_edge=6.5).shape
+        (2, 4)
+        """
+        s = self._lines(hz)
+        parameters = self.parameters(hz)
+        return self.source.model(s, parameters).frf(self._theta(parameters, log10))
+
+    def sensitivities(self, hz: ArrayLike, **log10: ArrayLike) -> tuple[Complexes, Floats]:
+        """FRFs and the derivative of their levels to all unknowns.
+
+        Parameters
+        ----------
+        hz, **log10
+            As for ``frf``; values must be finite.
+
+        Returns
+        -------
+        y : (F, R) complex array
+        J : (F, R, size) float array
+            dB per decade, eqs. (35), (36); in the order of ``parameters(hz)``.
+        """
+        s, parameters = self._lines(hz), self.parameters(hz)
+        y, J = self.source.model(s, parameters).sensitivities(self._theta(parameters, log10))
+        return y, np.asarray(J.real)
+
+    def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
+        """FRFs at hand as a measurement: in SI units, signs as in the model.
+
+        Parameters
+        ----------
+        hz : (F,) array
+        values : (F, R) complex array
+            One column a response of the campaign, NaN where not measured.
+        coherence : (F, R) array or None
+
+        Raises
+        ------
+        DataError
+            Where shapes do not fit the responses, or lines are not ascending.
+        """
+        lines, H = np.asarray(hz, dtype=float), np.asarray(values, dtype=complex)
+        expected = (lines.size, len(self.responses))
+        if lines.ndim != 1 or H.shape != expected or np.any(np.diff(lines) <= 0):
+            raise DataError("these arrays are no measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
+        known = np.full(expected, np.nan) if coherence is None else np.broadcast_to(np.asarray(coherence, dtype=float), expected)
+        return Measurement(
+            frequency_hz=lines, values=H, coherence=known, notes=("handed over as arrays",), warnings=(), records=(), hashes={}
+        )
+
+    def identify(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Identified:
+        """Identify one job, and judge it.
+
+        Parameters
+        ----------
+        job : str
+            A job of the campaign; with a measurement also a new name.
+        measurement : Measurement or None
+            Instead of the job's file, see ``measurement``.
+        reference : Identified or None
+            The reference job, for changes and verdicts; None: a direct identification, as of the reference job itself.
+
+        Raises
+        ------
+        ConfigError, DataError, NumericalError
+            Where the job is unknown, its measurement unusable, or the optimisation fails.
+        """
+        inputs = self._with_job(job, measurement is not None)
+        given = {job: measurement} if measurement is not None else {}
+        before = None
+        if reference is not None:
+            before = reference.record
+            given[reference.name] = reference.identification.measurement
+        found = identify(inputs, self.source, job, before, given)
+        return Identified(job, found, result_tree(inputs, self._stage, found, "", before))
+
+    def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
+        """Judge the bolts of an identified job by another decision rule, without identifying anew.
+
+        Parameters
+        ----------
+        found, reference : Identified
+        **rule
+            Keys of ``update`` that decide: ``confidence``, ``loose_change``, ``largest_misfit``.
+        """
+        unknown = set(rule) - {"confidence", "loose_change", "largest_misfit"}
+        if unknown:
+            raise ConfigError("not part of the decision rule", expected="confidence, loose_change or largest_misfit", found=sorted(unknown))
+        inputs = self._with_job(found.name, True)
+        campaign = inputs.campaign
+        update = type(campaign.update).model_validate(campaign.update.model_dump(by_alias=True) | rule)
+        inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
+        return verdicts(inputs, found.identification, reference.record, 0.0, validity(inputs, found.identification))
+
+    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
+        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
+        return make_plan(self.inputs, self._folder, Request(state, noise_db), progress=self._progress)
+
+    def read(self, job: str) -> Measurement:
+        """The measurement of a job, in SI units on the lines of the band."""
+        return read_measurement(self.inputs, self._with_job(job, False).campaign.jobs[job], job)
+
+    def plot_frf(self, found: Identified, response: str) -> Any:
+        """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        at, result = self.responses.index(response), found.identification
+        figure = Figure(figsize=(8, 4), layout="constrained")
+        axes = figure.subplots()
+        curves = (("measured", result.measurement.values, "-"), ("initial", result.initial, ":"), ("updated", result.updated, "--"))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for label, H, style in curves:
+                axes.plot(result.measurement.frequency_hz, 20 * np.log10(np.abs(H[:, at])), style, label=label)
+        axes.set(xlabel="frequency [Hz]", ylabel=f"{response} [dB re 1 {self.inputs.responses[at].unit}]", title=found.name)
+        axes.legend()
+        return figure
+
+    def plot_profile(self, found: Identified) -> Any:
+        """Stiffness along each edge with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
+        from matplotlib.figure import Figure
+
+        groups = {name: entry for name, entry in found.record["parameters"].items() if entry["arc_length"] is not None}
+        figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
+        for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
+            at = np.asarray(entry["arc_length"], dtype=float)
+            low, high = (np.array([np.nan if v is None else v for v in entry[side]], dtype=float) for side in ("lower95", "upper95"))
+            axes.fill_between(at, low, high, alpha=0.25, label="95 % interval")
+            axes.plot(at, entry["log10_effective"], label="identified")
+            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry['unit']}]", title=found.name)
+            axes.legend()
+        return figure
+
+    def _lines(self, hz: ArrayLike) -> Complexes:
+        lines = np.atleast_1d(np.asarray(hz, dtype=float))
+        low, high = self.inputs.campaign.reduction.band
+        if lines.size == 0 or not np.all((lines >= low * (1 - 1e-9)) & (lines <= high * (1 + 1e-9))):
+            raise ConfigError("the reduced model does not hold outside its band", expected=f"lines from {low:g} to {high:g} Hz")
+        return np.asarray(2j * np.pi * lines)
+
+    def _with_job(self, job: str, measured: bool) -> Inputs:
+        """The inputs with a job of that name, which need not have a file where its measurement is at hand."""
+        campaign = self.inputs.campaign
+        if job in campaign.jobs:
+            return self.inputs
+        if not measured:
+            raise ConfigError(f"no job '{job}' in this campaign", file=campaign.path, expected=", ".join(campaign.jobs), found=job)
+        own = JobConfig.model_construct(frf=Path(job))
+        return replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {**campaign.jobs, job: own}}))
+
+    def _theta(self, parameters: Parameterisation, log10: Mapping[str, ArrayLike]) -> Floats:
+        theta = parameters.initial
+        names = [group.name for group in parameters.groups]
+        for name, value in log10.items():
+            if name not in names:
+                raise ConfigError(f"no parameter group '{name}'", file=self.inputs.campaign.path, expected=", ".join(names), found=name)
+            where, _ = parameters.slices[names.index(name)]
+            try:
+                theta[where] = np.asarray(value, dtype=float)
+            except ValueError:
+                count = parameters.groups[names.index(name)].count
+                raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {count}", found=np.size(value)) from None
+        return theta
+
+
+def load(
+    config: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    calibration: bool = True,
+    cache: str | Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Study:
+    """Read a campaign file and its model.
+
+    Parameters
+    ----------
+    config : path
+    overrides : sequence of str
+        ``key.path=value``.
+    calibration : bool
+        Apply the stored calibration where it fits, as the command line does.
+    cache : path or None
+        Folder of the cache of reduced models.
+    progress : callable
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the file or an input is wrong: one message with file, place, expected, found and how to mend it.
+
+    Examples
+    --------
+    >>> study = load("configs/frame.yaml")
+    >>> study.responses
+    ['acc1', 'acc2', 'acc3', 'acc4']
+    """
+    inputs = apply_calibration(read_inputs(load_campaign(Path(config), tuple(overrides))), calibration)
+    return Study(inputs, None if cache is None else Path(cache), progress)
+
+
+__all__ = ["Identified", "Study", "load"]

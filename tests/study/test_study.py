@@ -1,0 +1,125 @@
+"""The public face: what the command line gives, from Python and without result files; and bare matrices."""
+
+from __future__ import annotations
+
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import Folder
+from derivatives import check_derivative
+from matplotlib.figure import Figure
+
+import lrbc_cli
+import lrbc_cli.matrices
+import lrbc_cli.study
+from lrbc_cli import Study
+from lrbc_cli.errors import ConfigError, DataError
+
+ROOT = Path(lrbc_cli.__file__).parents[1]
+HZ = np.array([60.0, 61.5, 140.0, 320.0])
+
+
+@pytest.fixture(scope="module")
+def study(frame_once: Folder) -> Study:
+    return lrbc_cli.load(frame_once.config, cache=frame_once.cache)
+
+
+def test_every_public_name_can_be_had() -> None:
+    assert {name: getattr(lrbc_cli, name) for name in lrbc_cli.__all__}.keys() == set(lrbc_cli.__all__)
+    assert set(lrbc_cli.__all__) <= set(dir(lrbc_cli))
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = lrbc_cli.nonsense
+
+
+def test_the_package_itself_loads_nothing() -> None:
+    """The command line starts in a tenth of a second because names are imported when they are asked for."""
+    code = "import sys, lrbc_cli; print([m for m in ('numpy', 'scipy', 'pydantic') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_examples_in_docstrings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("LRBC_CACHE", str(tmp_path))
+    for module in (lrbc_cli, lrbc_cli.study, lrbc_cli.matrices):
+        found = doctest.testmod(module)
+        assert found.attempted >= 3
+        assert found.failed == 0
+
+
+def test_frfs_are_those_of_simulate(study: Study, frame: Folder, tmp_path: Path) -> None:
+    out = tmp_path / "y.csv"
+    assert frame.run("simulate", "--lines", "60:64:2", "--set", "left_edge=5.5", "--out", out).code == 0
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    y = study.frf([60.0, 62.0, 64.0], left_edge=5.5)
+    for i, name in enumerate(study.responses):
+        np.testing.assert_allclose(y[:, i], table[f"{name}_real"] + 1j * table[f"{name}_imag"], rtol=1e-6)
+
+
+def test_sensitivities_are_the_derivatives_of_the_levels(study: Study) -> None:
+    count = study.parameters(HZ).groups[0].count
+    p = np.linspace(5.0, 6.0, count)
+    _, J = study.sensitivities(HZ, left_edge=p)
+    rng = np.random.default_rng(1)
+    check_derivative(lambda p: 20 * np.log10(np.abs(study.frf(HZ, left_edge=p))), J[:, :, :count], p, rng.normal(size=count))
+
+
+def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) -> None:
+    tight = study.identify("tight")
+    loose = study.identify("loose-2", reference=tight)
+    for found in (tight, loose):
+        written = frame_once.result(found.name)
+        assert found.status == written["status"]
+        assert found.misfit_db == pytest.approx(written["misfit_db"]["final"], rel=1e-6)
+        assert found.verdicts == {bolt["name"]: bolt["verdict"] for bolt in written["bolts"]}
+    stated = {bolt["name"]: bolt["probability_loose"] for bolt in frame_once.result("loose-2")["bolts"]}
+    assert loose.probability_loose == pytest.approx(stated, abs=1e-6)
+    # Handed over as arrays: the same numbers, no file.
+    measured = study.read("loose-2")
+    again = study.identify("new", study.measurement(measured.frequency_hz, measured.values), reference=tight)
+    assert again.verdicts == loose.verdicts
+    assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
+    # A rule that nothing can meet decides nothing; the sure ones stay.
+    cautious = study.judge(loose, tight, confidence=1 - 1e-12)
+    assert [v.verdict for v in study.judge(loose, tight)] == list(loose.verdicts.values())
+    assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())
+    assert isinstance(study.plot_frf(loose, "acc1"), Figure)
+    assert isinstance(study.plot_profile(loose), Figure)
+
+
+def test_mistakes_are_told(study: Study) -> None:
+    with pytest.raises(ConfigError, match="no parameter group 'edge'"):
+        study.frf(HZ, edge=3.0)
+    with pytest.raises(ConfigError, match="outside its band"):
+        study.frf([5000.0])
+    with pytest.raises(ConfigError, match="no job 'nobody'"):
+        study.identify("nobody")
+    with pytest.raises(DataError, match="no measurement"):
+        study.measurement(HZ, np.ones((HZ.size, 1)))
+    with pytest.raises(ConfigError, match="decision rule"):
+        study.judge(None, None, prior_std=1.0)  # type: ignore[arg-type]
+
+
+def test_bare_matrices_against_a_direct_solve() -> None:
+    rng = np.random.default_rng(0)
+    n = 60
+    K = np.diag(np.full(n, 2e6)) - 1e6 * (np.eye(n, k=1) + np.eye(n, k=-1))
+    M, C, unit = np.diag(rng.uniform(0.8, 1.2, n)), 1e-5 * K, np.eye(n)
+    terms = unit[:, [20, 59]]
+    chain = lrbc_cli.reduce(K, M, C, loads=unit[:, :1], outputs=unit[[9, 30]], terms=terms, band_hz=(5.0, 250.0), quantity="acceleration")
+    assert chain.reduction.reached
+    hz, k = np.array([20.0, 83.0, 201.0]), np.array([3e5, 2e6])
+
+    def direct(k: np.ndarray) -> np.ndarray:
+        s = 2j * np.pi * hz
+        return np.stack([z**2 * unit[[9, 30]] @ np.linalg.solve(z**2 * M + z * C + K + (terms * k) @ terms.T, unit[:, 0]) for z in s])
+
+    np.testing.assert_allclose(chain.frf(hz, k), direct(k), rtol=2e-3)
+    y, J = chain.sensitivities(hz, np.log10(k))
+    np.testing.assert_allclose(y, chain.frf(hz, k), rtol=1e-9)
+    check_derivative(lambda p: 20 * np.log10(np.abs(chain.frf(hz, 10**p))), J, np.log10(k), np.array([1.0, -0.7]))
+    with pytest.raises(ConfigError, match="no such quantity"):
+        lrbc_cli.reduce(K, M, loads=unit[:, :1], outputs=unit[[9]], terms=terms, band_hz=(5.0, 250.0), quantity="force")
