@@ -75,7 +75,7 @@ def _section(lines: list[str], path: str, node: Mapping[str, Any], definitions: 
 
 def _targets(value: Mapping[str, Any], definitions: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:
     """Objects that a value refers to, by name, with what stands between: ``.NAME`` for a mapping from names."""
-    found = []
+    found: list[tuple[str, Mapping[str, Any], str]] = []
     if "$ref" in value:
         name = str(value["$ref"]).rpartition("/")[2]
         target = definitions[name]
