@@ -7,7 +7,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.resources import files
 from urllib.parse import quote
@@ -228,14 +228,15 @@ def _verdicts(content: Content) -> _Section:
         parts += [tag("p", text), legend(content.strip), drawn, tag("p", hits) if hits else None]
     parts.append(tables.verdict_table(content.campaign, content.jobs, anchors))
     if content.maps:
-        richest = max(content.maps.values(), key=lambda chart: len(chart.legend()))
+        charts = list(content.maps.values())
+        key_of_all = legend(replace(charts[0], panels=tuple(panel for chart in charts for panel in chart.panels)))
         maps = [_drawn(chart) for chart in content.maps.values()]
         # Along a straight edge the strip tells the same.
         wide = any(not chart.panels[0].y.ticks for chart in content.maps.values())
         parts.append(
             details(
                 f"Maps of the edge ({len(maps)})",
-                legend(richest),
+                key_of_all,
                 tag("div", *maps, class_="grid pairs"),
                 open_=not wide and len(maps) <= _PROFILES,
             )
@@ -261,8 +262,9 @@ def _profiles(content: Content) -> _Section | None:
     first, rest = drawn[:_PROFILES], drawn[_PROFILES:]
     text = (
         "Identified values along the edge, all jobs on one scale (paper, Fig. 6). "
-        "Bolts stand below the profile; stripes mark those that are judged loose, are undecided, or lie outside, where nothing is observable."
+        "Bolts stand below the profile; stripes mark those that are judged loose or undecided"
     )
+    text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.jobs for b in job.bolts) else "."
     richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
     more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
     kinds = {group.kind for job in content.jobs for group in job.groups}

@@ -143,8 +143,11 @@ def _outlines(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.column_stack([left, right, right, left, left, gap]).ravel(), np.column_stack([low, low, high, high, low, gap]).ravel()
 
 
-def map_chart(job: JobResult) -> Chart | None:
-    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places."""
+def map_chart(job: JobResult, among: Sequence[JobResult] = ()) -> Chart | None:
+    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
+
+    Maps of several jobs (``among``) share one scale of colours in their legends.
+    """
     bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
     lines = [group.positions for group in job.groups if group.positions is not None and len(group.positions)]
     if not bolts:
@@ -176,7 +179,7 @@ def map_chart(job: JobResult) -> Chart | None:
     def level(point: FloatArray) -> float:
         return float(middle[up] + 5.0 / scale) if flat else float(point[up])
 
-    items = _key([job])
+    items = _key(among or [job])
     nothing = np.empty(0)
     for positions in lines:
         items.append(Curve("edge", positions[:, across], np.array([level(point) for point in positions])))

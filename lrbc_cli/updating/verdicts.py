@@ -112,7 +112,9 @@ class Place:
     def note(self) -> str | None:
         """Why no term reaches the bolt; None where one does."""
         if self.aside is not None:
-            return f"no term reaches it: it lies {1e3 * self.aside:.0f} mm beside the edge, more than a pitch further than bolts of that edge"
+            return (
+                f"no term reaches it: it lies {1e3 * self.aside:.0f} mm beside the edge, more than a pitch further than bolts of that edge"
+            )
         return None if self.near.size else f"no term within half a pitch; the nearest is {1e3 * self.away:.0f} mm away along the edge"
 
 

@@ -91,7 +91,9 @@ def test_bolts_outside_are_grey_and_have_no_number(rich: Path) -> None:
             assert "decades" not in words
         marks = {name: item.role for item in map_chart(job).panels[0].items if isinstance(item, Marks) for name in item.names}
         assert {role for name, role in marks.items() if name.startswith(("B01", "B17"))} == {"outside-dot"}
-        spans = {item.role: item for item in figures.profile_chart(job, figures.profile_scales([job])).panels[0].items if isinstance(item, Span)}
+        spans = {
+            item.role: item for item in figures.profile_chart(job, figures.profile_scales([job])).panels[0].items if isinstance(item, Span)
+        }
         assert len(spans["outside-stripe"].edges) == 2
     rows = rows_of(page_text(rich), "Bolts at a glance")
     assert [(row[1].split(), row[17].split()) for row in rows[1:]] == [(["n/c", "outside,", "not", "observable", "in", "place"],) * 2] * 2
@@ -199,6 +201,9 @@ def test_the_legend_of_the_strip_shows_what_is_drawn(rich: Path) -> None:
     assert roles["framed: known to be removed"] == "known"
     for role in ("hatch", "known"):
         assert all(isinstance(shape, Line) for shape in swatch(role, "tiles", 0.0, 6.0))
+    # The maps have one scale, also where a job, the reference, has no probabilities.
+    scales = [[label for _, kind, label in map_chart(job, jobs).legend() if kind == "tiles"] for job in jobs]
+    assert scales[0] == scales[1] == scales[2]
     rings = {label: role for role, _, label in map_chart(jobs[1]).legend()}
     assert rings["ringed: known to be removed"] == "known-dot"
     assert rings["? undecided"] == "unsure-dot"

@@ -125,12 +125,11 @@ class TestGroups:
         np.testing.assert_array_equal(np.delete(found.std, column), STD)
         assert found.T.shape[1] == 7 + 1 + 3 * Y.size
 
-
     def test_an_edge_in_two_groups(self) -> None:
         """The second goes on where the first ends: its bolts move its own values."""
         low, high = group("low"), group("high", first=Y.size)
         assert high.xyz is not None
-        parameters = Parameterisation((low, replace(high, xyz=high.xyz + [0.0, 0.525, 0.0])))
+        parameters = Parameterisation((low, replace(high, xyz=high.xyz + np.array([0.0, 0.525, 0.0]))))
         found = bolt_shapes(parameters, along(*BOLTS, 0.57, 0.67, 0.77, 0.87, 0.97), STD)
         np.testing.assert_allclose(found.T[: Y.size, found.bolts[:5]].sum(axis=1), 1.0)
         np.testing.assert_allclose(found.T[Y.size :, found.bolts[5:]].sum(axis=1), 1.0)
