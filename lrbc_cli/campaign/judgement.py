@@ -25,6 +25,9 @@ IMPLAUSIBLE = 2.5
 #: What a baseline is, and what is said of a bolt of it that would be loose in another job.
 BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, but against the reference job it comes out loose"
 
+#: Which channels a misfit was taken over.
+VALIDATION, USED = "validation channels", "channels used"
+
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
@@ -58,31 +61,57 @@ class Validity:
 
     Attributes
     ----------
-    passed : bool
+    passed : bool or None
+        By the validation channels; None where there are none and nothing speaks against it: then it is not validated.
+    compared : str or None
+        The channels whose misfit was compared: ``validation channels`` or ``channels used``.
     misfit_db : float or None
-        Mean misfit of the responses that were not used, or of those used where all are.
+        Their mean misfit.
     limit_db : float
     reason : str
     """
 
-    passed: bool
+    passed: bool | None
+    compared: str | None
     misfit_db: float | None
     limit_db: float
     reason: str
 
+    @property
+    def explained(self) -> bool:
+        """Whether bolts may be judged."""
+        return self.passed is not False
+
+    def tree(self) -> dict[str, Any]:
+        """``validity`` of ``result.json``."""
+        return {
+            "passed": self.passed,
+            "compared": self.compared,
+            "misfit_db": self.misfit_db,
+            "held_out_db": self.misfit_db if self.compared == VALIDATION else None,
+            "limit_db": self.limit_db,
+            "reason": self.reason,
+        }
+
 
 def validity(inputs: Inputs, result: Identification) -> Validity:
-    """Compare the misfit of the responses that the identification did not see with ``update.largest_misfit``."""
+    """Compare the misfit of the validation channels with ``update.largest_misfit``.
+
+    Where there are none, the channels used must stay below it, which is necessary and shows nothing: they were fitted.
+    """
     limit = inputs.campaign.update.largest_misfit
-    for at, what in ((inputs.held_out, "responses that were not used"), (inputs.used, "responses used")):
+    for at, compared in ((inputs.held_out, VALIDATION), (inputs.used, USED)):
         values = result.misfit_final[at]
         values = values[np.isfinite(values)]
         if values.size:
             misfit = float(values.mean())
-            passed = misfit <= limit
-            text = f"mean misfit of the {what} {misfit:.2f} dB, {'within' if passed else 'above'} the limit of {limit:g} dB"
-            return Validity(passed, misfit, limit, text)
-    return Validity(False, None, limit, "no response can be compared")
+            within = misfit <= limit
+            text = f"mean misfit of the {compared} {misfit:.2f} dB, {'within' if within else 'above'} the limit of {limit:g} dB"
+            if compared == VALIDATION or not within:
+                return Validity(within, compared, misfit, limit, text)
+            why = "the validation channels have no values" if inputs.held_out.size else "there are no validation channels"
+            return Validity(None, compared, misfit, limit, f"not validated: {why}; {text}")
+    return Validity(False, None, None, limit, "no response can be compared")
 
 
 def scatter_of(baselines: Iterable[Mapping[str, Any]]) -> float:
@@ -133,13 +162,14 @@ def verdicts(
     if missing and update.prior != "initial":
         # Changes were wanted: a contrast between bolts is no answer.
         note = f"no result of {update.reference} to compare with"
-        found = [replace(v, verdict="undecided", note=v.note if v.far else note) for v in found]
+        found = [v if v.outside else replace(v, verdict="undecided", note=note) for v in found]
     if reference is not None and update.reference != result.name:
-        found = [_weighed(result, i, verdict, where, reference, update, scatter) for i, verdict in enumerate(found)]
+        found = [v if v.outside else _weighed(result, i, v, where, reference, update, scatter) for i, v in enumerate(found)]
     if result.name in update.baselines:
-        found = [v if v.far else _as_tight(v) for v in found]
-    if not valid.passed:
-        found = [replace(v, verdict="undecided", probability_loose=None, note="the model does not explain the measurement") for v in found]
+        found = [v if v.outside else _as_tight(v) for v in found]
+    if not valid.explained:
+        note = "the model does not explain the measurement"
+        found = [v if v.outside else replace(v, verdict="undecided", probability_loose=None, note=note) for v in found]
     return found
 
 
@@ -257,13 +287,13 @@ def bolt_trees(inputs: Inputs, result: Identification, found: Sequence[BoltVerdi
     stated = states_removed(inputs)
     trees = []
     for i, (name, position) in enumerate(zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)):
-        at = _sampled(result, i)
-        verdict = found[i] if found else BoltVerdict(float("nan"), None, "undecided", "no stiffness group with positions")
+        verdict = found[i] if found else BoltVerdict(None, None, "undecided", "no stiffness group with positions")
+        at = None if verdict.outside else _sampled(result, i)
         trees.append(
             {
                 "name": name,
                 "position": position,
-                "log10_stiffness": verdict.log10_stiffness if found else None,
+                "log10_stiffness": verdict.log10_stiffness,
                 "change": verdict.change,
                 "change_std": verdict.change_std,
                 "threshold": verdict.threshold,

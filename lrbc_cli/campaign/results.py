@@ -129,6 +129,7 @@ def result_tree(
     valid = validity(inputs, result)
     found = verdicts(inputs, result, reference, scatter, valid)
     warnings = [*result.warnings, *doubtful(inputs, found)]
+    doubts = [valid.reason] if valid.passed is None else []
     knowledge = result.posterior
     provenance: dict[str, Any] = {
         "identity": identity,
@@ -149,8 +150,8 @@ def result_tree(
         "format": RESULT_FORMAT,
         "version": RESULT_VERSION,
         "job": result.name,
-        "status": solution.status if valid.passed else UNEXPLAINED,
-        "reason": solution.reason if valid.passed else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason})",
+        "status": solution.status if valid.explained else UNEXPLAINED,
+        "reason": solution.reason if valid.explained else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason})",
         "removed": list(removed) if states_removed(inputs) else None,
         "parameters": parameters,
         "covariance": result.posterior.boundary,
@@ -166,7 +167,7 @@ def result_tree(
             },
         },
         "bolts": bolt_trees(inputs, result, found),
-        "validity": {"passed": valid.passed, "held_out_db": valid.misfit_db, "limit_db": valid.limit_db, "reason": valid.reason},
+        "validity": valid.tree(),
         "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
         "prior": {
             "of": campaign.update.reference if result.against_reference else "initial",
@@ -194,7 +195,7 @@ def result_tree(
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
         "warnings": warnings,
-        "notes": [*result.measurement.warnings, *warnings, *result.notes, *remarks(result), *rises(inputs, found)],
+        "notes": [*result.measurement.warnings, *warnings, *doubts, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
 

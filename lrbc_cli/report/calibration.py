@@ -87,7 +87,7 @@ def read_calibration(output: Path) -> Calibration | None:
         factors=tuple(_factor(name, entry) for name, entry in node.node("factors").items()),
         misfits={
             name: (misfit.maybe_number(f"{part}initial"), misfit.maybe_number(f"{part}final"))
-            for name, part in (("responses used", ""), ("responses held out", "held_out_"))
+            for name, part in (("responses used", ""), ("validation channels", "held_out_"))
         },
         used=node.flag("used"),
         key=node.maybe_text("key") or "",
@@ -133,7 +133,7 @@ def calibration_charts(calibration: Calibration, campaign: Campaign) -> list[Cha
     charts = []
     for name in names:
         response = campaign.response(name)
-        note = "used" if response.used else "held out"
+        note = "used" if response.used else "validation channel"
         charts.append(overlay_chart(response, calibration.frf, labels, f"{name} · {calibration.job}", note))
     return charts
 
@@ -164,7 +164,7 @@ def calibration_parts(calibration: Calibration, campaign: Campaign) -> list[Mark
     if charts:
         parts.append(legend(charts[0]))
     parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
-    parts.append(details(f"Held-out responses ({len(rest)})", tag("div", *rest, class_="grid pairs")) if rest else None)
+    parts.append(details(f"Validation channels ({len(rest)})", tag("div", *rest, class_="grid pairs")) if rest else None)
     parts += [_rounds(calibration), tag("p", _provenance(calibration), class_="meta")]
     return parts
 

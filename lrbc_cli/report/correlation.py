@@ -121,7 +121,7 @@ def _by_response(campaign: Campaign, shown: Sequence[tuple[JobResult, Correlatio
     head: list[str | Cell] = ["Job"]
     for name in names:
         unseen = any(name in job.responses and not job.responses[name].used for job, _ in shown)
-        head.append(Cell(name, tag("small", " held out") if unseen else None))
+        head.append(Cell(name, tag("small", " validation") if unseen else None))
     rows: list[list[str | Cell]] = []
     for job, found in shown:
         row: list[str | Cell] = [job.job]

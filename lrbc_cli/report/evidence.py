@@ -54,9 +54,13 @@ class Fdac:
 
 @dataclass(frozen=True)
 class Validity:
-    """Whether the model explains the measurement: held-out misfit against its limit [dB], where known."""
+    """Whether the model explains the measurement.
 
-    passed: bool
+    ``passed`` is None where there are no validation channels and nothing speaks against the model; ``held_out_db`` is the misfit of the
+    validation channels, ``limit_db`` the most that it may be [dB], where known.
+    """
+
+    passed: bool | None
     held_out_db: float | None
     limit_db: float | None
     reason: str
@@ -112,7 +116,12 @@ def read_validity(result: Node) -> Validity | None:
     if not result.has("validity"):
         return None
     node = result.node("validity")
-    return Validity(node.flag("passed"), node.maybe_number("held_out_db"), node.maybe_number("limit_db"), node.maybe_text("reason") or "")
+    passed, held_out = node.maybe_flag("passed"), node.maybe_number("held_out_db")
+    responses = result.maybe_node("misfit_db").maybe_node("responses")
+    if not node.has("compared") and all(entry.maybe_flag("used") is not False for _, entry in responses.items()):
+        # An earlier version passed a job by the misfit of the channels that it had fitted.
+        passed, held_out = None if passed else passed, None
+    return Validity(passed, held_out, node.maybe_number("limit_db"), node.maybe_text("reason") or "")
 
 
 def read_noise(result: Node) -> Noise | None:

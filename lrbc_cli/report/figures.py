@@ -13,6 +13,7 @@ from lrbc_cli.report.reading import FloatArray
 from lrbc_cli.report.reduction import Reduction
 from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Response
 from lrbc_cli.report.style import SERIES, STEPS
+from lrbc_cli.report.tables import loose_of
 
 #: Below this ordinary coherence a measured line is shaded as doubtful.
 COHERENCE = 0.8
@@ -22,6 +23,7 @@ _BEYOND_DB = 15.0
 _DENSE = 2400
 #: Shares of the way to the edge that the layers of an open band reach; together they fade.
 _FADES = (0.25, 0.5, 0.75, 1.0)
+_OUTSIDE = "outside: not observable"
 _STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 
 
@@ -33,7 +35,8 @@ def changes_of(job: JobResult) -> str:
     if job.bolts and not job.explained:
         parts.append("no verdict: the model does not explain the measurement")
     elif job.bolts:
-        parts.append(f"{len(job.names('loose'))} of {len(job.bolts)} judged loose")
+        parts.append(loose_of(job))
+        parts += [] if job.validated else ["not validated"]
     return ", ".join(parts)
 
 
@@ -58,7 +61,7 @@ def profile_chart(job: JobResult, scales: dict[str, tuple[float, float]]) -> Cha
     if not groups:
         return None
     # Without a verdict no bolt is marked as loose.
-    bolts = job.bolts if job.explained else tuple(changed(bolt, verdict="undecided") for bolt in job.bolts)
+    bolts = job.bolts if job.explained else tuple(bolt if bolt.outside else changed(bolt, verdict="undecided") for bolt in job.bolts)
     panels = tuple(_profile_panel(group, bolts_of(group, groups, bolts), scales[group.name], several=len(groups) > 1) for group in groups)
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
@@ -73,10 +76,11 @@ def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], sca
     low, high = span_of([place, along])
     margin = 0.03 * (high - low) if high > low else 0.5
     half = _half_pitch(along, (high - low) or 1.0)
-    for verdict, label in (("loose", "judged loose"), ("undecided", "undecided")):
+    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", "undecided"), ("outside", "outside-stripe", _OUTSIDE))
+    for verdict, role, label in stripes:
         chosen = np.array([where for bolt, where in bolts if bolt.verdict == verdict])
         if chosen.size:
-            items.append(Span(verdict, np.column_stack([chosen - half, chosen + half]), label))
+            items.append(Span(role, np.column_stack([chosen - half, chosen + half]), label))
     items += [
         Note("loose", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
     ]
@@ -144,7 +148,7 @@ def frf_chart(job: JobResult, response: Response, frf: Frf) -> Chart:
     """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7)."""
     change = job.responses.get(response.name)
     used = response.used if change is None else change.used
-    role = "used for updating" if used else "held out: not used for updating"
+    role = "used for updating" if used else "validation channel: not used for updating"
     misfit = "" if change is None else f" · misfit {change.initial:.1f} → {change.final:.1f} dB"
     lines = job.lines_hz if used else np.empty(0)
     return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines)

@@ -156,6 +156,12 @@ def _header(chart: Chart, shapes: list[Shape]) -> float:
 
 def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
     """Return what stands before a legend entry: 16 units wide, about the height ``y``."""
+    if role == "hatch":
+        # As in the corners of a cell.
+        ends = [((0, 0), (4, -4)), ((0, 4), (8, -4)), ((8, 4), (16, -4)), ((12, 4), (16, 0))]
+        return [Line(role, np.array([[x + a, y + b] for a, b in pair])) for pair in ends]
+    if kind == "tiles" and role == "known":
+        return [Line(role, np.array([[x + 1, y - 4], [x + 15, y - 4], [x + 15, y + 4], [x + 1, y + 4], [x + 1, y - 4]]))]
     if kind in {"area", "span", "tiles"}:
         return [Fill(role, np.array([[x, y - 4], [x + 16, y - 4], [x + 16, y + 4], [x, y + 4]]))]
     if kind == "marks":

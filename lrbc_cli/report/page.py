@@ -7,7 +7,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.resources import files
 from urllib.parse import quote
@@ -26,7 +26,7 @@ from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
 from lrbc_cli.report.plan import Plan, plan_parts
 from lrbc_cli.report.provenance import provenance
 from lrbc_cli.report.reduction import Reduction
-from lrbc_cli.report.remarks import UNEXPLAINED, remarks_parts
+from lrbc_cli.report.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
 from lrbc_cli.report.results import STATUSES, Campaign, JobResult
 from lrbc_cli.report.style import css
 from lrbc_cli.report.svg import legend, own_size, svg
@@ -163,13 +163,8 @@ def _tiles(content: Content) -> Iterable[Markup]:
     done = [job for job in jobs if job.complete]
     states = [f"{count} {state}" for state in STATUSES if (count := sum(job.status == state for job in jobs))]
     yield _tile("Jobs", str(len(jobs)), ", ".join(states))
-    judged = [job for job in done if job.bolts and job.explained]
-    if judged:
-        loose = [job for job in judged if job.names("loose")]
-        removed = [bolt for job in judged for bolt in job.bolts if bolt.removed]
-        found = sum(bolt.verdict == "loose" for bolt in removed)
-        note = f"{found} of {len(removed)} bolts known to be removed are found" if removed else f"of {len(judged)} with bolts"
-        yield _tile("Jobs with loose bolts", str(len(loose)), note)
+    if any(job.bolts for job in done):
+        yield _loose(jobs)
     known = [job.misfit for job in done if job.misfit is not None and math.isfinite(job.misfit.initial + job.misfit.final)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
@@ -181,7 +176,27 @@ def _tiles(content: Content) -> Iterable[Markup]:
     times = tables.account(jobs, reduction)
     if times is not None and times.full is not None:
         note = f"with the full model about {fmt.seconds(times.full)}: {fmt.factor(times.speed_up)}"
+        calibration = content.calibration
+        if calibration is not None and calibration.seconds is not None and calibration.serves(content.campaign):
+            note += f"; calibration, {fmt.seconds(calibration.seconds)}, not included"
         yield _tile("Time, reduction included", fmt.seconds(times.spent), note)
+
+
+def _loose(jobs: Sequence[JobResult]) -> Markup:
+    """Jobs with loose bolts among all, and those that may have some: no silence may pass for an all-clear."""
+    judged = [job for job in jobs if job.explained and job.observable]
+    removed = [bolt for job in judged for bolt in job.observable if bolt.removed]
+    counts = (
+        (len(jobs) - len(judged), "without verdict"),
+        (sum(not job.validated for job in judged), "not validated"),
+        (sum(bool(job.names("undecided")) for job in judged), "with undecided bolts"),
+    )
+    notes = [f"{count} {what}" for count, what in counts if count]
+    if removed:
+        found = sum(bolt.verdict == "loose" for bolt in removed)
+        notes.append(f"{found} of {len(removed)} observable bolts known to be removed are found")
+    loose = sum(bool(job.names("loose")) for job in judged)
+    return _tile("Jobs with loose bolts", f"{loose} of {len(jobs)}" if judged else fmt.MISSING, ", ".join(notes))
 
 
 def _tile(title: str, value: str, note: str) -> Markup:
@@ -196,6 +211,9 @@ def _verdicts(content: Content) -> _Section:
     unexplained = [job.job for job in done if not job.explained]
     if unexplained:
         parts.append(tag("p", f"{tables.names_of(unexplained)}: {UNEXPLAINED}.", class_="warning"))
+    unsure = [job.job for job in done if not job.validated]
+    if unsure:
+        parts.append(tag("p", f"{tables.names_of(unsure)}: {UNVALIDATED}.", class_="warning"))
     warned = [tag("li", f"{job.job}: {text}") for job in done for text in job.warnings]
     if warned:
         parts.append(tag("ul", *warned, class_="warning"))
@@ -203,25 +221,35 @@ def _verdicts(content: Content) -> _Section:
         hits = tables.hits(done)
         # The picture keeps the size of its letters: it is as wide as its bolts need.
         drawn = tag("div", svg(content.strip), class_="plot strip", style=own_size(content.strip))
-        likely = any(bolt.probability_loose is not None for job in done for bolt in job.bolts)
+        bolts = [bolt for job in done for bolt in job.bolts]
         text = "Each row is a job, each cell a bolt: ✕ judged loose, ? undecided, a dot judged tight"
-        text += "; below, the probability of being loose in per cent." if likely else "."
+        text += f", {tables.NOT_COVERED} not covered by the identified terms" if any(bolt.outside for bolt in bolts) else ""
+        text += f"; below, the {tables.OF_LOOSE} in per cent." if any(bolt.probability_loose is not None for bolt in bolts) else "."
         parts += [tag("p", text), legend(content.strip), drawn, tag("p", hits) if hits else None]
     parts.append(tables.verdict_table(content.campaign, content.jobs, anchors))
     if content.maps:
+        charts = list(content.maps.values())
+        key_of_all = legend(replace(charts[0], panels=tuple(panel for chart in charts for panel in chart.panels)))
         maps = [_drawn(chart) for chart in content.maps.values()]
         # Along a straight edge the strip tells the same.
         wide = any(not chart.panels[0].y.ticks for chart in content.maps.values())
         parts.append(
-            details(f"Maps of the edge ({len(maps)})", tag("div", *maps, class_="grid pairs"), open_=not wide and len(maps) <= _PROFILES)
+            details(
+                f"Maps of the edge ({len(maps)})",
+                key_of_all,
+                tag("div", *maps, class_="grid pairs"),
+                open_=not wide and len(maps) <= _PROFILES,
+            )
         )
     if grid is not None:
-        bolts = [bolt for job in done for bolt in job.bolts]
+        bolts = [bolt for job in done if job.explained for bolt in job.bolts]
         signs = ["✕ judged loose", "? undecided", "· judged tight"]
         signs += ["framed: known to be removed"] if any(bolt.removed for bolt in bolts) else []
-        if any(bolt.probability_changed is not None for bolt in bolts):
-            signs.append("per cent: probability that it changed at all, of the loose kind of the mixture")
-        signs += ["† see its note"] if any(bolt.note for bolt in bolts) else []
+        if any(bolt.outside for bolt in bolts):
+            signs.append(f"{tables.NOT_COVERED} outside: no term reaches it, not observable")
+        if any(bolt.probability_loose is not None for bolt in bolts):
+            signs.append(f"per cent: {tables.OF_LOOSE}")
+        signs += ["† see its note"] if any(bolt.note for bolt in bolts if not bolt.outside) else []
         key = [tag("li", text) for text in signs]
         parts.append(details("The figures of each bolt", tag("ul", *key, class_="key"), grid))
     return "verdicts", "Verdicts", parts
@@ -234,8 +262,9 @@ def _profiles(content: Content) -> _Section | None:
     first, rest = drawn[:_PROFILES], drawn[_PROFILES:]
     text = (
         "Identified values along the edge, all jobs on one scale (paper, Fig. 6). "
-        "Bolts stand below the profile; stripes mark those that are judged loose or undecided."
+        "Bolts stand below the profile; stripes mark those that are judged loose or undecided"
     )
+    text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.jobs for b in job.bolts) else "."
     richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
     more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
     kinds = {group.kind for job in content.jobs for group in job.groups}
@@ -252,7 +281,7 @@ def _frfs(content: Content) -> _Section | None:
     first = next(iter(responses))
     options = [tag("option", "all responses", value="")]
     options += [
-        tag("option", name if used else f"{name} (held out)", value=name, selected=name == first) for name, used in responses.items()
+        tag("option", name if used else f"{name} (validation)", value=name, selected=name == first) for name, used in responses.items()
     ]
     choose = tag(
         "div",
@@ -266,7 +295,7 @@ def _frfs(content: Content) -> _Section | None:
         hidden=True,
     )
     used, unseen = [name for name, flag in responses.items() if flag], [name for name, flag in responses.items() if not flag]
-    text = f"Used for updating: {', '.join(used) or 'none'}. Held out, to test the result: {', '.join(unseen) or 'none'}. "
+    text = f"Used for updating: {', '.join(used) or 'none'}. Validation channels, which test the result: {', '.join(unseen) or 'none'}. "
     text += "Ticks at the foot mark the lines that the updating uses (paper, Fig. 7). Point at a curve to read its values."
     done = [job for job in content.jobs if job.complete]
     misfits = tables.misfit_table(content.campaign, done)
@@ -332,10 +361,14 @@ def _convergence(jobs: Sequence[JobResult]) -> _Section | None:
     if not charts:
         return None
     drawn = [_drawn(chart) for chart in charts]
-    text = (
-        "Accepted evaluations only. Gauss-Newton goes from coarse to fine profiles from two starts, and keeps the lower end: "
-        "a jump is the second start."
-    )
+    text = "Accepted evaluations only."
+    counts = sorted({job.starts for job in jobs if job.starts})
+    if counts:
+        number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+        text += (
+            f" The optimiser had {number} start{'' if counts[-1] == 1 else 's'} a job, one after the other along a curve, and the end of "
+            "lowest cost is kept; a jump is the next start, a finer profile of the same one, or a change of the weights."
+        )
     return "convergence", "Convergence", [tag("p", text), legend(charts[0]), tag("div", *drawn, class_="grid pairs")]
 
 

@@ -11,8 +11,10 @@ from lrbc_cli.report.results import JobResult
 from lrbc_cli.report.tables import names_of
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
+UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
 #: Units by the ending of a nuisance's name.
 _UNITS = {"percent": "%", "kelvin": "K", "db": "dB", "mm": "mm", "hz": "Hz"}
+_OUTCOMES = {True: ("passed", "converged"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
 #: A table of notes with more rows is folded away.
 _MANY = 12
 
@@ -32,7 +34,7 @@ def _validity(jobs: Sequence[JobResult]) -> Markup | None:
         check, noise = job.validity, job.noise
         outcome: str | Cell = fmt.MISSING
         if check is not None:
-            words, look = ("passed", "converged") if check.passed else ("NOT passed", "failed")
+            words, look = _OUTCOMES[check.passed]
             outcome = Cell(tag("span", words, class_=f"badge {look}"))
         rows.append(
             [
@@ -47,14 +49,14 @@ def _validity(jobs: Sequence[JobResult]) -> Markup | None:
         )
     head: list[str | Cell] = [
         "Job",
-        "Model explains it",
-        "Why",
-        "Held out [dB]",
+        "Validation",
+        "What was compared",
+        Cell("Validation", tag("br"), "channels [dB]"),
         "Limit [dB]",
         Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
         Cell("Lines worth one", title="residuals of neighbouring lines are alike; so many count as one independent value"),
     ]
-    return table("Does the model explain the measurement, and what the confidence rests on", head, rows, text_columns=3)
+    return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
 
 
 def _nuisances(jobs: Sequence[JobResult]) -> Markup | None:

@@ -14,7 +14,7 @@ from lrbc_cli.report.evidence import Correlation, Noise, Nuisance, Validity, rea
 from lrbc_cli.report.reading import HINT, FloatArray, Node, mapping_of, numbers_of, read_document, read_table
 
 STATUSES = ("converged", "stopped", "unexplained", "failed")
-VERDICTS = ("tight", "loose", "undecided")
+VERDICTS = ("tight", "loose", "undecided", "outside")
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ class Group:
 class BoltVerdict:
     """What was found at one bolt; ``removed`` is what is known about it, None where nothing is.
 
-    ``change`` and its ``change_std`` are in decades, and so is the ``threshold`` at which a bolt counts as loose.
+    ``change`` and its ``change_std`` are in decades, and so is the ``threshold`` at which a bolt counts as loose. A bolt outside, which no
+    term reaches, has none of these numbers.
     """
 
     name: str
@@ -93,6 +94,11 @@ class BoltVerdict:
     change_std: float | None = None
     threshold: float | None = None
     probability_changed: float | None = None
+
+    @property
+    def outside(self) -> bool:
+        """Whether no term reaches it, so that the FRFs say nothing of it."""
+        return self.verdict == "outside"
 
 
 @dataclass(frozen=True)
@@ -153,6 +159,17 @@ class JobResult:
     noise: Noise | None = None
     correlation: Correlation | None = None
     l_curve: LCurve | None = None
+    starts: int = 0
+
+    @property
+    def validated(self) -> bool:
+        """Whether nothing says that the verdicts lack a validation."""
+        return not self.explained or self.validity is None or self.validity.passed is not None
+
+    @property
+    def observable(self) -> list[BoltVerdict]:
+        """The bolts that a term reaches."""
+        return [bolt for bolt in self.bolts if not bolt.outside]
 
     @property
     def explained(self) -> bool:
@@ -273,6 +290,7 @@ def read_job(output: Path, job: str) -> JobResult:
         noise=read_noise(node),
         correlation=read_correlation(node),
         l_curve=_l_curve(node.node("l_curve")) if node.has("l_curve") else None,
+        starts=sum(1 for _ in node.maybe_node("optimiser").nodes("starts")),
     )
 
 

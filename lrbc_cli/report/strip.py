@@ -13,7 +13,7 @@ from lrbc_cli.report.places import along_the_edges
 from lrbc_cli.report.reading import FloatArray
 from lrbc_cli.report.results import BoltVerdict, Campaign, JobResult
 from lrbc_cli.report.style import PROBABILITIES
-from lrbc_cli.report.tables import sentence
+from lrbc_cli.report.tables import NOT_COVERED, loose_of, names_of, sentence
 
 #: Size of a cell of the strip in points; it shrinks where there are many bolts.
 _WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
@@ -45,7 +45,7 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     labels = [_shortened(job.job) for job in shown]
     left = 16.0 + _GLYPH * SMALL * max(len(label) for label in labels)
     cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
-    items = _key(shown, "undecided: ?, hatched corners")
+    items = _key(shown)
     filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
     marks: dict[str, list[tuple[float, float]]] = {}
     words: list[Item] = []
@@ -53,15 +53,19 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     for row, job in enumerate(shown):
         for bolt in job.bolts:
             x, level = column[bolt.name], level_of(bolt) if job.explained else None
+            judged = job.explained and not bolt.outside
             inside = 0.5 * 2.4 / cell, 0.5 * 2.4 / _HIGH
             box = (x + inside[0], x + 1 - inside[0], row + 1 - inside[1], row + inside[1])
-            role = "unknown" if level is None else f"p{level}"
-            on = "strong" if level is None else f"on{level}"
-            text = f"{job.job}, {sentence(bolt)}" if job.explained else f"{job.job}, {bolt.name}: no verdict, {job.status}"
+            role = "outside" if bolt.outside else "unknown" if level is None else f"p{level}"
+            on = "outside-on" if bolt.outside else "strong" if level is None else f"on{level}"
+            told = job.explained or bolt.outside
+            text = f"{job.job}, {sentence(bolt)}" if told else f"{job.job}, {bolt.name}: no verdict, {job.status}"
             filled.setdefault(role, []).append((box, text))
-            figures = bolt.probability_loose is not None and cell >= _FIGURES and job.explained
+            figures = bolt.probability_loose is not None and cell >= _FIGURES and judged
             high = row + (0.34 if figures else 0.5)
-            if bolt.verdict == "undecided" or not job.explained:
+            if bolt.outside:
+                words.append(Word(on, x + 0.5, row + 0.5, NOT_COVERED, min(7.5, 0.5 * cell)))
+            elif bolt.verdict == "undecided" or not job.explained:
                 hatched.append(box)
                 words.append(Word(on, x + 0.5, high, "?" if job.explained else "–", SMALL, bold=True))
             else:
@@ -74,8 +78,12 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
         Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
     ]
     if hatched:
+        signs = ["? undecided"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
+        signs += [] if all(job.explained for job in shown) else ["– no verdict"]
+        items.append(Tiles("hatch", np.empty((0, 4)), f"hatched: {', '.join(signs)}"))
         items.append(_hatching(np.array(hatched), cell))
     if framed:
+        items.append(Tiles("known", np.empty((0, 4)), "framed: known to be removed"))
         items.append(Curve("known", *_outlines(np.array(framed))))
     items += [Marks(role, np.array([x for x, _ in found]), np.array([y for _, y in found])) for role, found in sorted(marks.items())]
     items += words
@@ -89,23 +97,20 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     )
     panel = Panel(x_axis, y_axis, tuple(items), grid=False)
     width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
-    return Chart("Loosening over the configurations", "", alt, (panel,), width, height, left=left)
+    unsure = [job.job for job in shown if not job.validated]
+    subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
+    return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
 
 
-def _key(jobs: Sequence[JobResult], unsure: str = "undecided") -> list[Item]:
-    """Items that draw nothing but stand in the legend."""
+def _key(jobs: Sequence[JobResult]) -> list[Item]:
+    """Items that draw nothing but stand in the legend: what the colours mean."""
     bolts = [bolt for job in jobs for bolt in job.bolts]
-    nothing = np.empty(0)
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
     if any(bolt.probability_loose is not None for bolt in bolts):
         words = [(0, "loose with 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
     key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
-    states = [unsure] if any(bolt.verdict == "undecided" for job in jobs if job.explained for bolt in job.bolts) else []
-    states += [] if all(job.explained for job in jobs) else ["no verdict"]
-    if states:
-        key.append(Marks("unsure-dot", nothing, nothing, " or ".join(states)))
-    if any(bolt.removed for bolt in bolts):
-        key.append(Marks("known-dot", nothing, nothing, "framed: known to be removed"))
+    if any(bolt.outside for bolt in bolts):
+        key.append(Tiles("outside", np.empty((0, 4)), f"{NOT_COVERED} outside: no term reaches it, not observable"))
     return key
 
 
@@ -138,8 +143,11 @@ def _outlines(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.column_stack([left, right, right, left, left, gap]).ravel(), np.column_stack([low, low, high, high, low, gap]).ravel()
 
 
-def map_chart(job: JobResult) -> Chart | None:
-    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places."""
+def map_chart(job: JobResult, among: Sequence[JobResult] = ()) -> Chart | None:
+    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
+
+    Maps of several jobs (``among``) share one scale of colours in their legends.
+    """
     bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
     lines = [group.positions for group in job.groups if group.positions is not None and len(group.positions)]
     if not bolts:
@@ -171,30 +179,36 @@ def map_chart(job: JobResult) -> Chart | None:
     def level(point: FloatArray) -> float:
         return float(middle[up] + 5.0 / scale) if flat else float(point[up])
 
-    items = _key([job])
+    items = _key(among or [job])
+    nothing = np.empty(0)
     for positions in lines:
         items.append(Curve("edge", positions[:, across], np.array([level(point) for point in positions])))
     places = np.array([[bolt.position[across], level(bolt.position)] for bolt in bolts])
     marks: dict[str, list[int]] = {}
     for index, bolt in enumerate(bolts):
         step = level_of(bolt) if job.explained else None
-        role = "unknown-dot" if step is None else f"p{step}"
+        role = "outside-dot" if bolt.outside else "unknown-dot" if step is None else f"p{step}"
         marks.setdefault(role, []).append(index)
     named = {}
     for role in sorted(marks):
         chosen = marks[role]
-        named[role] = tuple(sentence(bolts[index]) if job.explained else f"{bolts[index].name}: no verdict" for index in chosen)
+        told = [job.explained or bolts[index].outside for index in chosen]
+        named[role] = tuple(sentence(bolts[i]) if known else f"{bolts[i].name}: no verdict" for i, known in zip(chosen, told, strict=True))
         items.append(Marks(role, places[chosen, 0], places[chosen, 1], names=named[role]))
     removed = [index for index, bolt in enumerate(bolts) if bolt.removed]
     if removed:
+        items.append(Marks("known-dot", nothing, nothing, "ringed: known to be removed"))
         items.append(Marks("known", places[removed, 0], places[removed, 1]))
-    unsure = [index for index, bolt in enumerate(bolts) if bolt.verdict == "undecided" or not job.explained]
+    unsure = [index for index, bolt in enumerate(bolts) if not bolt.outside and (bolt.verdict == "undecided" or not job.explained)]
     if unsure:
+        items.append(Marks("unsure-dot", nothing, nothing, "? undecided" if job.explained else "– no verdict"))
         items.append(Marks("unsure", places[unsure, 0], places[unsure, 1]))
     for index, bolt in enumerate(bolts):
         step = level_of(bolt) if job.explained else None
         on = "strong" if step is None else f"on{step}"
-        if index in unsure:
+        if bolt.outside:
+            items.append(Word("outside-on", places[index, 0], places[index, 1], NOT_COVERED, 6.0))
+        elif index in unsure:
             items.append(Word(on, places[index, 0], places[index, 1], "?" if job.explained else "–", 8.5, bold=True))
         else:
             items.append(Marks(f"{bolt.verdict}-{'on0' if step is None else on}", places[[index], 0], places[[index], 1]))
@@ -202,7 +216,7 @@ def map_chart(job: JobResult) -> Chart | None:
     items += _names(bolts, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high))
     found = job.names("loose")
     alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
-    subtitle = f"{len(found)} of {len(job.bolts)} judged loose" if job.explained else "no verdict"
+    subtitle = loose_of(job) if job.explained else "no verdict"
     panel = Panel(x_axis, y_axis, tuple(items))
     return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
 

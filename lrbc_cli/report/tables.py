@@ -18,12 +18,22 @@ PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projecti
 PAPER["full_total"] = PAPER["evaluations"] * PAPER["full_line"]
 #: Tables with more rows than this are folded away, but for the verdicts.
 _LONG = 40
-_MARKS = {"loose": "✕", "undecided": "?", "tight": "·"}
+#: Sign of a bolt outside: not covered by the identified terms.
+NOT_COVERED = "n/c"
+_MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERED}
+#: What the two probabilities of a bolt are of.
+OF_LOOSE, OF_CHANGE = "posterior probability of being loose (change below the threshold)", "posterior probability of any change"
 
 
 def status_badge(job: JobResult) -> Markup:
     """Return the status as a small coloured word."""
     return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
+
+
+def loose_of(job: JobResult) -> str:
+    """Count the loose bolts among those that a term reaches, and the others."""
+    outside = len(job.bolts) - len(job.observable)
+    return f"{len(job.names('loose'))} of {len(job.observable)} judged loose" + (f", {outside} outside" if outside else "")
 
 
 def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
@@ -59,17 +69,20 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
     head: list[str | Cell] = ["Job", "Status"]
     head += ["Judged loose"] if bolts else []
     head += ["Undecided"] if bolts else []
+    outside = any(bolt.outside for job in jobs for bolt in job.bolts)
+    head += [Cell("Outside", tag("br"), tag("small", "not observable"))] if outside else []
     head += ["Known removed"] if known else []
     words = len(head)
     head += [Cell("Damping", tag("br"), "p_damp (factor)")] if damped else []
-    head += [Cell("Misfit used", tag("br"), "[dB]"), Cell("Misfit held", tag("br"), "out [dB]")]
+    head += [Cell("Misfit, channels", tag("br"), "used [dB]"), Cell("Misfit, validation", tag("br"), "channels [dB]")]
     head += [Cell("Evalu-", tag("br"), "ations"), "Time"]
     rows: list[list[str | Cell]] = []
     for job in jobs:
         title: list[str | None] = [tag("a", job.job, href=f"#{anchors[job.job]}") if job.job in anchors else job.job]
         if job.job == campaign.reference:
             title.append(tag("small", " reference"))
-        row: list[str | Cell] = [Cell(*title), Cell(status_badge(job))]
+        doubt = None if job.validated else tag("span", "not validated", class_="badge stopped")
+        row: list[str | Cell] = [Cell(*title), Cell(status_badge(job), " " if doubt else None, doubt)]
         if not job.complete:
             rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
             continue
@@ -85,6 +98,9 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
             row.append(
                 Cell(names_of(undecided, campaign.bolts), class_="names" if undecided else "names none") if job.bolts else Cell(fmt.MISSING)
             )
+        if outside:
+            beyond = job.names("outside")
+            row.append(Cell(names_of(beyond, campaign.bolts), class_="names none"))
         if known:
             row.append(
                 Cell(
@@ -102,7 +118,9 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
             fmt.seconds(job.seconds.get("total")),
         ]
         rows.append(row)
-    return table("What was found, job by job; misfits before → after", head, rows, class_="verdicts", text_columns=words)
+    sure = any(_certainty(job) for job in jobs)
+    caption = "What was found, job by job; misfits before → after" + (f"; p: {OF_LOOSE}, of the least certain one" if sure else "")
+    return table(caption, head, rows, class_="verdicts", text_columns=words)
 
 
 def _certainty(job: JobResult) -> Markup | None:
@@ -142,17 +160,20 @@ def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
 def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
     if bolt is None:
         return Cell(fmt.MISSING)
-    value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
     truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
+    classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
+    if bolt.outside:
+        hidden = tag("span", f" outside, not observable {truth}", class_="hidden")
+        return Cell(tag("b", NOT_COVERED, aria_hidden="true"), hidden, class_=classes, title=sentence(bolt))
+    value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
     content = [
         tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
         value,
         None if bolt.change is None or bolt.change_std is None else tag("small", tag("br"), f"± {fmt.fixed(bolt.change_std, 1)}"),
-        None if bolt.probability_changed is None else tag("small", tag("br"), fmt.probability(bolt.probability_changed)),
+        None if bolt.probability_loose is None else tag("small", tag("br"), fmt.probability(bolt.probability_loose)),
         tag("sup", "†") if bolt.note else None,
         tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
     ]
-    classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
     return Cell(*content, class_=classes, title=sentence(bolt))
 
 
@@ -160,10 +181,12 @@ def sentence(bolt: BoltVerdict) -> str:
     """Say everything that is known and was found about a bolt, in one line."""
     truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
     words = [f"{bolt.name}: {bolt.verdict}"]
+    if bolt.outside:
+        return ", ".join(word for word in (*words, "not observable", truth, bolt.note) if word)
     if bolt.probability_loose is not None:
-        words.append(f"probability of being loose {fmt.probability(bolt.probability_loose)}")
+        words.append(f"{OF_LOOSE} {fmt.probability(bolt.probability_loose)}")
     if bolt.probability_changed is not None:
-        words.append(f"probability of having changed {fmt.probability(bolt.probability_changed)}")
+        words.append(f"{OF_CHANGE} {fmt.probability(bolt.probability_changed)}")
     words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
     if bolt.change is not None:
         spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
@@ -181,16 +204,16 @@ def hits(jobs: Iterable[JobResult]) -> str | None:
     if not bolts:
         return None
     parts = []
-    if removed:
-        parts.append(
-            f"Of {len(removed)} bolts known to be removed, {removed.count('loose')} are judged loose, "
-            f"{removed.count('undecided')} undecided, {removed.count('tight')} tight."
-        )
-    if tight:
-        parts.append(
-            f"Of {len(tight)} bolts known to be in place, {tight.count('tight')} are judged tight, "
-            f"{tight.count('undecided')} undecided, {tight.count('loose')} loose."
-        )
+    for verdicts, what, right, wrong in ((removed, "removed", "loose", "tight"), (tight, "in place", "tight", "loose")):
+        seen = len(verdicts) - verdicts.count("outside")
+        if seen:
+            parts.append(
+                f"Of {seen} bolts known to be {what}, {verdicts.count(right)} are judged {right}, "
+                f"{verdicts.count('undecided')} undecided, {verdicts.count(wrong)} {wrong}."
+            )
+    outside = (removed + tight).count("outside")
+    if outside:
+        parts.append(f"{outside} more are outside, where nothing is observable.")
     return " ".join(parts)
 
 
@@ -203,7 +226,7 @@ def misfit_table(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None
     head: list[str | Cell] = ["Job"]
     for name in names:
         used = any(job.responses[name].used for job in shown if name in job.responses)
-        head.append(Cell(name, None if used else tag("small", " held out")))
+        head.append(Cell(name, None if used else tag("small", " validation")))
     rows: list[list[str | Cell]] = []
     for job in shown:
         rows.append([job.job, *(_misfit_cell(job.responses.get(name)) for name in names)])

@@ -87,7 +87,7 @@ def write_report(
         if profile is not None:
             profiles[job.job] = profile
             tasks.append((profile, output / job.job / "profile.png"))
-        chart = map_chart(job)
+        chart = map_chart(job, done)
         if chart is not None:
             maps[job.job] = chart
             tasks.append((chart, output / job.job / "map.png"))

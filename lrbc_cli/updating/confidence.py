@@ -130,7 +130,7 @@ def weigh(
     Parameters
     ----------
     verdict : BoltVerdict
-        Of the place of the bolt; those without a term near them stay undecided.
+        Of the place of the bolt; one outside stays as it is.
     change, std : float
         Of log10 stiffness against the tight state [decades].
     rule : Rule
@@ -143,12 +143,12 @@ def weigh(
     -------
     BoltVerdict
     """
+    if verdict.outside:
+        return verdict
     spread = float(np.hypot(std, rule.scatter))
     if probability is None:
         probability = float(norm.cdf((rule.limit - change) / max(spread, 1e-12)))
-    word = "undecided"
-    if not verdict.far:
-        word = "loose" if probability >= rule.confidence else ("tight" if probability <= 1.0 - rule.confidence else "undecided")
+    word = "loose" if probability >= rule.confidence else ("tight" if probability <= 1.0 - rule.confidence else "undecided")
     note = verdict.note
     if word == "undecided" and note is None:
         note = "the data do not decide: the interval of its change holds the threshold"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
-from lrbc_cli.updating.verdicts import Edge, foot
+from lrbc_cli.updating.verdicts import Edge, places
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shap
     Returns
     -------
     Shapes
-        A bolt beyond the end of its edge, whose hat no term feels, has no column.
+        A bolt beyond the end of its edge, whose hat no term feels, has no column, nor has one that lies aside of all edges.
     """
     groups = list(zip(parameters.groups, parameters.slices, strict=True))
     edges = [i for i, (group, _) in enumerate(groups) if _is_edge(group)]
@@ -130,18 +130,17 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shap
 
 
 def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Nearest edge of every bolt, and the arc length of its foot there."""
-    owner, at = np.zeros(bolts.shape[0], dtype=np.int64), np.zeros(bolts.shape[0])
-    for b, bolt in enumerate(bolts):
-        found = []
-        for group in groups:
-            assert group.xyz is not None
-            assert group.arc_length is not None
-            found.append(foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), bolt))
-        if found:
-            owner[b] = int(np.argmin([distance for _, distance in found]))
-            at[b] = found[owner[b]][0]
-    return owner, at
+    """Edge of every bolt, -1 for one that lies aside of all, and the arc length of its foot there."""
+    edges = []
+    for group in groups:
+        assert group.xyz is not None
+        assert group.arc_length is not None
+        edges.append(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None))
+    if not edges:
+        return np.zeros(bolts.shape[0], dtype=np.int64), np.zeros(bolts.shape[0])
+    found = places(edges, bolts)
+    owner = np.array([place.edge if place.aside is None else -1 for place in found], dtype=np.int64)
+    return owner, np.array([place.at for place in found], dtype=float)
 
 
 def _hats(group: ParameterGroup, at: Floats) -> Floats:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+#: Verdict on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
+OUTSIDE = "outside"
 
 
 @dataclass(frozen=True)
@@ -40,15 +44,13 @@ class BoltVerdict:
 
     Attributes
     ----------
-    log10_stiffness : float
-        Mean log10 stiffness within half a pitch along the edge.
+    log10_stiffness : float or None
+        Mean log10 stiffness within half a pitch along the edge; None outside.
     change : float or None
         Against the tight state, values above saturation counted as saturated [decades].
     verdict : str
-        ``tight``, ``loose`` or ``undecided``.
+        ``tight``, ``loose``, ``undecided``, or ``outside`` where no term reaches the bolt.
     note : str or None
-    far : bool
-        No term lies within half a pitch.
     near : int array
         Which values of its edge were averaged.
     edge : int
@@ -61,16 +63,59 @@ class BoltVerdict:
         Of the change [decades].
     """
 
-    log10_stiffness: float
+    log10_stiffness: float | None
     change: float | None
     verdict: str
     note: str | None
-    far: bool = False
     near: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     edge: int = 0
     change_std: float | None = None
     probability_loose: float | None = None
     threshold: float | None = None
+
+    @property
+    def outside(self) -> bool:
+        """No term reaches the bolt."""
+        return self.verdict == OUTSIDE
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a bolt lies.
+
+    Attributes
+    ----------
+    edge : int
+        Which of the edges.
+    at : float
+        Arc length of its foot there, continued straight beyond the ends [m].
+    near : int array
+        Values of the edge within half a pitch of the foot.
+    away : float
+        Distance of the nearest value from the foot along the edge [m].
+    aside : float or None
+        Distance from the edge [m], where that is too far for a bolt of it.
+    """
+
+    edge: int
+    at: float
+    near: NDArray[np.int64]
+    away: float
+    aside: float | None
+
+    @property
+    def reached(self) -> bool:
+        """A term lies within half a pitch."""
+        return self.aside is None and bool(self.near.size)
+
+    @property
+    def note(self) -> str | None:
+        """Why no term reaches the bolt; None where one does."""
+        if self.aside is not None:
+            return (
+                f"no term reaches it: it lies {1e3 * self.aside:.0f} mm beside the edge, more than a pitch further than bolts of that edge"
+            )
+        return None if self.near.size else f"no term within half a pitch; the nearest is {1e3 * self.away:.0f} mm away along the edge"
 
 
 def pitch_of(bolts: Floats) -> float:
@@ -101,6 +146,47 @@ def foot(edge: Edge, point: Floats) -> tuple[float, float]:
     return best
 
 
+def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
+    """Edge of every bolt, and what of it lies within half a pitch.
+
+    That is the nearest edge; where nothing of it reaches the bolt, another one with terms nearer to the bolt that do.
+
+    Parameters
+    ----------
+    edges : sequence of Edge
+        At least one.
+    bolts : (m, 3) float array
+
+    Returns
+    -------
+    list of Place
+    """
+    pitch = pitch_of(bolts)
+    feet = [[foot(edge, bolt) for edge in edges] for bolt in bolts]
+    nearest = [int(np.argmin([distance for _, distance in row])) for row in feet]
+    # Bolts of one edge lie beside each other: of others, say along the next edge of a plate, its terms know nothing.
+    least = [min((row[e][1] for row, own in zip(feet, nearest, strict=True) if own == e), default=np.inf) for e in range(len(edges))]
+
+    def place(b: int, e: int) -> Place:
+        edge, (at, distance) = edges[e], feet[b][e]
+        away = np.abs(edge.arc_length - at)
+        # A single bolt has no pitch: the terms on both sides of it count.
+        half = 0.5 * pitch if pitch else float(np.median(np.diff(edge.arc_length))) if edge.arc_length.size > 1 else np.inf
+        beside = distance if pitch and distance > (least[e] + pitch) * (1 + 1e-9) else None
+        return Place(e, at, np.flatnonzero(away <= half * (1 + 1e-9)), float(away.min()), beside)
+
+    found = []
+    for b, bolt in enumerate(bolts):
+        own = place(b, nearest[b])
+        if not own.reached and len(edges) > 1:
+            # Beyond its end an edge goes on straight, perhaps along the next one; terms on the far side of a plate reach nothing here.
+            apart = [float(np.linalg.norm(edge.xyz - bolt, axis=1).min()) for edge in edges]
+            others = [place(b, int(e)) for e in np.argsort(apart, kind="stable") if apart[e] < apart[own.edge]]
+            own = next((other for other in others if other.reached), own)
+        found.append(own)
+    return found
+
+
 def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: bool) -> list[BoltVerdict]:
     """Judge every bolt by the stiffness within half a pitch of it.
 
@@ -118,40 +204,28 @@ def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: b
     -------
     list of BoltVerdict
     """
-    pitch = pitch_of(bolts)
-    found = []
-    for bolt in bolts:
-        feet = [foot(edge, bolt) for edge in edges]
-        which = int(np.argmin([distance for _, distance in feet]))
-        edge, at = edges[which], feet[which][0]
-        away = np.abs(edge.arc_length - at)
-        # A single bolt has no pitch: the terms on both sides of it count.
-        half = 0.5 * pitch if pitch else float(np.median(np.diff(edge.arc_length))) if edge.arc_length.size > 1 else np.inf
-        near = np.flatnonzero(away <= half * (1 + 1e-9))
-        note = None
-        if not near.size:
-            near = np.array([int(np.argmin(away))])
-            note = f"no term within half a pitch; the nearest is {1e3 * away[near[0]]:.0f} mm away along the edge"
-        found.append((edge, near, note, which))
-    capped = [float(np.mean(np.minimum(edge.log10[near], edge.cap))) for edge, near, *_ in found]
-    level = float(np.quantile(capped, 0.75)) if capped else 0.0
+    found = places(edges, bolts)
+    capped = {b: float(np.mean(np.minimum(edges[p.edge].log10[p.near], edges[p.edge].cap))) for b, p in enumerate(found) if p.reached}
+    level = float(np.quantile(list(capped.values()), 0.75)) if capped else 0.0
     verdicts = []
-    for (edge, near, note, which), value in zip(found, capped, strict=True):
-        change = None
+    for b, place in enumerate(found):
+        if not place.reached:
+            verdicts.append(BoltVerdict(None, None, OUTSIDE, place.note))
+            continue
+        edge, near, value = edges[place.edge], place.near, capped[b]
+        change = measure = note = None
         contrast = False
-        if edge.reference is not None:
-            change = value - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
-        measure = change
-        if measure is None and not is_reference:
-            measure = value - level
-            contrast = True
-            note = note or "no tight state to compare with: loose by contrast with the other bolts, or undecided"
         if is_reference:
             change, measure = 0.0, 0.0
-            note = note or "reference state, taken as tight"
-        far = note is not None and note.startswith("no term")
+            note = "reference state, taken as tight"
+        elif edge.reference is not None:
+            change = measure = value - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
+        else:
+            measure = value - level
+            contrast = True
+            note = "no tight state to compare with: loose by contrast with the other bolts, or undecided"
         # Without a tight state nothing says that a bolt is tight: all may be loose.
         calm = "undecided" if contrast else "tight"
-        verdict = "undecided" if far or measure is None else ("loose" if measure <= loose_change else calm)
-        verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note, far, near, which))
+        verdict = "loose" if measure <= loose_change else calm
+        verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note, near, place.edge))
     return verdicts

@@ -1,5 +1,7 @@
 import json
+import re
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from lrbc_cli.report.calibration import calibration_charts, read_calibration
 from lrbc_cli.report.chart import Area, Curve, Marks, Span, Tiles, Word
 from lrbc_cli.report.correlation import fdac_chart
 from lrbc_cli.report.evidence import Nuisance, read_fdac
-from lrbc_cli.report.layout import lay_out
+from lrbc_cli.report.layout import Line, lay_out, swatch
 from lrbc_cli.report.places import along_the_edges
 from lrbc_cli.report.results import read_campaign, read_job
 from lrbc_cli.report.strip import level_of, map_chart, strip_chart
@@ -37,23 +39,178 @@ def jobs_of(folder: Path):
     return campaign, [read_job(folder, name) for name in campaign.jobs]
 
 
-def test_the_mixtures_probability_of_a_change(rich: Path, tmp_path: Path) -> None:
-    """In the table of bolts and in the words of each, where there is one."""
+def test_each_probability_says_of_what_it_is(rich: Path, tmp_path: Path) -> None:
+    """Being loose and having changed differ, 73 and above 99 % for one bolt: figures show the first, words name both."""
+    page = parsed(rich)
     text = (rich / "report.html").read_text(encoding="utf-8")
-    _, jobs = jobs_of(rich)
-    bolts = [bolt for job in jobs if job.explained for bolt in job.bolts]
-    known = [bolt for bolt in bolts if bolt.probability_changed is not None]
-    assert 0 < len(known) < len(bolts)
-    assert "probability of having changed" in text
-    for bolt in known:
-        assert f"probability of having changed {fmt.probability(bolt.probability_changed)}" in tables.sentence(bolt)
-    assert "of the loose kind of the mixture" in text
+    campaign, jobs = jobs_of(rich)
+    bolts = [bolt for job in jobs if job.explained for bolt in job.observable]
+    (unsure,) = [bolt for bolt in bolts if bolt.probability_loose == 0.4]
+    assert unsure.probability_changed != pytest.approx(0.4, abs=0.1)
+    for bolt in bolts:
+        words = tables.sentence(bolt)
+        assert f"posterior probability of being loose (change below the threshold) {fmt.probability(bolt.probability_loose)}" in words
+        assert f"posterior probability of any change {fmt.probability(bolt.probability_changed)}" in words
+        assert escape(words) in text
+    # Strip and table of figures show the same one, and say which.
+    strip_words = [item.text for item in strip_chart(campaign, jobs).panels[0].items if isinstance(item, Word)]
+    assert "40" in strip_words
+    grid = str(tables.bolt_grid(campaign, jobs))
+    assert "40\u00a0%" in grid
+    assert f">{fmt.probability(unsure.probability_changed)}<" not in grid
+    said = " ".join(page.texts)
+    assert "below, the posterior probability of being loose (change below the threshold) in per cent" in said
+    assert "per cent: posterior probability of being loose (change below the threshold)" in said
     write_campaign(tmp_path, (0, 4), lines=60)
     write_report(tmp_path, workers=1)
-    assert "having changed" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "posterior probability" not in (tmp_path / "report.html").read_text(encoding="utf-8")
     spoil(tmp_path / "bolts-04" / "result.json", "bolts", 3, "probability_changed", value=1.5)
     with pytest.raises(DataError, match="number from 0 to 1"):
         read_job(tmp_path, "bolts-04")
+
+
+# -- outside, not validated ---------------------------------------------------------------------------------------------
+
+
+def test_bolts_outside_are_grey_and_have_no_number(rich: Path) -> None:
+    """In judged jobs, the reference job and unexplained ones alike."""
+    campaign, jobs = jobs_of(rich)
+    cells = {}
+    for item in strip_chart(campaign, jobs).panels[0].items:
+        if isinstance(item, Tiles):
+            cells |= dict.fromkeys((name.split(",")[0] + name.split(",")[1].split(":")[0] for name in item.names), item.role)
+    for job in jobs:
+        assert job.names("outside") == ["B01", "B17"]
+        assert len(job.observable) == 15
+        for bolt in job.bolts:
+            assert (cells[f"{job.job} {bolt.name}"] == "outside") == bolt.outside
+        for bolt in (job.bolts[0], job.bolts[-1]):
+            words = tables.sentence(bolt)
+            assert words.startswith(f"{bolt.name}: outside, not observable, known to be in place, no term within half a pitch")
+            assert "%" not in words
+            assert "decades" not in words
+        marks = {name: item.role for item in map_chart(job).panels[0].items if isinstance(item, Marks) for name in item.names}
+        assert {role for name, role in marks.items() if name.startswith(("B01", "B17"))} == {"outside-dot"}
+        spans = {
+            item.role: item for item in figures.profile_chart(job, figures.profile_scales([job])).panels[0].items if isinstance(item, Span)
+        }
+        assert len(spans["outside-stripe"].edges) == 2
+    rows = rows_of(page_text(rich), "Bolts at a glance")
+    assert [(row[1].split(), row[17].split()) for row in rows[1:]] == [(["n/c", "outside,", "not", "observable", "in", "place"],) * 2] * 2
+    assert "outside: not observable" in [label for *_, label in figures.profile_chart(jobs[0], figures.profile_scales(jobs)).legend()]
+
+
+def test_bolts_outside_are_counted_apart(rich: Path) -> None:
+    _, jobs = jobs_of(rich)
+    assert tables.loose_of(jobs[1]) == "4 of 15 judged loose, 2 outside"
+    assert tables.hits(jobs) == (
+        "Of 4 bolts known to be removed, 4 are judged loose, 0 undecided, 0 tight. "
+        "Of 26 bolts known to be in place, 25 are judged tight, 1 undecided, 0 loose. 4 more are outside, where nothing is observable."
+    )
+    page = parsed(rich)
+    text = " ".join(page.texts)
+    assert "4 of 15 judged loose, 2 outside" in text
+    assert text.count("n/c outside: no term reaches it, not observable") >= 2
+    rows = rows_of(page_text(rich), "What was found, job by job")
+    head = [cell.split()[0] for cell in rows[0]]
+    assert head.index("Outside") == head.index("Undecided") + 1
+    assert [row[head.index("Undecided")] for row in rows[1:]] == ["none", "B03", "–"]
+    assert [row[head.index("Outside")] for row in rows[1:]] == ["B01, B17"] * 3
+
+
+def page_text(folder: Path) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def rows_of(page: str, caption: str) -> list[list[str]]:
+    """Texts of the cells of a table, heading first."""
+    body = page[page.index(caption) :].split("</table>")[0]
+    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.S) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", body, re.S)]
+    return [[re.sub(r"<[^>]*>", " ", cell).strip() for cell in row] for row in rows]
+
+
+def test_the_tile_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
+    """One of three has loose bolts, one has no verdict."""
+    tile = re.search(r"Jobs with loose bolts</dt>(.*?)</div>", page_text(rich)).group(1)
+    assert ">1 of 3<" in tile
+    assert "1 without verdict, 1 with undecided bolts, 4 of 4 observable bolts" in tile
+    write_campaign(
+        tmp_path, (0, 4), responses=("mic01",), used=("mic01",), lines=40, evidence=True, unexplained=(0, 4), failed=("bolts-20",)
+    )
+    write_report(tmp_path, workers=1)
+    tile = re.search(r"Jobs with loose bolts</dt>(.*?)</div>", page_text(tmp_path)).group(1)
+    assert ">–<" in tile
+    assert "3 without verdict" in tile
+
+
+def test_a_campaign_without_validation_channels_says_so(tmp_path: Path) -> None:
+    """Verdicts, marked: no misfit of fitted channels passes for a validation."""
+    write_campaign(tmp_path, (0, 4), responses=("mic01", "mic02"), used=("mic01", "mic02"), lines=40, evidence=True)
+    write_report(tmp_path, workers=1)
+    campaign, jobs = jobs_of(tmp_path)
+    assert all(job.explained and not job.validated and job.validity.held_out_db is None for job in jobs)
+    page = page_text(tmp_path)
+    assert "bolts-00, bolts-04: not validated: no validation channel tests the updated model" in page
+    assert ">passed<" not in page
+    rows = rows_of(page, "Model validation")
+    head = [re.sub(r"\s+", " ", cell) for cell in rows[0]]
+    for row in rows[1:]:
+        assert row[head.index("Validation")] == "not validated"
+        assert row[head.index("Validation channels [dB]")] == "–"
+        assert row[head.index("What was compared")] == "misfit of these channels 1.6 dB"
+    assert all("not validated" in row[1] for row in rows_of(page, "What was found")[1:])
+    assert "2 not validated" in page
+    assert strip_chart(campaign, jobs).subtitle == "not validated: bolts-00, bolts-04"
+    assert "not validated" in figures.changes_of(jobs[1])
+
+
+def test_a_result_of_an_earlier_version_was_not_validated_either(tmp_path: Path) -> None:
+    """It said passed of the channels that it had fitted; with validation channels it still counts."""
+    old = {"passed": True, "held_out_db": 0.57, "limit_db": 3.0, "reason": "mean misfit of the responses used 0.57 dB"}
+    for used, expected in ((("mic01", "mic02"), (None, None)), (("mic01",), (True, 0.57))):
+        write_campaign(tmp_path, (4,), responses=("mic01", "mic02"), used=used, lines=40, evidence=True)
+        spoil(tmp_path / "bolts-04" / "result.json", "validity", value=old)
+        validity = read_job(tmp_path, "bolts-04").validity
+        assert (validity.passed, validity.held_out_db) == expected
+
+
+def test_validated_jobs_are_not_marked(rich: Path) -> None:
+    campaign, jobs = jobs_of(rich)
+    assert all(job.validated for job in jobs)
+    assert strip_chart(campaign, jobs).subtitle == ""
+    assert "not validated" not in page_text(rich)
+    assert rows_of(page_text(rich), "Model validation")[1][3] == "1.60"
+
+
+def test_the_number_of_starts_is_that_of_the_results(rich: Path, tmp_path: Path) -> None:
+    assert "The optimiser had 2 to 5 starts a job" in page_text(rich)
+    write_campaign(tmp_path, (4, 6), lines=40)
+    write_report(tmp_path, workers=1)
+    assert "The optimiser had 5 starts a job" in page_text(tmp_path)
+    for job in ("bolts-04", "bolts-06"):
+        spoil(tmp_path / job / "result.json", "optimiser", "starts", value=[])
+    write_report(tmp_path, workers=1)
+    assert " starts a job" not in page_text(tmp_path)
+
+
+def test_the_legend_of_the_strip_shows_what_is_drawn(rich: Path) -> None:
+    """Hatching and frames in the cells, not the rings of the maps."""
+    campaign, jobs = jobs_of(rich)
+    roles = {label: role for role, _, label in strip_chart(campaign, jobs).legend()}
+    assert roles["hatched: ? undecided, – no verdict"] == "hatch"
+    assert roles["framed: known to be removed"] == "known"
+    for role in ("hatch", "known"):
+        assert all(isinstance(shape, Line) for shape in swatch(role, "tiles", 0.0, 6.0))
+    # The maps have one scale, also where a job, the reference, has no probabilities.
+    scales = [[label for _, kind, label in map_chart(job, jobs).legend() if kind == "tiles"] for job in jobs]
+    assert scales[0] == scales[1] == scales[2]
+    rings = {label: role for role, _, label in map_chart(jobs[1]).legend()}
+    assert rings["ringed: known to be removed"] == "known-dot"
+    assert rings["? undecided"] == "unsure-dot"
+
+
+def test_the_time_says_that_it_leaves_out_the_calibration(rich: Path) -> None:
+    assert "calibration, 31.2\u00a0s, not included" in page_text(rich)
 
 
 # -- reading ------------------------------------------------------------------------------------------------------------
@@ -156,16 +313,17 @@ def test_the_strip_shows_probability_verdict_and_truth(rich):
     colour = {name.split(":")[0]: role for name, role in cells.items()}
     assert colour["bolts-04, B09"] == f"p{style.PROBABILITIES - 1}"
     assert colour["bolts-00, B09"] == "p0"
-    assert colour["bolts-04, B01"] == "unknown"
+    assert colour["bolts-04, B01"] == "outside"
     # Where the model explains nothing, no cell says anything.
-    assert {role for name, role in colour.items() if name.startswith("bolts-12")} == {"unknown"}
+    assert {role for name, role in colour.items() if name.startswith("bolts-12")} == {"unknown", "outside"}
     marks = {item.role: item for item in panel.items if isinstance(item, Marks) and item.x.size}
     assert sorted(marks[f"loose-on{style.PROBABILITIES - 1}"].x) == [7.5, 8.5, 9.5, 10.5]
     frames = next(item for item in panel.items if isinstance(item, Curve) and item.role == "known")
     assert np.isnan(frames.x).sum() == 4 + 12
     words = [item.text for item in panel.items if isinstance(item, Word)]
-    assert words.count("?") == 2 * 2
-    assert words.count("–") == 17
+    assert words.count("?") == 1
+    assert words.count("–") == 15
+    assert words.count("n/c") == 3 * 2
     assert ">99" in words
     assert "bolts-12: no verdict" in chart.alt
 
@@ -173,8 +331,8 @@ def test_the_strip_shows_probability_verdict_and_truth(rich):
 def test_verdicts_serve_where_there_is_no_probability(finished):
     campaign, jobs = jobs_of(finished)
     chart = strip_chart(campaign, [job for job in jobs if job.complete])
-    assert [text for _, kind, text in chart.legend() if kind == "tiles"] == ["tight", "loose"]
-    assert not any(isinstance(item, Word) and item.text != "?" for item in chart.panels[0].items)
+    assert [text for _, kind, text in chart.legend() if kind == "tiles"][:2] == ["tight", "loose"]
+    assert not any(isinstance(item, Word) and item.text not in ("?", "n/c") for item in chart.panels[0].items)
     bolt = jobs[0].bolts[0]
     assert level_of(replace(bolt, verdict="loose")) == style.PROBABILITIES - 1
     assert level_of(replace(bolt, verdict="tight")) == 0
@@ -242,9 +400,10 @@ def test_the_map_marks_what_is_known_and_what_is_open(rich):
     job = read_job(rich, "bolts-04")
     items = [item for item in map_chart(job).panels[0].items if isinstance(item, Marks) and item.x.size]
     assert sum(len(item.x) for item in items if item.role == "known") == 4
-    assert sum(len(item.x) for item in items if item.role == "unsure") == 2
+    assert sum(len(item.x) for item in items if item.role == "unsure") == 1
+    assert sum(len(item.x) for item in items if item.role == "outside-dot") == 2
     said = " ".join(name for item in items for name in item.names)
-    assert "no term near" in said
+    assert "no term within half a pitch" in said
     assert "decades (loose from −0.75)" in said
     silent = map_chart(read_job(rich, "bolts-12"))
     assert not any(item.role.startswith("p") for item in silent.panels[0].items if isinstance(item, Marks) and item.x.size)
@@ -275,7 +434,7 @@ def test_open_intervals_reach_the_edge_with_an_arrow(rich):
 def test_without_a_verdict_no_bolt_is_marked_loose(rich):
     job = read_job(rich, "bolts-12")
     chart = figures.profile_chart(job, figures.profile_scales([job]))
-    assert {item.role for item in chart.panels[0].items if isinstance(item, Span)} == {"undecided"}
+    assert {item.role for item in chart.panels[0].items if isinstance(item, Span)} == {"undecided", "outside-stripe"}
     assert "no verdict" in chart.subtitle
 
 
@@ -304,8 +463,8 @@ def test_calibration_is_read_and_drawn(rich):
     campaign = read_campaign(rich)
     calibration = read_calibration(rich)
     assert calibration.factors[3].lower is None
-    assert calibration.misfits["responses held out"] == (3.02, 1.11)
-    assert [chart.subtitle for chart in calibration_charts(calibration, campaign)] == ["used", "held out"]
+    assert calibration.misfits["validation channels"] == (3.02, 1.11)
+    assert [chart.subtitle for chart in calibration_charts(calibration, campaign)] == ["used", "validation channel"]
     assert calibration_charts(replace(calibration, frf=None), campaign) == []
 
 

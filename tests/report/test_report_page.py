@@ -92,7 +92,7 @@ def test_page_is_accessible(finished):
 def test_every_section_says_what_it_should(finished):
     text = " ".join(parsed(finished).texts)
     for words in (
-        "soundbox-left-edge", "Of 19 bolts known to be removed", "4: B08–B11", "converged", "3.8 → 1.0", "held out", "Exponent p_damp",
+        "soundbox-left-edge", "Of 19 bolts known to be removed", "4: B08–B11", "converged", "3.8 → 1.0", "validation", "Exponent p_damp",
         "One frequency line, full model", "1/86.2", "8.5\u00a0×", "23\u202f762", "Measured relative error",
         "the record mic03 holds no line", "SHA-256", "regularisation", "no reduced model with this key",
     ):  # fmt: skip

@@ -68,7 +68,7 @@ def test_missing_reduction_is_no_error(output):
         (("parameters", "left_edge", "initial"), [4.0], "31 numbers"),
         (("parameters", "left_edge", "positions"), [[0, 0]] * 31, "31 rows of 3 numbers"),
         (("bolts",), {}, "a list of objects"),
-        (("bolts", 3, "verdict"), "gone", "tight | loose | undecided"),
+        (("bolts", 3, "verdict"), "gone", "tight | loose | undecided | outside"),
         (("bolts", 3, "position"), [0.0], "3 numbers"),
         (("misfit_db", "responses", "mic01"), 3.0, "an object"),
         (("history", 0, "cost"), "x", "a number"),

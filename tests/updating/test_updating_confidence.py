@@ -114,10 +114,9 @@ class TestWeigh:
         assert weigh(PLACE, 0.0, 0.1, small).change_std == pytest.approx(np.hypot(0.1, 0.1))
 
     def test_beside_the_terms_there_is_no_verdict(self) -> None:
-        far = replace(PLACE, far=True, note="no term within half a pitch")
-        found = weigh(far, -3.0, 0.1, self.rule)
-        assert found.verdict == "undecided"
-        assert found.note == far.note
+        outside = BoltVerdict(None, None, "outside", "no term within half a pitch")
+        for change in (-3.0, 0.0):
+            assert weigh(outside, change, 0.1, self.rule, probability=0.7) is outside
 
     def test_no_uncertainty(self) -> None:
         assert weigh(PLACE, -0.6, 0.0, self.rule).probability_loose == 1.0

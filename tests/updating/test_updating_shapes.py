@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -122,6 +124,22 @@ class TestGroups:
         assert found.std[column] == DAMPING_STD
         np.testing.assert_array_equal(np.delete(found.std, column), STD)
         assert found.T.shape[1] == 7 + 1 + 3 * Y.size
+
+    def test_an_edge_in_two_groups(self) -> None:
+        """The second goes on where the first ends: its bolts move its own values."""
+        low, high = group("low"), group("high", first=Y.size)
+        assert high.xyz is not None
+        parameters = Parameterisation((low, replace(high, xyz=high.xyz + np.array([0.0, 0.525, 0.0]))))
+        found = bolt_shapes(parameters, along(*BOLTS, 0.57, 0.67, 0.77, 0.87, 0.97), STD)
+        np.testing.assert_allclose(found.T[: Y.size, found.bolts[:5]].sum(axis=1), 1.0)
+        np.testing.assert_allclose(found.T[Y.size :, found.bolts[5:]].sum(axis=1), 1.0)
+
+    def test_bolts_of_an_edge_that_is_not_identified(self) -> None:
+        """They move nothing, and take nothing from the bolts that do."""
+        one, parameters = along(*BOLTS), Parameterisation((group(),))
+        found = bolt_shapes(parameters, np.vstack([one, along(*BOLTS, x=0.5)]), STD)
+        np.testing.assert_array_equal(found.bolts[5:], -1)
+        np.testing.assert_array_equal(found.T, bolt_shapes(parameters, one, STD).T)
 
 
 class TestPenalty:

@@ -89,13 +89,52 @@ class TestPlaces:
         found = judge([edge(ramp, cap=99.0)], BOLTS, -1.0, False)
         np.testing.assert_allclose([v.log10_stiffness for v in found], 10.0 * BOLTS[:, 1], atol=0.06)
 
-    def test_beyond_the_ends_is_undecided(self):
+    @pytest.mark.parametrize("state", ["tight", "reference", "alone"])
+    def test_beyond_the_ends_is_outside(self, state):
+        """Whatever the job is compared with; no number at all, for nothing was measured there."""
         bolts = np.vstack([BOLTS, [[-0.02, 0.60, 0.0]], [[-0.02, -0.08, 0.0]]])
-        found = judge([edge(profile(2.0), profile(4.5))], bolts, -1.0, False)
-        assert [v.verdict for v in found[-2:]] == ["undecided", "undecided"]
-        assert "100 mm" in found[-2].note
-        assert "80 mm" in found[-1].note
-        assert {v.verdict for v in found[:-2]} == {"loose"}
+        tight = None if state == "alone" else profile(4.5)
+        found = judge([edge(profile(4.5, 2.0, (3, 4)), tight)], bolts, -1.0, state == "reference")
+        for bolt, away in zip(found[-2:], ("100 mm", "80 mm"), strict=True):
+            assert bolt.verdict == "outside"
+            assert away in bolt.note
+            assert (bolt.log10_stiffness, bolt.change, bolt.change_std, bolt.probability_loose, bolt.threshold) == (None,) * 5
+        # They do not touch what is said of the others.
+        others = judge([edge(profile(4.5, 2.0, (3, 4)), tight)], BOLTS, -1.0, state == "reference")
+        assert [(v.verdict, v.change, v.note) for v in found[:-2]] == [(v.verdict, v.change, v.note) for v in others]
+        assert "outside" not in {v.verdict for v in others}
+
+    def test_only_bolts_outside(self):
+        assert verdicts([edge(profile(4.5))], np.array([[0.0, 2.0, 0.0], [0.0, 2.1, 0.0]])) == ["outside", "outside"]
+
+    def test_an_edge_in_two_groups(self):
+        """The first goes on straight along the second, whose terms reach the bolts there."""
+        low, high = slice(0, 26), slice(26, 51)
+        loose, tight = profile(4.5, 2.0, (7,)), profile(4.5)
+        parts = [Edge(XYZ[k], Y[k], loose[k], 5.0, tight[k]) for k in (low, high)]
+        for edges in (parts, parts[::-1]):
+            found = judge(edges, BOLTS, -1.0, False)
+            assert [v.verdict for v in found] == ["tight"] * 7 + ["loose"] + ["tight"]
+            # The fifth stands at the joint.
+            assert [edges[v.edge] is parts[1] for v in found[:4] + found[5:]] == [False] * 4 + [True] * 4
+
+    def test_the_far_edge_reaches_nothing(self):
+        """Beyond the end of its own edge a bolt is not judged by the opposite one, which is longer."""
+        half, other = slice(0, 26), XYZ + np.array([0.6, 0, 0])
+        edges = [Edge(XYZ[half], Y[half], profile(2.0)[half], 5.0, profile(4.5)[half]), Edge(other, Y, profile(4.5), 5.0, profile(4.5))]
+        assert verdicts(edges) == ["loose"] * 5 + ["outside"] * 4
+
+    def test_bolts_of_another_edge_are_outside(self):
+        """All bolts of a plate are listed, but only its left edge is identified."""
+        right = BOLTS + np.array([0.64, 0, 0])
+        top = np.column_stack([np.linspace(0.1, 0.5, 9), np.full(9, 0.52), np.zeros(9)])
+        found = judge([edge(profile(4.5, 2.0, (3,)), profile(4.5))], np.vstack([BOLTS, right, top]), -1.0, False)
+        assert [v.verdict for v in found] == ["tight"] * 3 + ["loose"] + ["tight"] * 5 + ["outside"] * 18
+        assert "620 mm beside the edge" in found[9].note
+
+    def test_two_rows_of_bolts_and_a_wide_flange(self):
+        rows = np.vstack([BOLTS, BOLTS - np.array([0.04, 0, 0])]) - np.array([0.3, 0, 0])
+        assert verdicts([edge(profile(2.0), profile(4.5))], rows) == ["loose"] * 18
 
     def test_just_beyond_the_end_still_feels_its_last_terms(self):
         bolts = np.vstack([BOLTS, [[-0.02, 0.52, 0.0]]])

@@ -1,0 +1,128 @@
+"""What a result says of bolts that no term reaches, and of jobs that nothing validates: in JSON, CSV and on the page."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import Folder, box
+
+from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.model.frf import FrfSet
+
+BEYOND = ("B0", "B7")
+NUMBERS = ("log10_stiffness", "change", "change_std", "threshold", "probability_loose", "probability_changed")
+
+
+def table(folder: Folder) -> dict[str, dict[str, str]]:
+    with (folder.out / "campaign.csv").open(newline="") as file:
+        return {row["job"]: row for row in csv.DictReader(file)}
+
+
+def page(folder: Folder) -> str:
+    assert folder.run("report").code == 0
+    return (folder.out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def longer(tmp_path: Path) -> Folder:
+    """The box with a bolt beyond each end of its edge, a baseline, and a measurement that its model does not explain."""
+    folder = box(tmp_path / "box")
+    path = folder.data / "bolts.csv"
+    path.write_text(path.read_text() + "B0,-0.6,0.01,0\nB7,1.95,0.01,0\n")
+    records = read_frf(folder.data / "loose.uff").records
+    write_frf(folder.data / "wrong.uff", FrfSet("wrong", tuple(replace(r, values=3.0 * np.roll(r.values, 9)) for r in records)))
+    (folder.data / "again.uff").write_bytes((folder.data / "tight.uff").read_bytes())
+    tree = folder.tree()
+    tree["jobs"] |= {name: {"frf": f"data/{name}.uff"} for name in ("wrong", "again")}
+    tree["update"] |= {"baselines": ["again"], "regularisation": "auto"}
+    folder.write(tree)
+    return folder
+
+
+def outside(tree: Any) -> None:
+    """Two bolts are outside and have no number, the others are not."""
+    for bolt in tree["bolts"]:
+        assert (bolt["verdict"] == "outside") == (bolt["name"] in BEYOND), (tree["job"], bolt)
+        if bolt["name"] in BEYOND:
+            assert [bolt[key] for key in NUMBERS] == [None] * len(NUMBERS)
+            assert "no term within half a pitch" in bolt["note"]
+
+
+def test_bolts_that_no_term_reaches(longer: Folder) -> None:
+    """Reference job, baseline, job with loose bolts and unexplained job alike."""
+    outcome = longer.run("update")
+    assert outcome.code == 0, outcome.stderr
+    results, rows = longer.results(), table(longer)
+    assert results["wrong"]["status"] == "unexplained"
+    for name, tree in results.items():
+        outside(tree)
+        assert rows[name]["outside"].split() == ["B0", "B7"]
+        assert not set(rows[name]["undecided"].split()) & set(BEYOND)
+    assert {b["name"] for b in results["loose"]["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    assert {b["verdict"] for b in results["again"]["bolts"] if b["name"] not in BEYOND} == {"tight"}
+    text = page(longer)
+    titles = [title for pair in re.findall(r'title="([^"]*)"|<title>([^<]*)</title>', text) for title in pair]
+    said = [title for title in titles if re.search(r"\bB[07]: ", title)]
+    assert len(said) >= 2 * len(results)
+    for words in said:
+        assert "outside, not observable" in words
+        assert "%" not in words
+        assert "decades" not in words
+    assert "2 of 6 judged loose, 2 outside" in text
+
+
+def test_without_a_reference(longer: Folder) -> None:
+    """By contrast with the other bolts, of which those outside are none."""
+    tree = longer.tree()
+    del tree["update"]["reference"], tree["update"]["baselines"]
+    tree["jobs"] = {"loose": tree["jobs"]["loose"]}
+    longer.write(tree)
+    assert longer.run("update").code == 0
+    outside(longer.result("loose"))
+    assert {b["name"] for b in longer.result("loose")["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+
+
+def test_nothing_validates_channels_that_were_fitted(tmp_path: Path) -> None:
+    folder = box(tmp_path / "box")
+    assert folder.run("update").code == 0
+    for tree in folder.results().values():
+        valid, misfit = tree["validity"], tree["misfit_db"]
+        assert (valid["passed"], valid["compared"], valid["held_out_db"]) == (None, "channels used", None)
+        assert valid["misfit_db"] == pytest.approx(misfit["final"])
+        assert valid["reason"].startswith("not validated: there are no validation channels; mean misfit of the channels used 0.00 dB")
+        assert valid["reason"] in tree["notes"]
+        # Judged all the same.
+        assert tree["status"] == "converged"
+    assert {b["name"] for b in folder.result("loose")["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+    text = page(folder)
+    assert "tight, loose: not validated: no validation channel tests the updated model" in text
+    assert ">passed<" not in text
+
+
+def test_fitted_channels_can_only_speak_against_the_model(longer: Folder) -> None:
+    assert longer.run("update", "--job", "wrong").code == 0
+    tree = longer.result("wrong")
+    assert tree["status"] == "unexplained"
+    assert (tree["validity"]["passed"], tree["validity"]["held_out_db"]) == (False, None)
+    assert "mean misfit of the channels used" in tree["reason"]
+    assert "above the limit of 3 dB" in tree["reason"]
+
+
+def test_validation_channels(tmp_path: Path) -> None:
+    folder = box(tmp_path / "box")
+    tree = folder.tree()
+    tree["update"]["responses"] = ["mic1", "mic2", "acc1"]
+    folder.write(tree)
+    assert folder.run("update").code == 0
+    for result in folder.results().values():
+        valid = result["validity"]
+        assert (valid["passed"], valid["compared"]) == (True, "validation channels")
+        assert valid["held_out_db"] == valid["misfit_db"] == pytest.approx(result["misfit_db"]["responses"]["mic3"]["final"])
+        assert "validation channels" in valid["reason"]
+    assert "not validated" not in page(folder)
