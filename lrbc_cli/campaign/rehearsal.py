@@ -172,7 +172,7 @@ class Rehearsal:
         sigma = coherence_sigma(told, averages) if measured.sigma_db is None else measured.sigma_db
         # Half of a complex deviation lies along the FRF.
         floor = np.sqrt(2.0) * sigma / DB * np.abs(measured.values)
-        return np.where(np.isfinite(floor), floor, assumed)
+        return np.asarray(np.where(np.isfinite(floor), floor, assumed))
 
     def _true(self, theta: Floats, detuned: float, drift: Floats | None = None) -> Complexes:
         """(F, R) FRFs of a structure whose frequencies are the model's times ``1 + detuned``."""
@@ -196,7 +196,8 @@ class Rehearsal:
         def lacks(share: float) -> float:
             with np.errstate(divide="ignore", invalid="ignore"):
                 apart = decibel(self._true(self.theta, share)[:, used][lines]) - decibel(self._tight[:, used][lines])
-            return float(np.sqrt(np.mean(np.square(apart[np.isfinite(apart)])))) - self.setting.noise.sigma
+            known = np.square(apart[np.isfinite(apart)])
+            return float(np.sqrt(known.mean())) - self.setting.noise.sigma if known.size else -np.inf
 
         return MOST_DETUNED if lacks(MOST_DETUNED) <= 0.0 else float(brentq(lacks, 0.0, MOST_DETUNED, xtol=LEAST_DETUNED))
 
@@ -313,7 +314,9 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
     drifts = ", ".join(dict.fromkeys(kinds[extra.kind] for extra in rehearsal.extras))
     mixture = mixes(rehearsal.inputs)
+    reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [
+        *reference,
         f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt",
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {update.prior_std:g} decades'}; loose "
         f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "

@@ -112,7 +112,14 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     tree = json.loads((bare.out / "plan.json").read_text())
     for text in tree["assumes"]:
         assert f"- {text}" in outcome.stdout
-    for words in ("the start values", "model discrepancy 1 dB", "12 % of the shift", "gains of the responses", "its own shape"):
+    for words in (
+        "the start values",
+        "model discrepancy 1 dB",
+        "12 % of the shift",
+        "gains of the responses",
+        "its own shape",
+        "a reference job",
+    ):
         assert said(tree, words), words
     assert said(tree, "each bolt tight or loose (mixture); loose below -0.35 decades")
     bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.prior_shape=normal")
