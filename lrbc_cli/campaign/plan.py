@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
 from lrbc_cli.campaign.results import calibration_tree
 from lrbc_cli.campaign.simulate import job_values, parse_lines
 from lrbc_cli.campaign.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
@@ -52,11 +53,14 @@ class Request:
         Standard deviation of a line [dB].
     by : str
         ``auto``, ``bolts`` or ``values``.
+    draws : int
+        Rehearsals of each bolt; 0: linearised figures only.
     """
 
     state: str | None = None
     noise: float | None = None
     by: str = "auto"
+    draws: int = DRAWS
 
 
 def make_plan(
@@ -104,6 +108,7 @@ def make_plan(
     else:
         model = source.model(s, parameters, selected)
     T, prior, bounds = _unknowns(inputs, parameters, shapes, extras, by)
+    change = LOOSENING if state == "free" else -LOOSENING
     found = experiment(
         model,
         np.concatenate([theta, np.zeros(len(extras))]),
@@ -111,30 +116,43 @@ def make_plan(
         prior,
         np.array([target.column for target in targets], dtype=np.int64),
         bounds,
-        change=LOOSENING if state == "free" else -LOOSENING,
+        change=change,
         variance=noise.variance,
         options=residual_options(update),
         quantity=[response.quantity for response in inputs.responses],
         planned=inputs.used,
     )
+    wanted = [(n, target.column) for n, target in enumerate(targets) if found.change[n]]
+    draws: dict[int, list[Draw]] = {}
+    if by == "bolts" and change < 0 and request.draws > 0 and wanted:
+        measured = reference_measurement(inputs)
+        lines = grid if measured is None else measured.frequency_hz
+        rehearsal = Rehearsal(inputs, source, lines, Setting(theta, noise, shapes, change, measured))
+        draws = rehearse(rehearsal, wanted, request.draws, progress)
+        assumes = [f"tight state: {_words(state)}", *assumptions(rehearsal, request.draws, origin)]
+    else:
+        assumes = [f"state: {_words(state)}", *_linearised(inputs, by, change, request.draws)]
     tree = {
         "format": PLAN_FORMAT,
         "version": RESULT_VERSION,
         "campaign": inputs.campaign.name,
         "state": state,
         "noise": {"sigma_db": noise.sigma, "correlation_factor": noise.factor, "source": origin},
-        "change": LOOSENING if state == "free" else -LOOSENING,
+        "change": change,
         "unknowns": by,
         "prior_std": update.prior_std,
         "confidence": update.confidence,
-        "loose_change": update.threshold,
+        "loose_change": threshold(inputs),
+        "method": "rehearsed" if draws else "linearised",
+        "draws": request.draws if draws else 0,
+        "assumes": assumes,
         "limits": {
             word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
             for word, value in (("seen", SEEN), ("blind", BLIND))
         },
         "lines": {"count": int(selected.size), "frequency_hz": grid[selected]},
         "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in extras],
-        **judged(inputs, found, targets),
+        **judged(inputs, found, targets, draws),
         "notes": _notes(inputs, by),
         "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
         "provenance": {
@@ -284,6 +302,27 @@ def _unknowns(
         prior[:m, :m] = rows.T @ rows
     prior[m:, m:] = np.diag([1.0 / extra.std**2 for extra in extras])
     return T, prior, np.vstack([parameters.bounds, np.array([extra.bounds for extra in extras]).reshape(-1, 2)])
+
+
+def _words(state: str) -> str:
+    known = {"initial": "the start values of the campaign", "clamped": "the upper bounds", "free": "the lower bounds"}
+    return known.get(state, f"the result of job {state.removeprefix('job:')}")
+
+
+def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]:
+    """What figures assume that no rehearsal stands behind."""
+    update = inputs.campaign.update
+    if by == "values":
+        why = "values along the edges are not bolts that it judges"
+    elif change > 0:
+        why = "it judges no bolts that are tightened"
+    else:
+        why = "--draws 0" if draws < 1 else "no bolt can be loosened"
+    return [
+        f"linearised, not rehearsed ({why}): `lrbc update` may find less",
+        f"normal prior of {update.prior_std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
+        "the model is right but for the noise, and nothing drifts but what update.nuisances names",
+    ]
 
 
 def _notes(inputs: Inputs, by: str) -> list[str]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PrivateAttr
 
 from lrbc_cli.campaign.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
@@ -55,6 +57,24 @@ class Measurement:
     hashes: dict[str, str]
     sigma_db: Floats | None = field(default=None, repr=False)
     files: int = 1
+
+
+class GivenJob(JobConfig):
+    """A job whose measurement is at hand and in no file: ``GivenJob.of(measurement)``."""
+
+    _given: Measurement | None = PrivateAttr(default=None)
+
+    @classmethod
+    def of(cls, measurement: Measurement) -> GivenJob:
+        """The job; its path is only a name for messages."""
+        job = cls.model_construct(frf=Path("given"))
+        job._given = measurement
+        return job
+
+    @property
+    def given(self) -> Measurement | None:
+        """Its measurement."""
+        return self._given
 
 
 def _describe(record: FrfRecord) -> str:
@@ -138,6 +158,8 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     DataError
         Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
     """
+    if isinstance(job, GivenJob) and job.given is not None:
+        return job.given
     first = _read(inputs, job, name)
     if not job.repeats:
         return first

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.rehearsal import Draw, promised, threshold
 from lrbc_cli.updating.confidence import NORMAL_95, Rule
 from lrbc_cli.updating.information import Experiment, Outlook, bits_of, distances, expectation, greedy, outlook, verdict
 
@@ -30,15 +32,21 @@ class Target:
     column: int
 
 
-def judged(inputs: Inputs, found: Experiment, targets: list[Target]) -> dict[str, Any]:
-    """Bolts, responses and excitations of ``plan.json``."""
+def judged(inputs: Inputs, found: Experiment, targets: list[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
+    """Bolts, responses and excitations of ``plan.json``.
+
+    What an identification would say of a bolt is counted where it was rehearsed, else linearised.
+    """
     update, used = inputs.campaign.update, inputs.used
     every = np.arange(found.responses)
     now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
-    expected, loose = expectation(found, Rule(update.threshold, update.confidence))
-    bolts = []
+    expected, loose = expectation(found, Rule(threshold(inputs), update.confidence))
+    bolts, words = [], []
     for n, target in enumerate(targets):
         felt = target.column >= 0
+        own = draws.get(n, ())
+        correct = promised(own) if own else float(now.correct[n])
+        words.append(verdict(correct))
         note = None if felt and found.change[n] else (_HELD if felt else _NOT_FELT)
         bolts.append(
             {
@@ -46,23 +54,30 @@ def judged(inputs: Inputs, found: Experiment, targets: list[Target]) -> dict[str
                 "position": target.position,
                 "group": target.group,
                 "arc_length": target.arc_length,
-                "verdict": verdict(now.correct[n]),
+                "verdict": words[-1],
                 "d_prime": now.distance[n],
-                "probability_correct": now.correct[n],
+                "probability_correct": correct,
                 "std": now.std[n],
                 "lower95": -NORMAL_95 * now.std[n],
                 "upper95": NORMAL_95 * now.std[n],
                 "variance_removed": now.removed[n],
                 "change": found.change[n],
-                "expected_change": expected[n],
-                "expected_probability_loose": loose[n],
+                "expected_change": _mean([draw.change for draw in own]) if own else expected[n],
+                "expected_probability_loose": _mean([draw.probability for draw in own]) if own else loose[n],
+                "rehearsal": _counted(own) if own else None,
+                "linearised": {
+                    "probability_correct": now.correct[n],
+                    "expected_change": expected[n],
+                    "expected_probability_loose": loose[n],
+                },
                 "all_responses": {"verdict": verdict(best.correct[n]), "d_prime": best.distance[n], "std": best.std[n]},
                 "note": note,
             }
         )
     # Bolts that no set of these responses can see would hide what a response does for the others.
     seen = np.array([verdict(value) != "blind" for value in best.correct])
-    tree: dict[str, Any] = {"bolts": bolts, "planned": _sum(now, seen, targets), "all_responses": _sum(best, seen, targets)}
+    tree: dict[str, Any] = {"bolts": bolts, "planned": _sum(now, words, seen, targets)}
+    tree["all_responses"] = _sum(best, [verdict(value) for value in best.correct], seen, targets)
     tree["responses"] = _responses(inputs, found, now, seen, targets)
     chosen: list[dict[str, Any]] = []
     for r, distance in greedy(found):
@@ -76,8 +91,26 @@ def judged(inputs: Inputs, found: Experiment, targets: list[Target]) -> dict[str
     return tree
 
 
-def _sum(what: Outlook, seen: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any]:
-    words = [verdict(value) for value in what.correct]
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def _counted(draws: Sequence[Draw]) -> dict[str, Any]:
+    """What the rehearsals of one bolt said of it, and which tight bolts they called loose."""
+    others = [name for draw in draws for name in draw.others]
+    return {
+        "draws": len(draws),
+        **{word: sum(draw.verdict == word for draw in draws) for word in ("loose", "undecided", "tight")},
+        "right": sum(draw.right for draw in draws),
+        "wrong": sum(draw.wrong for draw in draws),
+        "others_loose": {name: others.count(name) for name in dict.fromkeys(others)},
+        "change": [draw.change for draw in draws],
+        "probability_loose": [draw.probability for draw in draws],
+    }
+
+
+def _sum(what: Outlook, words: Sequence[str], seen: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any]:
     counts = {word: words.count(word) for word in ("seen", "weak", "blind")}
     return counts | {"bits": what.bits, "worst": _worst(what.distance, seen, targets)}
 

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.plan import Request, make_plan, write_plan
+from lrbc_cli.campaign.rehearsal import DRAWS
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.report import draw_plan, plan_text
@@ -21,6 +22,14 @@ from lrbc_cli.report import draw_plan, plan_text
 @click.option(
     "--by", type=click.Choice(["auto", "bolts", "values"]), default="auto", show_default=True, help="What is loosened, one at a time."
 )
+@click.option(
+    "--draws",
+    type=click.IntRange(min=0),
+    default=DRAWS,
+    show_default=True,
+    metavar="N",
+    help="Rehearsals of each bolt: drawn, identified and judged as by `lrbc update`; 0: linearised figures only.",
+)
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def plan(
     config: Path,
@@ -31,12 +40,14 @@ def plan(
     noise: float | None,
     state: str | None,
     by: str,
+    draws: int,
     accept_tolerance: bool,
 ) -> None:
     """Tell from the model alone which bolts the responses can see, and rank the responses; no measurement is needed."""
     inputs = load(config, overrides, calibration=calibration)
     output = inputs.campaign.output
-    tree: dict[str, Any] = make_plan(inputs, cache_folder(cache), Request(state, noise, by), accept=accept_tolerance, progress=progress())
+    request = Request(state, noise, by, draws)
+    tree: dict[str, Any] = make_plan(inputs, cache_folder(cache), request, accept=accept_tolerance, progress=progress())
     write_plan(output, tree)
     draw_plan(output)
     if as_json:

@@ -13,7 +13,7 @@ from lrbc_cli.report import format as fmt
 from lrbc_cli.report.chart import Axis, Chart, Item, Level, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.html import Cell, Markup, figure, table, tag
 from lrbc_cli.report.layout import BOTTOM, RIGHT, SMALL, TOP
-from lrbc_cli.report.reading import Node, read_document
+from lrbc_cli.report.reading import Node, numbers_of, read_document
 from lrbc_cli.report.svg import legend, own_size, svg
 
 VERDICTS = ("seen", "weak", "blind")
@@ -43,6 +43,15 @@ class Bolt:
     loose: float
     best: float
     note: str | None
+    #: Rehearsals with a right verdict, of how many, and tight bolts that they called loose.
+    right: int = 0
+    draws: int = 0
+    others: tuple[str, ...] = ()
+
+    @property
+    def rehearsed(self) -> str:
+        """Right verdicts, of how many."""
+        return f"{self.right}/{self.draws}" if self.draws else ""
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,12 @@ class Plan:
     order: tuple[tuple[str, float], ...]
     excitations: tuple[Worth, ...]
     notes: tuple[str, ...]
+    assumes: tuple[str, ...] = ()
+
+    @property
+    def rehearsed(self) -> bool:
+        """Whether verdicts are those of rehearsals; else they follow from d'."""
+        return any(bolt.draws for bolt in self.bolts)
 
 
 def read_plan(output: Path) -> Plan | None:
@@ -112,10 +127,14 @@ def read_plan(output: Path) -> Plan | None:
         order=tuple((entry.text("name"), entry.number("bits")) for entry in node.nodes("order")),
         excitations=tuple(_worth(entry, True) for entry in node.nodes("excitations")),
         notes=node.texts("notes"),
+        # Plans of earlier versions do not say.
+        assumes=node.texts("assumes") if node.has("assumes") else (),
     )
 
 
 def _bolt(node: Node) -> Bolt:
+    counted = node.maybe_node("rehearsal")
+    right, draws = (int(counted.maybe_number(key) or 0) for key in ("right", "draws"))
     return Bolt(
         node.text("name"),
         node.maybe_text("group"),
@@ -129,6 +148,9 @@ def _bolt(node: Node) -> Bolt:
         node.number("expected_probability_loose"),
         node.node("all_responses").number("d_prime"),
         node.maybe_text("note"),
+        right,
+        draws,
+        tuple(numbers_of(counted.raw("others_loose"))),
     )
 
 
@@ -208,8 +230,9 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
                 ticks.append((at + 0.5, bolt.name))
             at += 1.0
         at += 0.5
+    how = "right verdict when rehearsed" if plan.rehearsed else "verdict correct"
     labels = {
-        "seen": f"seen: verdict correct with {100 * plan.chances[0]:.0f} % or more",
+        "seen": f"seen: {how}, {100 * plan.chances[0]:.0f} % or more",
         "weak": "weak",
         "blind": f"blind: below {100 * plan.chances[1]:.0f} %",
     }
@@ -217,12 +240,13 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
         Tiles(f"plan-{word}", np.array([box for box, _ in found]).reshape(-1, 4), labels[word], tuple(text for _, text in found))
         for word, found in boxes.items()
     ]
-    items += [Level("plan-limit", plan.limits[0]), Level("plan-limit", plan.limits[1])]
+    # What is rehearsed does not follow from d': there are no limits to draw.
+    drawn = [] if plan.rehearsed else list(zip(plan.limits, plan.chances, strict=True))
+    items += [Level("plan-limit", limit) for limit, _ in drawn]
     room = _LABEL / cell
     # What the lines stand for, beyond the last bolt where nothing covers it.
     words += [
-        Word("text", at - 0.5 + 0.96 * room, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end")
-        for limit, chance in zip(plan.limits, plan.chances, strict=True)
+        Word("text", at - 0.5 + 0.96 * room, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end") for limit, chance in drawn
     ]
     if rings:
         items.append(Marks("plan-all", np.array([x for x, _ in rings]), np.array([y for _, y in rings]), "with all responses"))
@@ -279,6 +303,7 @@ def plan_text(output: Path) -> str:
         "",
     ]
     head = ["bolt", "verdict", "d'", "correct", "d' all", "std", "95 % interval", "found", "p(loose)"]
+    head += ["right"] if plan.rehearsed else []
     rows = [
         [
             bolt.name,
@@ -290,10 +315,12 @@ def plan_text(output: Path) -> str:
             "" if math.isnan(bolt.std) else f"+-{1.96 * bolt.std:.2f}",
             _plain(bolt.expected, 2) if bolt.note is None else "",
             _plain(bolt.loose, 2),
+            *([bolt.rehearsed] if plan.rehearsed else []),
         ]
         for bolt in plan.bolts
     ]
     lines += _columns(head, rows, left=2)
+    lines += [f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(bolt.others)}" for bolt in plan.bolts if bolt.others]
     notes: dict[str, list[str]] = {}
     for bolt in plan.bolts:
         if bolt.note is not None:
@@ -305,6 +332,7 @@ def plan_text(output: Path) -> str:
         lines += ["", *_worths("excitation", plan.excitations, None)]
     best = ", ".join(f"{name} ({bits:.1f})" for name, bits in plan.order[:8])
     lines += ["", f"chosen one after another (bits in all): {best}"]
+    lines += ["", "assumes:", *(f"- {text}" for text in plan.assumes)] if plan.assumes else []
     lines += [f"note: {note}" for note in plan.notes]
     return "\n".join(lines)
 
@@ -347,6 +375,14 @@ def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last
     return text
 
 
+def _how(plan: Plan) -> str:
+    """What the probability of a correct verdict rests on."""
+    if plan.rehearsed:
+        draws = max(bolt.draws for bolt in plan.bolts)
+        return f", counted in {draws} rehearsals of each bolt: the bolt called loose, and no other"
+    return ", by the likelihood ratio" if plan.assumes else ""
+
+
 def plan_parts(plan: Plan) -> list[Markup | None]:
     """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
     chart = plan_chart(plan)
@@ -354,9 +390,9 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
         f"From the model alone, {_state(plan.state)}, with {number(plan.sigma, 3)} dB of noise a line (correlation factor "
         f"{number(plan.factor, 3)}, {plan.source}) on {plan.lines} lines: each bolt in turn is "
         f"{'loosened' if plan.change < 0 else 'tightened'} by {number(abs(plan.change), 3)} decades. d' tells how many standard "
-        "deviations the FRFs then lie from what the other unknowns can imitate; a verdict with "
-        f"{100 * plan.confidence:.0f} % confidence is then correct with the probability of the table, and missing or wrong otherwise. "
-        "The standard deviation is that of the change in the present state, prior included."
+        "deviations the FRFs then lie from what the other unknowns can imitate. A verdict with "
+        f"{100 * plan.confidence:.0f} % confidence is correct with the probability of the table, and missing or wrong otherwise"
+        f"{_how(plan)}. The standard deviation is that of the change in the present state, prior included."
     )
     rows: list[list[str | Cell]] = [
         [
@@ -369,12 +405,13 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
             fmt.probability(bolt.removed),
             fmt.fixed(bolt.expected, 2) if bolt.note is None else fmt.MISSING,
             fmt.MISSING if math.isnan(bolt.loose) else fmt.probability(bolt.loose),
-            bolt.note or "",
+            bolt.rehearsed or fmt.MISSING,
+            bolt.note or (f"called loose with it: {', '.join(bolt.others)}" if bolt.others else ""),
         ]
         for bolt in plan.bolts
     ]
     head = ["Bolt", "", "d'", "Correct verdict", "d' with all responses", "Std [decades]", "Prior variance removed"]
-    head += ["Change found where loosened", "Probability stated then", "Note"]
+    head += ["Change found where loosened", "Probability stated then", "Rehearsals with a right verdict", "Note"]
     worth: list[list[str | Cell]] = [
         [
             entry.name,
@@ -398,5 +435,7 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
             [entry.name, ", ".join(entry.members), fmt.signed(-entry.gain, 2), fmt.fixed(entry.alone, 1)] for entry in plan.excitations
         ]
         parts.append(table("Excitations", ["Excitation", "Planned responses", "Bits without it", "Bits alone"], points, text_columns=2))
+    if plan.assumes:
+        parts.append(tag("p", "These figures assume: " + "; ".join(plan.assumes) + ".", class_="meta"))
     parts += [tag("p", note, class_="meta") for note in plan.notes]
     return parts

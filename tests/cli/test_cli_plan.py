@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import itertools
 import json
 from typing import Any
@@ -27,8 +28,9 @@ def bare(box: Folder) -> Folder:
     return Folder(box.path)
 
 
-def planned(folder: Folder, *args: str) -> Any:
-    outcome = folder.run("plan", "--json", *args)
+def planned(folder: Folder, *args: str, draws: int = 0) -> Any:
+    """The plan; what needs no rehearsal does without."""
+    outcome = folder.run("plan", "--json", "--draws", str(draws), *args)
     assert outcome.code == 0, outcome.stderr
     return outcome.json
 
@@ -38,7 +40,7 @@ def rows(tree: Any) -> dict[str, Any]:
 
 
 def test_without_jobs(bare: Folder) -> None:
-    tree = planned(bare, "--override", "output=new")
+    tree = planned(bare, "--override", "output=new", draws=1)
     out = bare.path / "new"
     assert {file.name for file in out.iterdir()} == FILES
     assert json.loads((out / "plan.json").read_text()) == tree
@@ -59,8 +61,81 @@ def test_without_jobs(bare: Folder) -> None:
     np.testing.assert_allclose([float(row["d_prime"]) for row in table], [bolt["d_prime"] for bolt in tree["bolts"]], rtol=1e-6)
 
 
+def test_figures_are_counted_in_rehearsals(bare: Folder) -> None:
+    tree = planned(bare, draws=2)
+    assert (tree["method"], tree["draws"]) == ("rehearsed", 2)
+    for bolt in tree["bolts"]:
+        counted = bolt["rehearsal"]
+        assert counted["loose"] + counted["undecided"] + counted["tight"] == counted["draws"] == 2
+        assert counted["right"] <= counted["loose"]
+        # Never a certainty from so few.
+        assert bolt["probability_correct"] == pytest.approx((counted["right"] + 0.5) / 3)
+        assert bolt["verdict"] == {0: "blind", 1: "weak", 2: "seen"}[counted["right"]]
+        told = [value for value in counted["probability_loose"] if value is not None]
+        assert bolt["expected_probability_loose"] == (pytest.approx(np.mean(told)) if told else None)
+        assert bolt["linearised"]["probability_correct"] != bolt["probability_correct"]
+    words = [bolt["verdict"] for bolt in tree["bolts"]]
+    assert {word: tree["planned"][word] for word in ("seen", "weak", "blind")} == {w: words.count(w) for w in ("seen", "weak", "blind")}
+    # The same again, as part of more: a draw does not depend on the others.
+    for one, two in zip(planned(bare, draws=1)["bolts"], tree["bolts"], strict=True):
+        assert one["rehearsal"]["probability_loose"] == two["rehearsal"]["probability_loose"][:1]
+    linearised = planned(bare)
+    assert (linearised["method"], linearised["draws"]) == ("linearised", 0)
+    assert all(bolt["rehearsal"] is None for bolt in linearised["bolts"])
+    assert rows(linearised)["B3"]["linearised"] == rows(tree)["B3"]["linearised"]
+
+
+def said(tree: Any, words: str) -> bool:
+    return any(words in text for text in tree["assumes"])
+
+
+@pytest.mark.parametrize(
+    ("words", "loose_change"),
+    [
+        ((), -0.35),
+        (("update.loose_change=-0.6",), -0.6),
+        (("update.prior_shape=normal",), -0.5),
+        (("update.unknowns=values",), -0.5),
+    ],
+)
+def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], loose_change: float) -> None:
+    """Of a bolt far from the loosened ones."""
+    options = [part for word in ("update.regularisation=auto", *words) for part in ("--override", word)]
+    assert box.run("update", *options).code == 0
+    assert planned(box, *options)["loose_change"] == loose_change
+    assert max(bolt["threshold"] for bolt in box.result("loose")["bolts"]) == loose_change
+
+
+def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
+    auto = ("--override", "update.regularisation=auto")
+    outcome = bare.run("plan", "--draws", "1", *auto, "--override", "update.nuisances={gain: 0.3}")
+    tree = json.loads((bare.out / "plan.json").read_text())
+    for text in tree["assumes"]:
+        assert f"- {text}" in outcome.stdout
+    for words in (
+        "the start values",
+        "model discrepancy 1 dB",
+        "12 % of the shift",
+        "gains of the responses",
+        "its own shape",
+        "a reference job",
+    ):
+        assert said(tree, words), words
+    assert said(tree, "each bolt tight or loose (mixture); loose below -0.35 decades")
+    bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.prior_shape=normal")
+    tree = json.loads((bare.out / "plan.json").read_text())
+    assert said(tree, "model discrepancy 0.5 dB a line (--noise)")
+    assert said(tree, "no drift between the jobs")
+    assert said(tree, "normal, 0.35 decades; loose below -0.5 decades")
+    linearised = planned(bare)
+    assert said(linearised, "not rehearsed (--draws 0)")
+    assert said(planned(bare, "--by", "values", draws=1), "not rehearsed (values")
+    assert said(planned(bare, "--state", "free", draws=1), "not rehearsed (it judges no bolts that are tightened)")
+    assert bare.run("plan", "--draws", "-1").code == 2
+
+
 def test_the_table_says_what_the_file_says(bare: Folder) -> None:
-    outcome = bare.run("plan")
+    outcome = bare.run("plan", "--draws", "1")
     assert outcome.code == 0
     assert outcome.stdout.isascii()
     tree = json.loads((bare.out / "plan.json").read_text())
@@ -203,7 +278,7 @@ def test_check_points_to_it(bare: Folder) -> None:
 
 
 def test_the_report_shows_it(box: Folder) -> None:
-    planned(box)
+    tree = planned(box, draws=1)
     picture = box.out / "plan.png"
     picture.unlink()
     outcome = box.run("report")
@@ -212,6 +287,8 @@ def test_the_report_shows_it(box: Folder) -> None:
     page = (box.out / "report.html").read_text()
     assert 'id="plan"' in page
     assert "What each response is worth" in page
+    assert "These figures assume" in page
+    assert all(html.escape(text) in page for text in tree["assumes"])
     (box.out / "plan.json").write_text('{"format": "lrbc-plan", "version": 1}')
     broken = box.run("report")
     assert broken.code == 3
@@ -223,7 +300,7 @@ def test_bolts_at_the_corners_of_the_soundbox_are_blind(tmp_path: Any) -> None:
     """Those beyond the ends of the edge and beside its clamped corners; the middle is seen. So it turned out in the seven jobs."""
     out = tmp_path / "out"
     # The fits below are of squares.
-    words = ("--override", f"output={out}", "--override", "update.loss=squares")
+    words = ("--override", f"output={out}", "--override", "update.loss=squares", "--draws", "0")
     outcome = lrbc("plan", ROOT / "configs" / "soundbox.yaml", "--json", "--cache", tmp_path / "cache", *words)
     assert outcome.code == 0, outcome.stderr
     found = rows(outcome.json)

@@ -1,0 +1,75 @@
+"""The plan against the update: one bolt of the frame loosened through its shape, in the plan and in measurements that are identified."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import Folder, frame
+
+from lrbc_cli.campaign.stage import frf_source, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise, stored_theta
+from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.updating.information import LOOSENING
+from lrbc_cli.updating.shapes import bolt_shapes
+
+#: Bolts that are loosened, one in each job; relative noise of every value (0.3 dB in magnitude).
+BOLTS, NOISE = ("B2", "B3", "B5"), 0.05
+
+#: What one draw of each may differ by.
+TOLERANCE = 0.1
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """The frame, its tight state identified, and the tight measurement times what the model says of one loosened bolt."""
+    folder = frame(tmp_path_factory.mktemp("plan") / "frame")
+    tree = folder.tree()
+    tree["jobs"] = {"tight": tree["jobs"]["tight"]}
+    folder.write(tree)
+    assert folder.run("update").code == 0
+    inputs = folder.inputs()
+    assert inputs.bolts is not None
+    source = frf_source(inputs, obtain_reduction(inputs, folder.cache))
+    measured = read_frf(folder.data / "frf" / "tight.csv")
+    frequency = measured.records[0].frequency_hz
+    inside = (frequency >= 30.0) & (frequency <= 500.0)
+    s = 2j * np.pi * frequency[inside]
+    parameters, _ = parameterise(inputs, source, s)
+    theta = stored_theta(parameters, folder.result("tight"))
+    assert theta is not None
+    model, shapes = source.model(s, parameters), bolt_shapes(parameters, inputs.bolts.xyz, 0.35)
+    rng = np.random.default_rng(5)
+    for name in BOLTS:
+        column = shapes.T[:, shapes.bolts[inputs.bolts.name.index(name)]]
+        there = np.clip(theta - LOOSENING * column, *parameters.bounds.T)
+        ratio = model.frf(there) / model.frf(theta)
+        records = []
+        for i, response in enumerate(inputs.responses):
+            record = next(r for r in measured.records if r.name == response.name)
+            noise = (rng.normal(size=s.size) + 1j * rng.normal(size=s.size)) / np.sqrt(2.0)
+            values = record.values[inside] * ratio[:, i] * (1.0 + NOISE * noise)
+            records.append(replace(record, frequency_hz=frequency[inside], values=values))
+        write_frf(folder.data / "frf" / f"{name}.csv", replace(measured, records=tuple(records)))
+        tree["jobs"][name] = {"frf": f"data/frf/{name}.csv"}
+    folder.write(tree)
+    return Folder(Path(folder.path))
+
+
+def test_the_plan_states_what_the_update_states(folder: Folder) -> None:
+    updated = folder.run("update", "--json")
+    assert updated.code == 0, updated.stderr
+    planned = folder.run("plan", "--json", "--draws", "1")
+    assert planned.code == 0, planned.stderr
+    promised = {bolt["name"]: bolt for bolt in planned.json["bolts"]}
+    for name in BOLTS:
+        (found,) = (bolt for bolt in updated.json["results"][name]["bolts"] if bolt["name"] == name)
+        assert found["verdict"] == "loose"
+        assert promised[name]["expected_probability_loose"] == pytest.approx(found["probability_loose"], abs=TOLERANCE)
+        # Neither draws the change to zero as a normal prior of 0.35 decades would.
+        assert promised[name]["expected_change"] == pytest.approx(found["change"], abs=0.4)
+        assert promised[name]["rehearsal"]["loose"] == 1
+    thresholds = {b["threshold"] for name in BOLTS for b in updated.json["results"][name]["bolts"]}
+    assert planned.json["loose_change"] == max(thresholds)
