@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cholesky, eig, eigh, eigvals, eigvalsh, null_space, solve_triangular
+from scipy.linalg import block_diag, cholesky, eig, eigh, eigvalsh, null_space, solve_triangular
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
@@ -32,6 +32,8 @@ VISCOUS = "export without --state-space, or give the model viscous damping (mode
 
 EXTREME = "less extreme values; inf clamps exactly"
 
+EPS = float(np.finfo(float).eps)
+
 #: Singular values of clamped vectors below this fraction of the largest bind nothing.
 RANK = 1e-10
 
@@ -53,8 +55,10 @@ class StateSpace:
         Reduced DOFs x from the displacements and pressures q; the identity where nothing is clamped.
     deviation : float
         Largest difference from the FRFs of the second-order form on lines of the band, relative to each response's largest.
-    poles : (N,) complex array
-        Finite poles [rad/s].
+    poles : (P,) complex array
+        Finite poles [rad/s], the one with the largest real part first; P is at most N.
+    errors : (P,) float array
+        What rounding may have moved them by [rad/s].
     """
 
     A: Floats
@@ -65,6 +69,7 @@ class StateSpace:
     basis: Floats
     deviation: float
     poles: Complexes
+    errors: Floats
 
     @property
     def states(self) -> int:
@@ -78,13 +83,8 @@ class StateSpace:
 
     @property
     def unstable(self) -> int:
-        """Poles in the right half plane beyond rounding.
-
-        A sealed cavity has poles at zero (constant pressure). Rounding moves a pole by about eps of the largest pole, a double
-        one at zero by the geometric mean of that and its distance from the next poles.
-        """
-        size = np.abs(self.poles)
-        return int(np.sum(self.poles.real > 1e-7 * np.maximum(size, np.median(size)))) if size.size else 0
+        """Poles in the right half plane beyond rounding; a sealed cavity has poles at zero (constant pressure)."""
+        return int(np.sum(self.poles.real > self.errors))
 
     def transfer(self, s: Complexes) -> Complexes:
         """(F, n_out, n_in) C (s E - A)⁻¹ B + D."""
@@ -130,33 +130,41 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     if name := complex_matrix(model):
         expected, found = "real matrices and viscous damping", f"a complex {name} matrix"
         raise NumericalError(HYSTERETIC.format(name), expected=expected, found=found, hint=VISCOUS)
-    basis, second = _assembled(model, terms, 2 * np.pi * band_hz[1])
+    omega = 2 * np.pi * band_hz[1]
     s = 2j * np.pi * np.linspace(*band_hz, 9)
     try:
-        exact = _second_order(second, s)
+        with np.errstate(all="ignore"):
+            exact = _second_order(model, terms, s)
     except np.linalg.LinAlgError:
         raise NumericalError("the reduced model is singular in its band", hint="give the model damping (model.damping)") from None
+    with np.errstate(all="ignore"):
+        basis, second = _assembled(model, terms, omega)
+    if not all(np.all(np.isfinite(A)) for A in (second.K, second.C, second.M)):
+        raise _unusable(np.inf)
     best: StateSpace | None = None
     forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
     for form in forms:
-        system = StateSpace(*form(second), basis, np.inf, np.zeros(0, dtype=complex))
         with np.errstate(all="ignore"):
+            system = StateSpace(*form(second), basis, np.inf, np.zeros(0, dtype=complex), np.zeros(0))
             deviation = _deviation(system, s, exact)
-        best = replace(system, deviation=deviation)
+        if best is None or deviation < best.deviation:
+            best = replace(system, deviation=deviation)
         if deviation <= EXPLICIT:
             break
     assert best is not None
     if not best.deviation <= USABLE:
-        raise NumericalError(
-            "the first-order form does not reproduce the FRFs of the reduced model",
-            expected=f"a difference of at most {USABLE:.0e}",
-            found=f"{best.deviation:.1e}",
-            hint=EXTREME,
-        )
+        raise _unusable(best.deviation)
     try:
-        return replace(best, poles=_poles(best))
+        with np.errstate(all="ignore"):
+            poles, errors = _poles(second, omega)
+        return replace(best, poles=poles, errors=errors)
     except np.linalg.LinAlgError as error:
         raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+
+
+def _unusable(deviation: float) -> NumericalError:
+    problem = "the first-order form does not reproduce the FRFs of the reduced model"
+    return NumericalError(problem, expected=f"a difference of at most {USABLE:.0e}", found=f"{deviation:.1e}", hint=EXTREME)
 
 
 def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
@@ -169,7 +177,8 @@ def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats
     apart = not any(np.any(np.any(v[:ns], axis=0) & np.any(v[ns:], axis=0)) for v in (model.left, model.right))
     K0, C0, M0 = (np.asarray(A.real, dtype=float) for A in (model.K, model.C, model.M))
     regular = apart and np.array_equal(model.left, model.right)
-    if regular and all(_symmetric(A[f, f]) for A in (K0, M0) for f in fields) and all(_positive(M0[f, f]) for f in fields):
+    modal = regular and all(_symmetric(A[f, f]) for A in (K0, M0) for f in fields) and all(_positive(M0[f, f]) for f in fields)
+    if modal:
         size = np.abs(kept) @ omega ** np.arange(3.0)
         parts = [_modal(K0[f, f], M0[f, f], model.right[f][:, clamped], model.right[f][:, ~clamped], size) for f in fields]
         basis = rows = block_diag(*[part[0] for part in parts])
@@ -187,6 +196,11 @@ def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats
         )
     inside = int(np.sum(np.any(basis[:ns] != 0.0, axis=0))) if apart else basis.shape[1]
     K, C, M = (rows.T @ A @ basis + (left * kept[:, i]) @ right.T for i, A in enumerate((K0, C0, M0)))
+    if not modal:
+        # Motions of a metre and pressures of a pascal in one matrix: elimination would choose its pivots by their units.
+        row, column = _scales(K, C, M, omega)
+        K, C, M = (row[:, None] * A * column for A in (K, C, M))
+        rows, basis = rows * row, basis * column
     none = np.zeros((basis.shape[1], 0))
     return basis, replace(model, K=K, C=C, M=M, B=rows.T @ model.B, L=model.L @ basis, left=none, right=none, structure=inside, extras={})
 
@@ -274,10 +288,13 @@ def _descriptor(model: ReducedModel) -> tuple[Floats, Floats, Floats, Floats, Fl
     return A, B, C, np.zeros((model.L.shape[0], n_in)), E
 
 
-def _second_order(model: ReducedModel, s: Complexes) -> Complexes:
-    """(F, n_out, n_in) s^q L (s² M + s C + K)⁻¹ B."""
-    Z = s[:, None, None] ** 2 * model.M + s[:, None, None] * model.C + model.K
-    return np.asarray(s[:, None, None] ** model.output_power[:, None] * (model.L @ np.linalg.solve(Z, model.B.astype(complex)[None])))
+def _second_order(model: ReducedModel, terms: Floats, s: Complexes) -> Complexes:
+    """(F, n_out, n_in) s^q L (s² M + s C + K)⁻¹ B by the reduced dynamic stiffness (28), whose stiff terms do not drown the rest."""
+    finite = np.where(np.isinf(terms), 0.0, terms)
+    D = finite @ s[None, :] ** np.arange(3)[:, None]
+    D[np.any(np.isinf(terms), axis=1)] = np.inf
+    every = (np.full(model.L.shape[0], column) for column in range(model.B.shape[1]))
+    return np.stack([replace(model, input_of=column).evaluate(s, D.T, workers=1) for column in every], axis=2)
 
 
 def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
@@ -291,12 +308,48 @@ def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
     return worst if np.isfinite(worst) else float("inf")
 
 
-def _poles(system: StateSpace) -> Complexes:
-    """Finite poles, the one with the largest real part first."""
-    if system.E is None:
-        poles = eigvals(system.A)
-    else:
-        alpha, beta = eig(system.A, system.E, right=False, homogeneous_eigvals=True)
-        size = np.maximum(np.abs(alpha), np.abs(beta))
-        poles = alpha[np.abs(beta) > 1e-13 * size] / beta[np.abs(beta) > 1e-13 * size]
-    return np.asarray(poles[np.argsort(-poles.real, kind="stable")])
+def _scales(K: Floats, C: Floats, M: Floats, omega: float) -> tuple[Floats, Floats]:
+    """(n,) powers of two for the rows and the columns, by which the largest entry of each in ``|K| + omega |C| + omega² |M|`` is about one.
+
+    Ruiz's iteration: every step takes the square root of what is left. Powers of two round nothing.
+    """
+    size = np.abs(K) + omega * np.abs(C) + omega**2 * np.abs(M)
+    row, column = np.ones(size.shape[0]), np.ones(size.shape[1])
+    # Twelve steps leave a factor below two of any two floats.
+    for _ in range(12):
+        left = row[:, None] * size * column
+        across, down = left.max(axis=1, initial=0.0), left.max(axis=0, initial=0.0)
+        row, column = (v / np.sqrt(np.where(d > 0.0, d, 1.0)) for v, d in ((row, across), (column, down)))
+    return np.exp2(np.round(np.log2(row))), np.exp2(np.round(np.log2(column)))
+
+
+def _poles(model: ReducedModel, omega: float) -> tuple[Complexes, Floats]:
+    """Finite poles, the one with the largest real part first, and what rounding may have moved each by.
+
+    Stiff terms give poles of 1e13 rad/s beside those at zero, and the eigenvalues of A are uncertain by eps times the largest. Those of
+    ``(A - omega E)⁻¹ E``, ``theta = omega / (lambda - omega)``, are not: about one for the poles of the band, they vanish for those far
+    beyond it, and the matrix is of size one whatever the terms. ``Z(omega)``, of positive parts in a stable system, is well conditioned
+    once rows and columns are of one size. An eigenvalue moves by at most its condition times the error of the matrix.
+    """
+    row, column = _scales(np.asarray(model.K.real), np.asarray(model.C.real), np.asarray(model.M.real), omega)
+    K, C, M = (row[:, None] * np.asarray(A.real) * column for A in (model.K, omega * model.C, omega**2 * model.M))
+    r, Z = model.size, K + C + M
+    if r == 0:
+        return np.zeros(0, dtype=complex), np.zeros(0)
+    solved = np.linalg.solve(Z, np.hstack([K, C + M, M]))
+    stiffness, rest, mass = solved[:, :r], solved[:, r : 2 * r], solved[:, 2 * r :]
+    shifted = np.block([[-rest, -mass], [stiffness, -mass]])
+    # Far below rounding, and no exponent overflows where LAPACK balances the matrix.
+    shifted[np.abs(shifted) < EPS**2] = 0.0
+    if not np.all(np.isfinite(shifted)):
+        raise np.linalg.LinAlgError("numbers out of range")
+    theta, left, right = eig(shifted, left=True, right=True)
+    condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
+    # Backward errors of the elimination and of the QR algorithm: their number of unknowns in units of rounding.
+    error = 2 * r * EPS * np.linalg.cond(Z) * np.linalg.norm(shifted, 2) * condition
+    # What cannot be told from zero is a motion without mass, or pinned: its pole is infinite.
+    finite = np.abs(theta) > error
+    theta, error = theta[finite], error[finite]
+    poles, errors = omega * (1.0 + 1.0 / theta), omega * error / (np.abs(theta) * (np.abs(theta) - error))
+    order = np.argsort(-poles.real, kind="stable")
+    return np.asarray(poles[order]), np.asarray(errors[order])

@@ -230,6 +230,24 @@ def test_no_terms():
     assert dy.shape == (S.size, 1, 0)
 
 
+@pytest.mark.parametrize("skew", [0.0, 0.125])
+def test_a_term_that_alone_holds_a_motion_is_set_free(skew):
+    """What nothing drives does not stop the rest, though its own equation is zero: exactly so, with these powers of two."""
+    held, value = 4.0, np.array([[0.0, 6.0]], dtype=complex)
+    H = np.array([[[1.0, 0.0, 0.5], [0.0, 1 / held, 0.0], [0.5 + skew, 0.0, 2.0]]], dtype=complex)
+    s, q, one = np.array([1j]), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    ports = port_frf(H, s, np.array([[held, 1.0]], dtype=complex), q, one)
+    rest = port_frf(H[:, ::2, ::2], s, np.ones((1, 1), dtype=complex), q, one)
+    (y, dy), (expected, slope) = ports.linearise(value), rest.linearise(value[:, 1:])
+    np.testing.assert_allclose(y, expected, rtol=1e-14)
+    np.testing.assert_allclose(ports.evaluate(value), expected, rtol=1e-14)
+    np.testing.assert_allclose(dy, np.concatenate([np.zeros((1, 1, 1)), slope], axis=2), rtol=1e-14)
+    # One that is driven has no answer.
+    H[0, 1, 0] = 0.25
+    with pytest.raises(np.linalg.LinAlgError):
+        port_frf(H, s, ports.D_ref, q, one).evaluate(value)
+
+
 def test_nearly_symmetric_ports_are_made_so_and_others_kept():
     H = np.ones((1, 3, 3), dtype=complex)
     H[0, 1:, 1:] = [[2.0, 1.0 + 1e-12], [1.0, 3.0]]
