@@ -63,7 +63,7 @@ class _Reader:
         assert self.process.stdout is not None
         try:
             while True:
-                self.replies.put(pickle.load(self.process.stdout))  # noqa: S301 (of our own process)
+                self.replies.put(pickle.load(self.process.stdout))
         except Exception:
             self.replies.put(None)
 
@@ -207,7 +207,7 @@ def serve() -> None:
     answer(True, None)
     while True:
         try:
-            reader, folder, arguments, seconds = pickle.load(sys.stdin.buffer)  # noqa: S301 (of our caller)
+            reader, folder, arguments, seconds = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
         # For the case that the caller was killed meanwhile: this timer needs no lock of Python's.
