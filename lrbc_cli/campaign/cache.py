@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -317,7 +318,7 @@ def _require_shapes(model: ReducedModel, inputs: Inputs) -> None:
         _require_arrays({f"{name} {key}": matrix for key, matrix in group.items()}, {f"{name} {key}": (r, r) for key in group})
 
 
-def _require_arrays(arrays: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
+def _require_arrays(arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "fc" or array.shape != shapes[name]:
             raise ValueError(f"{name} is {getattr(array, 'shape', None)}, not {shapes[name]}")

@@ -11,8 +11,8 @@ from lrbc_cli.errors import DataError, LrbcError
 #: Deflate cannot compress better than about 1032:1, so a file cannot hold more than this many times its size.
 MAX_COMPRESSION = 1100
 
-#: Larger arrays of compressed files must not unpack to more than this many times the file: numbers that are not all alike take half a byte each
-#: at the least, 16 times less than unpacked, so that a denser file is a bomb, or zeros but for one number in six or fewer.
+#: Large arrays must not unpack to more than this many times the file. Numbers that are not all alike take half a byte each at the least, a
+#: sixteenth of what they take unpacked: what packs better is zeros but for one number in seven, as sparse matrices hold, or a bomb.
 MAX_EXPANSION = 100
 
 #: Bytes up to which any expansion is fine: a dense matrix of 5800 DOFs, all zeros but its diagonal, and nothing that a machine would feel.

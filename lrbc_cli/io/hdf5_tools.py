@@ -21,8 +21,8 @@ T = TypeVar("T")
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-#: Stands behind the content of our own files, before its SHA-256. Other programs do not see it, and the library cuts it off when it opens the
-#: file for writing: whoever changes a file makes it one of theirs.
+#: Stands behind the content of our own files, before its SHA-256. Other programs do not see it, and the library cuts it off when it opens
+#: the file for writing: whoever changes a file makes it one of theirs.
 SEAL = b"\nlrbc-sha256:"
 _SEAL_BYTES = len(SEAL) + 64 + 1
 

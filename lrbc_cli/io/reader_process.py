@@ -1,7 +1,7 @@
 """Files that the HDF5 library may hang or crash on, read in another process with a deadline.
 
-A few damaged bits can send the library into an endless loop, or end its process. Its calls hold Python's lock, so that neither another thread nor
-Ctrl-C comes through. One process reads all files of a run; it is started with the first of them and ends with the run.
+A few damaged bits can send the library into an endless loop, or end its process. Its calls hold Python's lock, so that neither another
+thread nor Ctrl-C comes through. One process reads all files of a run; it is started with the first of them and ends with the run.
 """
 
 from __future__ import annotations
@@ -51,10 +51,14 @@ class _Reader:
     """The other process."""
 
     def __init__(self) -> None:
-        options: dict[str, Any] = {"creationflags": subprocess.CREATE_NO_WINDOW} if sys.platform == "win32" else {}
+        flags = 0
+        if sys.platform == "win32":
+            flags = subprocess.CREATE_NO_WINDOW
         command = [sys.executable, "-P", "-c", _BOOT, *sys.path]
         self.owner = os.getpid()
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, **options)
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, creationflags=flags
+        )
         self.replies: queue.SimpleQueue[tuple[bool, Any] | None] = queue.SimpleQueue()
         threading.Thread(target=self._receive, daemon=True).start()
 

@@ -186,7 +186,8 @@ def _split_unit(cell: str) -> tuple[str, str]:
     """Divide ``mic01 [Pa/N]`` or ``mic01 (Pa/N)`` into name and unit."""
     at = max(cell.rfind("["), cell.rfind("("))
     name, inside = cell[: max(at, 0)].rstrip(), cell[at + 1 : -1]
-    if name and cell[-1] in "])" and at < len(cell) - 1 and "]" not in inside:
-        if cell[-1] == "]" or inside.upper() == "DB" or parse_unit(inside) is not None:
-            return name, inside.strip()
+    if not name or cell[-1] not in "])" or at == len(cell) - 1 or "]" in inside:
+        return cell, ""
+    if cell[-1] == "]" or inside.upper() == "DB" or parse_unit(inside) is not None:
+        return name, inside.strip()
     return cell, ""

@@ -352,11 +352,11 @@ def _identification(line: str, path: Path, place: str) -> tuple[int, str, int, i
         numbers = [int(cells[i]) for i in (0, 2, 3, 5, 6)]
         names = [cells[1].strip(), cells[4].strip()]
     except ValueError:
-        found = _free_identification(line.split())
-        if found is None:
+        free = _free_identification(line.split())
+        if free is None:
             expected = "function type, response name, node and direction, reference name, node and direction"
             raise _refuse(path, place, "record 6 of a function is wrong", expected, repr(line[:90])) from None
-        numbers, names = found
+        numbers, names = free
     if max(abs(numbers[2]), abs(numbers[4])) > 6:
         found = f"{numbers[2]} and {numbers[4]}"
         raise _refuse(path, place, "a direction in record 6 of a function is wrong", "-6 to 6", found)
@@ -370,9 +370,8 @@ def _free_identification(words: list[str]) -> tuple[list[int], list[str]] | None
 
     def is_point(at: int) -> bool:
         node, direction = rest[at : at + 2]
-        return (
-            node.isdecimal() and len(node) <= _DIGITS and direction.removeprefix("-").isdecimal() and len(direction.removeprefix("-")) == 1
-        )
+        sign_less = direction.removeprefix("-")
+        return node.isdecimal() and len(node) <= _DIGITS and sign_less.isdecimal() and len(sign_less) == 1
 
     if len(rest) < 2 or not words[0].isdecimal() or not all(_is_whole(word) for word in words[:4]):
         return None

@@ -273,6 +273,8 @@ def uff(line):
     return "\n".join([*head, *axes, " 1.0 2.0 3.0 4.0 5.0 6.0", "    -1", ""])
 
 
+SIX = "    4         1    0         0       NONE       104   0      NONE         1   3"
+
 HOSTILE = {
     "cell.csv": "f,a_real,a_imag\n" + f"1,1,2\n2,{'1' * 400_000}x,2\n" + ROWS,
     "tail.csv": "f,a_real,a_imag\n" + ROWS + f"4,{'1' * 400_000}x,2\n",
@@ -284,10 +286,9 @@ HOSTILE = {
     "six.uff": uff("   4 1 0 0" + " " * 100_000 + "x"),
     "names.uff": uff("   4 1 0 0 " + "a 1 2 " * 20_000 + "x"),
     "digits.uff": uff("   4 1 0 0 NONE " + "1" * 100_000 + " 1 NONE 1 1"),
-    "axis.uff": uff("    4         1    0         0       NONE       104   0      NONE         1   3").replace("        18", "9" * 100_000),
-    "value.uff": uff("    4         1    0         0       NONE       104   0      NONE         1   3").replace(
-        "3.0 4.0", "3.0 " + "1" * 400_000
-    ),
+    "axis.uff": uff(SIX).replace("        18", "1 2 " + "9" * 100_000),
+    "valid.uff": uff(SIX),
+    "value.uff": uff(SIX).replace("3.0 4.0", "3.0 " + "1" * 400_000),
 }
 
 READ_ALL = """
@@ -313,7 +314,13 @@ def test_long_runs_take_linear_time(tmp_path):
     found = finished(start(READ_ALL, *(tmp_path / name for name in files))).split()
     found = dict(zip(found[::2], found[1::2], strict=True))
     assert set(found) == set(files)
-    assert {name for name, answer in found.items() if answer == "read"} == {"blanks.csv", "brackets.csv", "separators.csv", "round.csv"}
+    assert {name for name, answer in found.items() if answer == "read"} == {
+        "blanks.csv",
+        "brackets.csv",
+        "separators.csv",
+        "round.csv",
+        "valid.uff",
+    }
 
 
 def test_lines_of_many_digits():
