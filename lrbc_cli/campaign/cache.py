@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.store import is_store, read_store, write_store
+from lrbc_cli.io.store import read_store, write_store
 from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -27,7 +28,10 @@ from lrbc_cli.reduction.vectors import ERROR_KINDS
 log = logging.getLogger(__name__)
 
 FORMAT = "lrbc-reduced-model"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
+
+#: What a store of a model says about itself.
+_STAMP = ("format", "version", "key")
 
 #: Names of the key's parts in messages.
 PARTS = {
@@ -120,12 +124,16 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     """Decide, without building or reading a model."""
     key = _digest(sorted(parts.items()))[:32]
     path = folder / key / "model.h5"
-    if is_store(path):
+    if path.is_file():
+        try:
+            fault = "" if _is_model(read_store(path, _STAMP), key) else "the file in the cache was not made for this campaign"
+        except DataError:
+            fault = "the file in the cache is damaged"
+        if fault:
+            return CacheDecision(key, path, False, fault)
         return CacheDecision(
             key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
         )
-    if path.is_file():
-        return CacheDecision(key, path, False, "the file in the cache is damaged")
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
         try:
@@ -147,6 +155,11 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     return CacheDecision(key, path, False, reason)
 
 
+def _is_model(tree: dict[str, Any], key: str) -> bool:
+    """Whether a store says that it holds the model of this key: a file can come from another folder of the cache."""
+    return {name: tree.get(name) for name in _STAMP} == {"format": FORMAT, "version": FORMAT_VERSION, "key": key}
+
+
 def _missed(path: Path) -> str:
     """What the note beside a model tells of a tolerance that it does not reach."""
     try:
@@ -164,6 +177,8 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
     tree = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
+        "key": decision.key,
+        "parts": parts,
         "model": model,
         "options": asdict(reduction.options) | {"band_hz": list(reduction.options.band_hz)},
         "certificate": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in reduction.held_out],
@@ -234,29 +249,27 @@ def require_writable(decision: CacheDecision) -> None:
         ) from error
 
 
-def load(decision: CacheDecision) -> Reduction:
+def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
     """Read a reduced model.
 
     Raises
     ------
     DataError
-        Where the file is damaged; the caller builds anew.
+        Where the file is damaged or holds another model; the caller builds anew.
     """
     tree = read_store(decision.path)
-    if tree.get("format") != FORMAT or tree.get("version") != FORMAT_VERSION:
+    if not _is_model(tree, decision.key):
         raise DataError(
-            "this is not a reduced model of this version",
+            "this is not the reduced model of this campaign",
             file=decision.path,
-            expected=f"{FORMAT} {FORMAT_VERSION}",
-            found=str(tree.get("format")),
+            expected=f"{FORMAT} {FORMAT_VERSION}, key {decision.key}",
+            found=f"{tree.get('format')} {tree.get('version')}, key {tree.get('key')}",
         )
     try:
         options = tree["options"] | {"band_hz": tuple(tree["options"]["band_hz"])}
         summary = tree["summary"]
         model = ReducedModel(**tree["model"])
-        r, nt = model.size, model.terms
-        if model.K.shape != (r, r) or model.M.shape != (r, r) or model.C.shape != (r, r) or model.right.shape != (r, nt):
-            raise ValueError("shapes of the reduced matrices")
+        _require_shapes(model, inputs)
         return Reduction(
             model=model,
             options=ReductionOptions(**options),
@@ -278,6 +291,39 @@ def load(decision: CacheDecision) -> Reduction:
         raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error
 
 
+def _require_shapes(model: ReducedModel, inputs: Inputs) -> None:
+    """Refuse a model whose arrays do not fit each other, or what is asked.
+
+    Raises
+    ------
+    ValueError, TypeError
+        With the array's name.
+    """
+    full = inputs.model
+    r, terms = model.size, full.terms.size
+    responses, loads = full.L.shape[0], full.B.shape[1]
+    _require_arrays(
+        {"K": model.K, "C": model.C, "M": model.M, "B": model.B, "L": model.L, "left": model.left, "right": model.right}
+        | {"reference": model.reference},
+        {"K": (r, r), "C": (r, r), "M": (r, r), "B": (r, loads), "L": (responses, r), "left": (r, terms), "right": (r, terms)}
+        | {"reference": (terms, 3)},
+    )
+    if not np.array_equal(model.input_of, inputs.input_of) or not np.array_equal(model.output_power, full.output_power):
+        raise ValueError("its responses are others")
+    if not isinstance(model.structure, int) or not 0 <= model.structure <= r:
+        raise ValueError(f"{model.structure} structural DOFs of {r}")
+    if {name: set(group) for name, group in model.extras.items()} != {name: set(group) for name, group in full.extras.items()}:
+        raise ValueError("its groups of factors are others")
+    for name, group in model.extras.items():
+        _require_arrays({f"{name} {key}": matrix for key, matrix in group.items()}, {f"{name} {key}": (r, r) for key in group})
+
+
+def _require_arrays(arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fc" or array.shape != shapes[name]:
+            raise ValueError(f"{name} is {getattr(array, 'shape', None)}, not {shapes[name]}")
+
+
 def _held_out(line: dict[str, Any]) -> HeldOut:
     errors = dict(line["errors"])
     # HDF5 sorts names; a person reads from free to clamped.
@@ -289,21 +335,39 @@ def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]]
     return decision.path.parent / f"ports-{kind}-{_digest(s)[:16]}.h5"
 
 
-def store_ports(path: Path, ports: PortFrf) -> None:
+def _ports_stamp(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> dict[str, str]:
+    """What port FRFs say about themselves: of which model, on which lines, and how they were computed."""
+    return {"key": decision.key, "lines": _digest(s), "kind": kind}
+
+
+def store_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, ports: PortFrf) -> None:
     """Write port FRFs; a full disk costs only the next run's time."""
+    arrays = {name: getattr(ports, name) for name in PortFrf.__dataclass_fields__}
     try:
-        write_store(path, {name: getattr(ports, name) for name in PortFrf.__dataclass_fields__})
+        write_store(ports_path(decision, s, kind), {"made_for": _ports_stamp(decision, s, kind), "ports": arrays})
     except OSError as error:
         log.warning("port FRFs were not kept (%s)", error)
 
 
-def load_ports(path: Path) -> PortFrf | None:
-    """Read port FRFs; None where they are missing or damaged."""
+def load_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, inputs: Inputs) -> PortFrf | None:
+    """Read port FRFs on these lines; None where they are missing, damaged or those of something else."""
+    path = ports_path(decision, s, kind)
     if not path.is_file():
         return None
     try:
-        return PortFrf(**read_store(path))
-    except (DataError, TypeError) as error:
+        tree = read_store(path)
+        if tree.get("made_for") != _ports_stamp(decision, s, kind):
+            raise ValueError("they belong to something else")
+        ports = PortFrf(**tree["ports"])
+        F, R, nt, loads = s.size, inputs.model.L.shape[0], inputs.model.terms.size, inputs.model.B.shape[1]
+        _require_arrays(
+            {name: getattr(ports, name) for name in ("s", "H00", "H0p", "Hp0", "Hpp", "D_ref")},
+            {"s": (F,), "H00": (F, R), "H0p": (F, R, nt), "Hp0": (F, nt, loads), "Hpp": (F, nt, nt), "D_ref": (F, nt)},
+        )
+        if not np.array_equal(ports.s, s) or not np.array_equal(ports.input_of, inputs.input_of):
+            raise ValueError("their lines or responses are others")
+        return ports
+    except (DataError, KeyError, TypeError, ValueError) as error:
         problem = error.problem if isinstance(error, DataError) else error
         log.warning("port FRFs in the cache are computed anew (%s: %s)", path, problem)
         return None

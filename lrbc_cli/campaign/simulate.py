@@ -48,7 +48,7 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
                 f"the band holds more than {MAX_LINES} lines of 1 Hz", place="--lines", expected="START:STOP:STEP", hint="name the lines"
             )
         return np.arange(first, last + 1) if first <= last else np.array(band)
-    number = r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"
+    number = r"\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
         start, stop, step = values[0], values[1], values[2] if len(values) == 3 else 1.0

@@ -90,14 +90,14 @@ def obtain_reduction(
     reduction: Reduction | None = None
     if decision.hit and not force:
         try:
-            reduction = cache.load(decision)
+            reduction = cache.load(decision, inputs)
         except DataError as error:
             log.warning("the cached reduced model is built anew (%s: %s)", decision.path, error.problem)
             decision = replace(decision, hit=False, reason="the file in the cache is damaged")
     elif decision.hit:
         decision = replace(decision, hit=False, reason="--force")
     elif decision.path.is_file():
-        log.warning("the cached reduced model is built anew (%s: no whole HDF5 file)", decision.path)
+        log.warning("the cached reduced model is built anew (%s: %s)", decision.path, decision.reason)
     if reduction is None:
         settings = inputs.campaign.reduction
         cache.require_writable(decision)
@@ -181,8 +181,8 @@ class FrfSource:
             return self._tables[key]
 
     def _compute(self, s: Complexes) -> PortFrf:
-        path = cache.ports_path(self.stage.decision, s, self.kind) if self.stage else None
-        found = cache.load_ports(path) if path else None
+        decision = self.stage.decision if self.stage else None
+        found = cache.load_ports(decision, s, self.kind, self.inputs) if decision else None
         if found is not None:
             return found
         if self.kind == "full":
@@ -195,8 +195,8 @@ class FrfSource:
         else:
             assert self.stage is not None
             ports = self.stage.reduction.model.ports(s)
-        if path:
-            cache.store_ports(path, ports)
+        if decision:
+            cache.store_ports(decision, s, self.kind, ports)
         return ports
 
     def model(

@@ -11,6 +11,16 @@ from lrbc_cli.errors import DataError, LrbcError
 #: Deflate cannot compress better than about 1032:1, so a file cannot hold more than this many times its size.
 MAX_COMPRESSION = 1100
 
+#: Large arrays must not unpack to more than this many times the file. Numbers that are not all alike take half a byte each at the least, a
+#: sixteenth of what they take unpacked: what packs better is zeros but for one number in seven, as sparse matrices hold, or a bomb.
+MAX_EXPANSION = 100
+
+#: Bytes up to which any expansion is fine: a dense matrix of 5800 DOFs, all zeros but its diagonal, and nothing that a machine would feel.
+ROOM = 256 * 2**20
+
+#: Characters that one number of a text file may take: a double printed to its last digit and padded takes 30.
+LONGEST_NUMBER = 100
+
 #: Arrays below this size need no proof that the file could hold them.
 SMALL_ALLOCATION = 64 * 2**20
 
@@ -59,7 +69,7 @@ def check_allocation(needed: int, file_size: int, path: Path, place: str, *, com
     Raises
     ------
     DataError
-        If more than the file can hold is asked for.
+        If more than the file can hold, or can sensibly hold, is asked for.
     """
     limit = file_size * MAX_COMPRESSION if compressed else file_size
     if needed > max(limit, 0):
@@ -70,6 +80,33 @@ def check_allocation(needed: int, file_size: int, path: Path, place: str, *, com
             expected=f"{needed} bytes",
             found=f"{file_size} bytes",
             hint="the file is damaged or truncated; export it again",
+        )
+    if compressed:
+        check_expansion(needed, file_size, path, place)
+
+
+def check_expansion(needed: int, packed: int, path: Path, place: str) -> None:
+    """Refuse data that unpack to what no sensible file holds.
+
+    Parameters
+    ----------
+    needed
+        Bytes that are needed for them.
+    packed
+        Bytes in the file.
+
+    Raises
+    ------
+    DataError
+    """
+    if needed > max(packed * MAX_EXPANSION, ROOM):
+        raise DataError(
+            "the compressed data unpack to far more than such a file sensibly holds",
+            file=path,
+            place=place,
+            expected=f"at most {MAX_EXPANSION} times the {packed} bytes of the file, or {ROOM // 2**20} MB",
+            found=f"{needed} bytes",
+            hint="store the matrix as a sparse one, or without compression",
         )
 
 
@@ -83,7 +120,7 @@ def check_dimensions(shape: tuple[int, ...], file_size: int, path: Path, place: 
     """
     if len(shape) != 2 or min(shape) < 0:
         raise DataError("this is not a matrix", file=path, place=place, expected="two dimensions", found=shape)
-    if 8 * max(shape) > max(file_size * MAX_COMPRESSION, SMALL_ALLOCATION):
+    if 8 * max(shape) > max(file_size * MAX_EXPANSION, SMALL_ALLOCATION):
         raise DataError(
             "the header claims dimensions that do not fit the file",
             file=path,

@@ -42,8 +42,8 @@ _WORDS = {
     "coherence": "coherence",
     "coh": "coherence",
 }
-_PATTERN = "|".join(sorted(_WORDS, key=len, reverse=True))
-_SUFFIX = re.compile(rf"(.*?)[\s_.:-]+({_PATTERN})\.?", re.IGNORECASE)
+_LONGEST_FIRST = sorted(_WORDS, key=len, reverse=True)
+_PATTERN = "|".join(_LONGEST_FIRST)
 _PREFIX = re.compile(rf"({_PATTERN})\.?[\s_:-]+(.*)", re.IGNORECASE)
 _AROUND = re.compile(rf"({_PATTERN})\.?\s*[(\[](.*)[)\]]", re.IGNORECASE)
 _FREQUENCY = re.compile(r"(freq|frequency|frequenz|f|hz|omega|w)([\s_].*|\W.*)?", re.IGNORECASE)
@@ -194,19 +194,33 @@ def _find(table: TextTable, column: str | int, path: Path, place: str) -> int:
 def _classify(table: TextTable, index: int) -> _Column:
     name, unit = table.names[index], table.units[index]
     base, part = name, None
-    around, suffix, prefix = _AROUND.fullmatch(name), _SUFFIX.fullmatch(name), _PREFIX.fullmatch(name)
+    around, suffix, prefix = _AROUND.fullmatch(name), _suffix(name), _PREFIX.fullmatch(name)
     if name.lower() in _WORDS:
         base, part = "", _WORDS[name.lower()]
-    elif around:
+    # Case-insensitive patterns take letters of other alphabets for "i", "k" and "s" too.
+    elif around and around.group(1).lower() in _WORDS:
         base, part = around.group(2), _WORDS[around.group(1).lower()]
     elif suffix:
-        base, part = suffix.group(1), _WORDS[suffix.group(2).lower()]
-    elif prefix:
+        base, part = suffix
+    elif prefix and prefix.group(1).lower() in _WORDS:
         base, part = prefix.group(2), _WORDS[prefix.group(1).lower()]
     part = part and part.split("-")[0]
     if unit.lower() == "db" and part in (None, "magnitude"):
         part, unit = "db", ""
     return _Column(index, base.strip(), part, unit)
+
+
+def _suffix(name: str) -> tuple[str, str] | None:
+    """Divide ``mic01_real`` into name and part; by hand, as a pattern takes quadratic time on long runs of separators."""
+    text = name.removesuffix(".")
+    for word in _LONGEST_FIRST:
+        head, tail = text[: -len(word)], text[-len(word) :]
+        if head and tail.lower() == word and (head[-1] in "_.:-" or head[-1].isspace()):
+            end = len(head)
+            while end and (head[end - 1] in "_.:-" or head[end - 1].isspace()):
+                end -= 1
+            return head[:end], _WORDS[word]
+    return None
 
 
 def _chosen_pairs(table: TextTable, layout: TextLayout, path: Path) -> list[tuple[str, int, int]]:

@@ -19,7 +19,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
-from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, text_attribute
+from lrbc_cli.io.hdf5_tools import fixed_texts, hdf5_image, load, lookup, open_hdf5, read_safely, sealed, text_attribute
 from lrbc_cli.io.sparse import numeric
 from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
@@ -44,7 +44,10 @@ def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
     DataError
         If the layout or its version is not known, sizes differ, or a value is not finite.
     """
-    layout = layout or TextLayout()
+    return read_safely(_read, path, layout or TextLayout())
+
+
+def _read(path: Path, layout: TextLayout) -> FrfSet:
     with open_hdf5(path) as file:
         kind, version = text_attribute(file, "encoding-type"), text_attribute(file, "encoding-version")
         if kind != ENCODING or version != VERSION:
@@ -124,7 +127,7 @@ def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
     quantities = [record.quantity or "" for record in records]
 
     def fill(file: h5py.File) -> None:
-        file.attrs["encoding-type"], file.attrs["encoding-version"] = ENCODING, VERSION
+        file.attrs["encoding-type"], file.attrs["encoding-version"] = np.bytes_(ENCODING), np.bytes_(VERSION)
         arrays: dict[str, NDArray[Any]] = {
             "frequency_hz": np.asarray(frequency, dtype=np.float64),
             "frf": np.stack([record.values for record in records], axis=1)[:, :, None],
@@ -139,16 +142,15 @@ def write_frf_hdf5(path: Path, frf: FrfSet) -> None:
             arrays["coherence"] = np.stack(parts, axis=1)[:, :, None]
         for name, array in arrays.items():
             file.create_dataset(name, data=array, track_times=False)
-        text = h5py.string_dtype("utf-8")
         for name, texts in (
             ("name", [record.name for record in records]),
             ("quantity", quantities),
             ("unit", [_UNITS[q] for q in quantities]),
         ):
-            file.create_dataset(name, data=np.array(texts, dtype=object), dtype=text, track_times=False)
+            file.create_dataset(name, data=fixed_texts(texts), track_times=False)
 
     with atomic_write(path, "wb") as stream:
-        stream.write(hdf5_image(fill))
+        stream.write(sealed(hdf5_image(fill)))
 
 
 def _nodes(nodes: list[int | None]) -> NDArray[np.int64]:

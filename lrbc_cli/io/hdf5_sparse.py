@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, read_safely, sealed, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
 ENCODING_VERSION = "0.1.0"
@@ -40,6 +40,10 @@ def read_hdf5_matrix(path: Path, group: str | None = None) -> MatrixFile:
     DataError
         If the file is damaged, the matrix is not there or it is not well formed.
     """
+    return read_safely(_read, path, group)
+
+
+def _read(path: Path, group: str | None) -> MatrixFile:
     with open_hdf5(path) as file:
         matlab = _is_matlab(file, path)
         notes: list[str] = []
@@ -89,7 +93,7 @@ def write_matrix_hdf5(path: Path, matrices: Mapping[str, Any], *, compression: s
                 node.create_dataset(key, data=values, track_times=False, **packed)
 
     with atomic_write(path, "wb") as stream:
-        stream.write(hdf5_image(fill))
+        stream.write(sealed(hdf5_image(fill)))
 
 
 def _is_matlab(file: h5py.File, path: Path) -> bool:

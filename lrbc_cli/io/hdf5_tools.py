@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import SMALL_ALLOCATION, check_allocation, damaged, require_file
+from lrbc_cli.io.reader_process import read_apart
+
+T = TypeVar("T")
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+#: Stands behind the content of our own files, before its SHA-256. Other programs do not see it, and the library cuts it off when it opens
+#: the file for writing: whoever changes a file makes it one of theirs.
+SEAL = b"\nlrbc-sha256:"
+_SEAL_BYTES = len(SEAL) + 64 + 1
+
+#: Links that lead to links: as many as file systems follow.
+MOST_LINKS = 40
 
 
 def is_hdf5(path: Path) -> bool:
@@ -32,7 +45,10 @@ def is_hdf5(path: Path) -> bool:
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """HDF5 file open for reading; whatever goes wrong with it inside the block becomes a DataError."""
+    """HDF5 file open for reading; whatever goes wrong with it inside the block becomes a DataError.
+
+    A damaged file may never come back: see ``read_safely``.
+    """
     require_file(path)
     with damaged(path, "HDF5 file"), h5py.File(path, "r") as file:
         yield file
@@ -57,23 +73,109 @@ def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
     return image
 
 
-def lookup(file: h5py.Group, name: str, path: Path) -> Any:
-    """Object of that name, inside this file.
+def fixed_texts(texts: Any) -> NDArray[np.bytes_]:
+    """Array or list of texts as UTF-8 of one length: those of variable length lie on a heap, where damaged bits hang the library."""
+    array = np.asarray(texts)
+    raw = [str(text).encode("utf-8") for text in array.ravel().tolist()]
+    dtype = h5py.string_dtype("utf-8", max([1, *map(len, raw)]))
+    return np.array(raw, dtype=dtype).reshape(array.shape)
+
+
+def sealed(image: bytes) -> bytes:
+    """Content of a file with its checksum behind it."""
+    return image + SEAL + hashlib.sha256(image).hexdigest().encode("ascii") + b"\n"
+
+
+def seal_fits(path: Path) -> bool | None:
+    """Whether a file is as it was written by this package; None for files without a checksum.
+
+    It finds accidents: whoever changes a file on purpose can write the checksum anew.
+    """
+    size = path.stat().st_size - _SEAL_BYTES
+    if size < 0:
+        return None
+    with path.open("rb") as stream:
+        stream.seek(size)
+        seal = stream.read(_SEAL_BYTES)
+        if not seal.startswith(SEAL):
+            return None
+        stream.seek(0)
+        digest = hashlib.sha256()
+        while size > 0 and (part := stream.read(min(size, 1 << 20))):
+            digest.update(part)
+            size -= len(part)
+    return size == 0 and seal == SEAL + digest.hexdigest().encode("ascii") + b"\n"
+
+
+def read_safely(reader: Callable[..., T], path: Path, *arguments: object) -> T:
+    """Give ``reader(path, *arguments)``: at once where the checksum of our own files fits, else in another process.
+
+    Parameters
+    ----------
+    reader
+        A function of a module of this package, which opens the file with ``open_hdf5``.
+    path
+        The file.
+    arguments
+        What can be pickled, as the result.
 
     Raises
     ------
     DataError
-        If there is none, or it is a link into another file.
+        What the reader raises; and where the file does not fit its checksum, or the HDF5 library hangs or crashes on it.
+    """
+    require_file(path)
+    fits = seal_fits(path)
+    if fits is False:
+        raise changed(path)
+    return reader(path, *arguments) if fits else read_apart(reader, path, *arguments)
+
+
+def changed(path: Path) -> DataError:
+    """Error for a file that does not fit its checksum."""
+    return DataError(
+        "this HDF5 file was damaged after it was written",
+        file=path,
+        expected="content that fits its checksum",
+        found="other content",
+        hint="write it again",
+    )
+
+
+def lookup(file: h5py.Group, name: str, path: Path) -> Any:
+    """Object of that name, inside this file; soft links are followed step by step.
+
+    Raises
+    ------
+    KeyError
+        If there is none.
+    DataError
+        If a link on the way leads into another file, or links lead in a circle.
     """
     node: Any = file
-    for part in [part for part in name.split("/") if part]:
-        if not isinstance(node, h5py.Group) or part not in node:
+    steps = [part for part in name.split("/") if part]
+    links = 0
+    while steps:
+        part = steps.pop(0)
+        if part == ".":
+            continue
+        if not isinstance(node, h5py.Group) or not node.id.links.exists(part.encode()):
             raise KeyError(name)
-        if isinstance(node.get(part, getlink=True), h5py.ExternalLink):
+        kind = node.id.links.get_info(part.encode()).type
+        if kind == h5py.h5l.TYPE_HARD:
+            node = node[part]
+            continue
+        links += 1
+        if kind != h5py.h5l.TYPE_SOFT:
             raise DataError(
                 "a link leads into another file", file=path, place=name, expected="data inside this file", found="an external link"
             )
-        node = node[part]
+        if links > MOST_LINKS:
+            raise DataError("links lead in a circle", file=path, place=name, expected="data", found=f"more than {MOST_LINKS} links")
+        target = node.id.links.get_val(part.encode()).decode("utf-8", "replace")
+        steps = [step for step in target.split("/") if step] + steps
+        if target.startswith("/"):
+            node = node.file["/"]
     return node
 
 

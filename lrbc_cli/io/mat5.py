@@ -44,6 +44,7 @@ class _Variable:
     compressed: bool
     element: bytes
     values_at: int
+    unpacked: int
 
 
 def is_mat5(start: bytes) -> bool:
@@ -71,10 +72,14 @@ def load_variables(path: Path, names: list[str]) -> dict[str, Any]:
         If the file is damaged or claims more than it holds.
     """
     found = {}
-    for variable in _variables(path):
-        if variable.name in names:
-            with damaged(path, "MATLAB variable", variable.name):
-                found[variable.name] = _values(variable, path)
+    wanted = [variable for variable in _variables(path) if variable.name in names]
+    packed = [variable for variable in wanted if variable.compressed]
+    # Together: a file may hold one bomb many times.
+    total = sum(variable.unpacked for variable in packed)
+    check_allocation(total, sum(len(variable.element) for variable in packed), path, ", ".join(v.name for v in packed), compressed=True)
+    for variable in wanted:
+        with damaged(path, "MATLAB variable", variable.name):
+            found[variable.name] = _values(variable, path)
     return found
 
 
@@ -152,8 +157,10 @@ def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, b
 def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
     """Name, shape and class from the first bytes of a variable; None for one without a name."""
     start = zlib.decompressobj().decompress(element, _PREFIX_BYTES) if compressed else element[:_PREFIX_BYTES]
+    unpacked = len(element)
     if compressed:
-        if struct.unpack_from(order + "I", start)[0] != _MATRIX:
+        kind, unpacked = struct.unpack_from(order + "II", start)
+        if kind != _MATRIX:
             return None
         start = start[8:]
     if not start:
@@ -167,10 +174,20 @@ def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
         raise ValueError(f"dimensions {shape}")
     text = name.astype(np.uint8).tobytes().decode("latin-1")
     return (
-        _Variable(text, shape, _KINDS.get(code & 0xFF, "unknown"), bool(code & 0x0800), order, compressed, element, position)
+        _Variable(text, shape, _KINDS.get(code & 0xFF, "unknown"), bool(code & 0x0800), order, compressed, element, position, unpacked)
         if text
         else None
     )
+
+
+def _unpack(packed: bytes, size: int) -> bytes:
+    """Unpack as much as is stated and no more, but for what reaches the checksum."""
+    stream = zlib.decompressobj()
+    data = stream.decompress(packed, size)
+    stream.decompress(stream.unconsumed_tail, _PREFIX_BYTES)
+    if not stream.eof:
+        raise ValueError(f"the compressed data do not end after {size} bytes")
+    return data
 
 
 def _read_element(data: bytes, position: int, order: str) -> tuple[NDArray[Any], int]:
@@ -190,7 +207,7 @@ def _read_element(data: bytes, position: int, order: str) -> tuple[NDArray[Any],
 def _values(variable: _Variable, path: Path) -> Any:
     data = variable.element
     if variable.compressed:
-        data = zlib.decompress(data)[8:]
+        data = _unpack(data, 8 + variable.unpacked)[8:]
     position = variable.values_at
 
     def next_array() -> NDArray[Any]:

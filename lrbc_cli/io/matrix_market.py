@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_allocation, check_dimensions, damaged, require_file
+from lrbc_cli.io.common import (
+    LONGEST_NUMBER,
+    MAX_EXPANSION,
+    ROOM,
+    check_allocation,
+    check_dimensions,
+    check_expansion,
+    damaged,
+    require_file,
+)
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates, stored_triangle
 
 BANNER = b"%%matrixmarket"
 _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")
+# Up to here a compressed file is unpacked before its header is read: room for some thousand lines of comment.
+_HEADER_ROOM = 1 << 20
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
 
 
@@ -40,6 +50,11 @@ class _Header:
     def parts(self) -> int:
         """Numbers a value has."""
         return 2 if self.field == "complex" else 1
+
+    @property
+    def width(self) -> int:
+        """Numbers a line has."""
+        return self.parts + (2 if self.layout == "coordinate" else 0)
 
 
 def is_matrix_market(start: bytes) -> bool:
@@ -64,11 +79,11 @@ def read_matrix_market(path: Path) -> MatrixFile:
     with path.open("rb") as stream:
         packed = stream.read(2) == b"\x1f\x8b"
     with damaged(path, "gzip file" if packed else "Matrix Market file"):
-        content = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
+        content = _unpacked(path, size) if packed else path.read_bytes()
     header = _header(content, path)
     body = content[header.offset :].strip()
+    width = header.width
     # The shortest number takes one digit and a blank.
-    width = header.parts + (2 if header.layout == "coordinate" else 0)
     check_allocation(2 * width * header.entries - 1, len(content), path, f"line {header.line}")
     numbers = _numbers(body, header, width, path)
     if header.layout == "array":
@@ -78,6 +93,27 @@ def read_matrix_market(path: Path) -> MatrixFile:
         check_dimensions(header.shape, size, path, f"line {header.line}")
         matrix = _assemble(numbers, body, header, path, size)
     return MatrixFile(matrix, "matrix-market", _notes(header, matrix))
+
+
+def _unpacked(path: Path, size: int) -> bytes:
+    """Content of a gzip file, as far as its header says that there is any."""
+    with gzip.open(path, "rb") as stream:
+        start = stream.read(_HEADER_ROOM)
+        if len(start) < _HEADER_ROOM:
+            return start
+        header = _header(start, path)
+        place = f"line {header.line}"
+        # As numbers, before any of it is unpacked.
+        check_expansion(8 * header.width * header.entries, size, path, place)
+        most = header.offset + header.width * header.entries * (LONGEST_NUMBER + 1) + _HEADER_ROOM
+        limit = min(most, max(MAX_EXPANSION * size, ROOM))
+        rest = stream.read(max(limit - len(start), 0) + 1)
+        if len(start) + len(rest) > limit:
+            check_expansion(len(start) + len(rest), size, path, place)
+            raise DataError(
+                "the file holds more than its header says", file=path, place=place, expected=f"{header.entries} entries", found="more text"
+            )
+        return start + rest
 
 
 def _numbers(body: bytes, header: _Header, width: int, path: Path) -> NDArray[np.float64]:
@@ -169,13 +205,23 @@ def explain_text(start: bytes) -> str | None:
     """Say what a text file that is no Matrix Market file looks like, or None."""
     lines = [line.strip() for line in start.decode("latin-1").splitlines()]
     lines = [line for line in lines if line]
-    if any(re.match(r"\*(MATRIX|USER ELEMENT|\*)", line, re.IGNORECASE) for line in lines[:20]):
+    if any(line.startswith("**") or line.upper().startswith(("*MATRIX", "*USER ELEMENT")) for line in lines[:20]):
         return "an Abaqus matrix (its keywords start with *), not a Matrix Market file"
-    if lines and re.fullmatch(r"-?\d+\s*,\s*-?\d+\s*,\s*-?\d+\s*,\s*-?\d+\s*,\s*[-+\d.eEdD]+\s*,?", lines[0]):
+    line = lines[0].removesuffix(",") if lines else ""
+    cells, words = [cell.strip() for cell in line.split(",")], line.replace(",", " ").split()
+    if len(cells) == 5 and all(_is_index(cell.removeprefix("-")) for cell in cells[:4]) and _looks_like_number(cells[4]):
         return "an Abaqus matrix (row node, row DOF, column node, column DOF, value), not a Matrix Market file"
-    if lines and re.fullmatch(r"\d+\s*[\s,]\s*\d+\s*[\s,]\s*[-+\d.eEdD]+\s*,?", lines[0]):
+    if len(words) == 3 and all(map(_is_index, words[:2])) and _looks_like_number(words[2]):
         return "a list of row, column, value without a header (Abaqus COORDINATE or CalculiX), not a Matrix Market file"
     return None
+
+
+def _is_index(word: str) -> bool:
+    return word.isascii() and word.isdigit()
+
+
+def _looks_like_number(word: str) -> bool:
+    return bool(word) and not word.strip("-+.eEdD0123456789")
 
 
 def _header(content: bytes, path: Path) -> _Header:

@@ -15,6 +15,9 @@ from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed, from_coor
 
 SIGNATURE = b"PK\x03\x04"
 
+# What numpy accepts; it would read more before it refuses it.
+_LONGEST_HEADER = 10_000
+
 
 def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
     """Read a matrix of ``scipy.sparse.save_npz``, or a two-dimensional array of ``numpy.savez``.
@@ -89,6 +92,13 @@ def _sparse(archive: zipfile.ZipFile, names: list[str], path: Path, size: int) -
 def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as stream:
+        start = stream.read(12)
+        length = int.from_bytes(start[8:10] if start[6:7] == b"\x01" else start[8:12], "little")
+        if length > _LONGEST_HEADER:
+            raise DataError(
+                "the header of an array is wrong", file=path, place=name, expected=f"{_LONGEST_HEADER} bytes", found=f"{length}"
+            )
+        stream.seek(0)
         version = np.lib.format.read_magic(stream)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = header(stream)
@@ -98,6 +108,8 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
         )
     needed = math.prod(shape) * dtype.itemsize
     check_allocation(needed, info.file_size, path, name)
-    check_allocation(needed, size, path, name, compressed=True)
+    # Where nothing is compressed, the first check has said all; members may overlap, so that one never holds more than the file.
+    packed = min(info.compress_size, size)
+    check_allocation(needed, packed, path, name, compressed=info.compress_type != zipfile.ZIP_STORED)
     with archive.open(info) as stream:
         return np.lib.format.read_array(stream, allow_pickle=False)

@@ -1,11 +1,13 @@
 """The package's own store: nested dictionaries of arrays and plain values in HDF5, never a pickle.
 
-Every group and dataset carries ``encoding-type`` and ``encoding-version``; a reader refuses what it does not know.
+Every group and dataset carries ``encoding-type`` and ``encoding-version``; a reader refuses what it does not know. A checksum stands behind
+the content and is compared before HDF5 sees the file, as the library hangs on some damaged ones; texts have a fixed length.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,19 @@ from scipy.sparse import csc_array, issparse
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_path
-from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, shape_attribute, text_attribute
+from lrbc_cli.io.common import require_file
+from lrbc_cli.io.hdf5_tools import (
+    changed,
+    fixed_texts,
+    hdf5_image,
+    load,
+    lookup,
+    open_hdf5,
+    seal_fits,
+    sealed,
+    shape_attribute,
+    text_attribute,
+)
 from lrbc_cli.io.sparse import numeric
 
 VERSION = "0.1.0"
@@ -48,34 +62,42 @@ def write_store(path: Path, tree: dict[str, Any]) -> None:
         raise TypeError(f"a store holds a dictionary, not {type(tree).__name__}")
 
     def fill(file: h5py.File) -> None:
-        file.attrs["store"] = _ROOT
+        file.attrs["store"] = np.bytes_(_ROOT)
         _write_group(file, tree)
 
     with atomic_path(path) as temporary:
-        temporary.write_bytes(hdf5_image(fill))
+        temporary.write_bytes(sealed(hdf5_image(fill)))
         with open_hdf5(temporary) as file:
             _verify(file, tree, path)
 
 
-def is_store(path: Path) -> bool:
-    """Whether there is a whole HDF5 file; what it holds is checked when it is read."""
-    if not path.is_file():
-        return False
-    try:
-        with h5py.File(path):
-            return True
-    except OSError:
-        return False
-
-
-def read_store(path: Path) -> dict[str, Any]:
+def read_store(path: Path, keys: Collection[str] | None = None) -> dict[str, Any]:
     """Read a tree that ``write_store`` wrote; lists come back as lists, sparse matrices as ``csc_array``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    keys
+        Which entries of the tree, as far as they are there; all where None.
 
     Raises
     ------
     DataError
-        If the file is damaged, no such store, or of an unknown version.
+        If the file is damaged or was changed, is no such store, or of an unknown version.
     """
+    require_file(path)
+    fits = seal_fits(path)
+    if fits is None:
+        raise DataError(
+            "this store cannot be read: it does not end with its checksum",
+            file=path,
+            expected="a file as this version writes it",
+            found="a file that was cut, or changed, or written by another program",
+            hint="delete the file; it will be built anew",
+        )
+    if not fits:
+        raise changed(path)
     with open_hdf5(path) as file:
         if text_attribute(file, "store") != _ROOT:
             raise DataError(
@@ -84,6 +106,8 @@ def read_store(path: Path) -> dict[str, Any]:
                 expected=f"attribute store = {_ROOT}",
                 found=text_attribute(file, "store") or "none",
             )
+        if keys is not None and text_attribute(file, "encoding-type") == "dict":
+            return {key: _read(lookup(file, key, path), path) for key in keys if key in file}
         tree = _read(file, path)
     if not isinstance(tree, dict):
         raise DataError("this store holds no dictionary", file=path, expected="a dictionary", found=type(tree).__name__)
@@ -91,7 +115,7 @@ def read_store(path: Path) -> dict[str, Any]:
 
 
 def _mark(node: Any, kind: str) -> None:
-    node.attrs["encoding-type"], node.attrs["encoding-version"] = kind, VERSION
+    node.attrs["encoding-type"], node.attrs["encoding-version"] = np.bytes_(kind), np.bytes_(VERSION)
 
 
 def _write_group(node: h5py.Group, tree: dict[str, Any]) -> None:
@@ -123,18 +147,17 @@ def _write(parent: h5py.Group, key: str, value: Any) -> None:
         value = value.item() if isinstance(value, np.generic) else value
         if not _is_plain(value):
             raise TypeError(f"a store cannot hold {type(value).__name__} ({key!r})")
-        node = parent.create_dataset(key, data=json.dumps(value), dtype=h5py.string_dtype("utf-8"), track_times=False)
+        # ASCII, as json writes it.
+        node = parent.create_dataset(key, data=np.bytes_(json.dumps(value)), track_times=False)
         _mark(node, "json")
 
 
 def _write_array(parent: h5py.Group, key: str, array: Any) -> None:
     if array.dtype.kind == "U":
-        data, dtype = array.astype(object), h5py.string_dtype("utf-8")
-        node = parent.create_dataset(key, shape=array.shape, data=data if array.size else None, dtype=dtype, track_times=False)
+        node = parent.create_dataset(key, data=fixed_texts(array), track_times=False)
         _mark(node, "string-array")
     elif array.dtype.kind in "fiubc":
-        # A checksum: flipped bits must not pass for a reduced model.
-        node = parent.create_dataset(key, data=array, track_times=False, fletcher32=bool(array.ndim and array.size))
+        node = parent.create_dataset(key, data=array, track_times=False)
         _mark(node, "array")
     else:
         raise TypeError(f"a store cannot hold an array of type {array.dtype} ({key!r})")

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import LONGEST_NUMBER
 from lrbc_cli.io.text import read_lines
 from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.io.units import parse_unit
 
-_POINT = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
+# Each digit can be matched in one way only: what is no number is found out in linear time.
+_POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
 # Lines from the end of a file by which its separators are judged.
@@ -100,7 +102,7 @@ def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
     while len(cells) > 2 and not cells[-1] and len(cells) > (width or 0):
         cells.pop()
     pattern = _POINT if decimal == "." else _COMMA
-    if len(cells) < 2 or not cells[0] or (width is not None and len(cells) != width):
+    if len(cells) < 2 or not cells[0] or (width is not None and len(cells) != width) or max(map(len, cells)) > LONGEST_NUMBER:
         return False
     return all(pattern.fullmatch(cell) for cell in cells)
 
@@ -182,7 +184,10 @@ def _is_unit_row(cells: list[str]) -> bool:
 
 def _split_unit(cell: str) -> tuple[str, str]:
     """Divide ``mic01 [Pa/N]`` or ``mic01 (Pa/N)`` into name and unit."""
-    match = re.fullmatch(r"(.*\S)\s*[\[(]([^\[\]]*?)[\])]", cell)
-    if match and (cell.endswith("]") or match.group(2).upper() == "DB" or parse_unit(match.group(2)) is not None):
-        return match.group(1), match.group(2).strip()
+    at = max(cell.rfind("["), cell.rfind("("))
+    name, inside = cell[: max(at, 0)].rstrip(), cell[at + 1 : -1]
+    if not name or cell[-1] not in "])" or at == len(cell) - 1 or "]" in inside:
+        return cell, ""
+    if cell[-1] == "]" or inside.upper() == "DB" or parse_unit(inside) is not None:
+        return name, inside.strip()
     return cell, ""

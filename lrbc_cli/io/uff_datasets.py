@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import LONGEST_NUMBER
 from lrbc_cli.io.text import decode
 from lrbc_cli.io.uff_axis import even_axis
 from lrbc_cli.io.uff_form import DataForm, data_form
@@ -26,6 +27,8 @@ _DELIMITER = re.compile(rb"^[ \t]*-1[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
 _IDENTIFIER = re.compile(r"\s*(\d{1,6})([bB])?(?![\w.])(.*)")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d{1,3}|[-+]\d{3})?")
 _HEADER_LINES = 11
+# Of a whole number in a header: what 64 bits hold.
+_DIGITS = 18
 
 
 @dataclass(frozen=True)
@@ -231,6 +234,9 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
         lines_of_points = np.searchsorted(starts, per_point * np.arange(form.count), side="right") + dataset.line + _HEADER_LINES
     tokens = [token.replace(b"D", b"E").replace(b"d", b"e") for token in tokens]
     try:
+        # An array of texts gives each as much room as the longest takes.
+        if max(map(len, tokens), default=0) > LONGEST_NUMBER:
+            raise ValueError
         numbers = np.array(tokens, dtype=np.bytes_).astype(np.float64)
     except ValueError as error:
         bad = next(index for index, token in enumerate(tokens) if not _is_number(token))
@@ -241,6 +247,8 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
 
 
 def _is_number(token: bytes) -> bool:
+    if len(token) > LONGEST_NUMBER:
+        return False
     try:
         float(token)
     except ValueError:
@@ -344,17 +352,44 @@ def _identification(line: str, path: Path, place: str) -> tuple[int, str, int, i
         numbers = [int(cells[i]) for i in (0, 2, 3, 5, 6)]
         names = [cells[1].strip(), cells[4].strip()]
     except ValueError:
-        match = re.fullmatch(r"\s*(\d+)\s+-?\d+\s+-?\d+\s+-?\d+\s+(.*?)\s+(\d+)\s+(-?\d)(?:\s+(.*?)\s+(\d+)\s+(-?\d))?\s*", line)
-        if match is None:
+        free = _free_identification(line.split())
+        if free is None:
             expected = "function type, response name, node and direction, reference name, node and direction"
             raise _refuse(path, place, "record 6 of a function is wrong", expected, repr(line[:90])) from None
-        numbers = [int(match.group(i) or 0) for i in (1, 3, 4, 6, 7)]
-        names = [match.group(2), match.group(5) or ""]
+        numbers, names = free
     if max(abs(numbers[2]), abs(numbers[4])) > 6:
         found = f"{numbers[2]} and {numbers[4]}"
         raise _refuse(path, place, "a direction in record 6 of a function is wrong", "-6 to 6", found)
     names = ["" if name.upper() == "NONE" else name for name in names]
     return numbers[0], names[0], numbers[1], numbers[2], names[1], numbers[3], numbers[4]
+
+
+def _free_identification(words: list[str]) -> tuple[list[int], list[str]] | None:
+    """Numbers and names of a record 6 that does not keep to its columns; names may hold blanks, and the reference may be missing."""
+    rest = words[4:]
+
+    def is_point(at: int) -> bool:
+        node, direction = rest[at : at + 2]
+        sign_less = direction.removeprefix("-")
+        return node.isdecimal() and len(node) <= _DIGITS and sign_less.isdecimal() and len(sign_less) == 1
+
+    if len(rest) < 2 or not words[0].isdecimal() or not all(_is_whole(word) for word in words[:4]):
+        return None
+    # A name comes first if there can be one; four numbers are two points without names.
+    nameless = len(rest) == 4 and is_point(0) and is_point(2)
+    for at in (0,) if nameless else (*range(1, len(rest) - 1), 0):
+        if not is_point(at):
+            continue
+        if at + 2 == len(rest):
+            return [int(words[0]), int(rest[at]), int(rest[at + 1]), 0, 0], [" ".join(rest[:at]), ""]
+        if at + 4 <= len(rest) and is_point(len(rest) - 2):
+            numbers = [int(word) for word in (words[0], *rest[at : at + 2], *rest[-2:])]
+            return numbers, [" ".join(rest[:at]), " ".join(rest[at + 2 : -2])]
+    return None
+
+
+def _is_whole(word: str) -> bool:
+    return word.removeprefix("-").isdecimal() and len(word) <= _DIGITS
 
 
 def _axis(line: str, path: Path, place: str) -> Axis:
@@ -365,7 +400,7 @@ def _axis(line: str, path: Path, place: str) -> Axis:
         kind, length, force = (int(line[a:b]) for a, b in ((0, 10), (10, 15), (15, 20)))
         texts = [line[26:46], line[47:67]]
     except ValueError:
-        match = re.match(r"\s*(-?\d+)(?:\s+(-?\d+)\s+(-?\d+)(?:\s+(-?\d+))?)?\s*(.*)", line)
+        match = re.match(r"\s*(-?\d{1,9})(?!\d)(?:\s+(-?\d{1,9})\s+(-?\d{1,9})(?!\d)(?:\s+(-?\d+))?)?\s*(.*)", line)
         if match is None:
             raise DataError(
                 "an axis of a function is wrong", file=path, place=place, expected="a data type", found=repr(line[:70])

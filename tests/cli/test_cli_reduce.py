@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -13,6 +16,7 @@ from campaigns import Folder, box, chain_folder, frame
 
 from lrbc_cli.campaign import memory
 from lrbc_cli.io.frf import read_frf
+from lrbc_cli.io.store import read_store, write_store
 
 REDUCTION_KEYS = {
     "size",
@@ -158,6 +162,100 @@ def test_a_damaged_cached_model_is_built_anew(box: Folder, damage) -> None:  # t
     again = box.run("reduce", "--json")
     assert again.json["cache"]["hit"] is True
     assert again.stderr == ""
+
+
+def stiffened(path: Path) -> None:
+    """The model of a structure that is 30 % stiffer, in the same file."""
+    with h5py.File(path, "r+") as file:
+        file["model/K"][...] *= 1.3
+
+
+def of_another_band(path: Path) -> None:
+    other = next(found for found in path.parent.parent.glob("*/model.h5") if found != path)
+    path.write_bytes(other.read_bytes())
+
+
+def rewritten(part: str, value: Callable[[Any], Any]) -> Callable[[Path], None]:
+    """As whoever knows the layout writes it, checksum and key included, with arrays of another shape."""
+
+    def write(path: Path) -> None:
+        tree = read_store(path)
+        inner = tree["model" if "model" in tree else "ports"]
+        inner[part] = value(inner[part])
+        write_store(path, tree)
+
+    return write
+
+
+WRONG_SHAPES = [
+    rewritten("L", lambda L: L[:-1]),
+    rewritten("reference", lambda reference: reference[:-1]),
+    rewritten("K", lambda K: K[:, :-1]),
+    rewritten("right", lambda right: right[:, :-1]),
+    rewritten("input_of", lambda input_of: input_of + 1),
+    rewritten("structure", lambda structure: -structure),
+]
+
+
+def test_a_model_whose_arrays_do_not_fit_is_built_anew(box: Folder) -> None:
+    size, path = box.run("reduce", "--json").json["size"], cached(box)[0]
+    for change in WRONG_SHAPES:
+        change(path)
+        result = box.run("reduce", "--json")
+        assert result.code == 0, result.stderr
+        assert f"warning: the cached reduced model is built anew ({path}: this reduced model is damaged" in result.stderr
+        assert result.json["size"] == size
+        assert box.run("reduce", "--json").stderr == ""
+
+
+@pytest.mark.parametrize("change", [stiffened, of_another_band])
+def test_a_model_that_is_not_the_one_asked_for_is_built_anew(box: Folder, change: Callable[[Path], None]) -> None:
+    before, path = box.results(), cached(box)[0]
+    assert box.run("reduce", "--override", "reduction.band=[25.0, 400.0]").code == 0
+    change(path)
+    result = box.run("update", "--force")
+    assert result.code == 0, result.stderr
+    assert f"warning: the cached reduced model is built anew ({path}" in result.stderr
+    assert box.results() == before
+    assert box.run("reduce", "--json").stderr == ""
+
+
+def test_the_plan_tells_of_a_model_that_is_not_the_one_asked_for(box: Folder) -> None:
+    path = cached(box)[0]
+    assert box.run("reduce", "--override", "reduction.band=[25.0, 400.0]").code == 0
+    of_another_band(path)
+    found = box.run("reduce", "--dry-run", "--json").json
+    assert (found["hit"], found["reason"]) == (False, "the file in the cache was not made for this campaign")
+    stiffened(path)
+    found = box.run("reduce", "--dry-run", "--json").json
+    assert (found["hit"], found["reason"]) == (False, "the file in the cache is damaged")
+
+
+def ports_of_another_band(path: Path) -> None:
+    """Tables with as many lines, of the same model, but others."""
+    tree = read_store(path)
+    tree["made_for"] = tree["made_for"] | {"lines": "0" * 64}
+    write_store(path, tree)
+
+
+def ports_of_a_moved_grid(path: Path) -> None:
+    tree = read_store(path)
+    tree["ports"]["s"] = tree["ports"]["s"] * 1.01
+    write_store(path, tree)
+
+
+@pytest.mark.parametrize("change", [ports_of_another_band, ports_of_a_moved_grid, rewritten("H00", lambda H: H[:, :1])])
+def test_port_frfs_that_are_not_those_asked_for_are_computed_anew(box: Folder, change: Callable[[Path], None]) -> None:
+    before = box.results()
+    tables = list(box.cache.glob("*/ports-*.h5"))
+    assert tables
+    for path in tables:
+        change(path)
+    result = box.run("update", "--force")
+    assert result.code == 0, result.stderr
+    assert result.stderr.count("port FRFs in the cache are computed anew") == len(tables)
+    assert box.results() == before
+    assert box.run("update", "--force").stderr == ""
 
 
 def test_damaged_port_frfs_are_computed_anew(box: Folder) -> None:
