@@ -179,7 +179,9 @@ class Projection:
         self.fields = fields
         self.rows = sketch
         count = range(len(fields))
-        self._theta = [_sparse_sign(sketch, field.dofs.size, seed) / residual_weight[field.dofs] for seed, field in enumerate(fields)]
+        weights = [residual_weight[field.dofs] for field in fields]
+        # A quotient by an array is in coordinate form, whose rows and columns SciPy before 1.16 cannot take out.
+        self._theta = [(_sparse_sign(sketch, weight.size, seed) / weight).tocsr() for seed, weight in enumerate(weights)]
         self._parts = [_blocks_of(operator, fields) for operator in operators]
         self._mirrored = [{pair: pair[0] == pair[1] and _is_symmetric(part) for pair, part in parts.items()} for parts in self._parts]
         self._blocks: list[dict[tuple[int, int], Any]] = [

@@ -310,15 +310,15 @@ def test_baseline(box: Folder) -> None:
     """A model whose matrices contain springs already is the same as one without, in value and in result."""
     before = {job: box.result(job) for job in BOX_TRUTH}
     path = box.data / "K.mtx"
-    K = scipy.io.mmread(path).toarray()
+    K = scipy.io.mmread(path, spmatrix=False).toarray()
     K[np.arange(6), np.arange(6)] += 3e4
     scipy.io.mmwrite(path, sp.coo_array(K), symmetry="general", precision=17)
     assert not np.allclose(values(identify(box)), BOX_TRUTH["loose"], atol=0.1)
     tree = box.tree()
     tree["parameters"]["springs"]["baseline"] = 3e4
     # Damping stays what it was: proportional to K without the springs.
-    C = 200.0 * scipy.io.mmread(box.data / "M.mtx").toarray() + 2e-5 * (K - 3e4 * np.diag(np.arange(32) < 6))
-    C[8:, 8:] = 60.0 * scipy.io.mmread(box.data / "M.mtx").toarray()[8:, 8:] + 1e-6 * K[8:, 8:]
+    C = 200.0 * scipy.io.mmread(box.data / "M.mtx", spmatrix=False).toarray() + 2e-5 * (K - 3e4 * np.diag(np.arange(32) < 6))
+    C[8:, 8:] = 60.0 * scipy.io.mmread(box.data / "M.mtx", spmatrix=False).toarray()[8:, 8:] + 1e-6 * K[8:, 8:]
     C[:8, 8:] = C[8:, :8] = 0.0
     scipy.io.mmwrite(box.data / "C.mtx", sp.coo_array(C), symmetry="general", precision=17)
     tree["model"]["damping"] = "data/C.mtx"

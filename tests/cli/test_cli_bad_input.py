@@ -77,7 +77,7 @@ def matrix(name: str, make: Callable[[sp.coo_array], object]) -> Damage:
 
     def damage(folder: Folder) -> None:
         path = folder.data / name
-        scipy.io.mmwrite(path, make(sp.coo_array(scipy.io.mmread(path))), symmetry="general", precision=17)
+        scipy.io.mmwrite(path, make(sp.coo_array(scipy.io.mmread(path, spmatrix=False))), symmetry="general", precision=17)
 
     return damage
 

@@ -15,6 +15,7 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 from campaigns import ROOT, Folder, box, frame, lrbc
+from samples import reduced_cache
 
 FACTORS = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
 
@@ -49,10 +50,10 @@ def fresh(tmp_path: Path) -> Folder:
     file = folder.data / "frf" / "tight.csv"
     add_noise(file)
     stiffness = folder.data / "model" / "stiffness.mtx"
-    scipy.io.mmwrite(stiffness, scipy.io.mmread(stiffness) * 1.05, symmetry="symmetric", precision=17)
+    scipy.io.mmwrite(stiffness, scipy.io.mmread(stiffness, spmatrix=False) * 1.05, symmetry="symmetric", precision=17)
     damping = folder.data / "model" / "damping.mtx.gz"
     with gzip.open(damping) as f:
-        matrix = scipy.io.mmread(f)
+        matrix = scipy.io.mmread(f, spmatrix=False)
     plain = damping.with_suffix("")
     scipy.io.mmwrite(plain, matrix * 0.5, symmetry="symmetric", precision=17)
     damping.write_bytes(gzip.compress(plain.read_bytes()))
@@ -223,7 +224,7 @@ class TestWhetherItFits:
 def test_rounds(tmp_path: Path) -> None:
     """A reduced model that is worse at the factors found than the tolerance is built anew there, until it is not."""
     folder = box(tmp_path / "box")
-    K = scipy.io.mmread(folder.data / "K.mtx").tocsr()
+    K = scipy.io.mmread(folder.data / "K.mtx", spmatrix=False).tocsr()
     K[:8, :8] *= 1.06
     scipy.io.mmwrite(folder.data / "K.mtx", K, precision=17)
     with_calibration(folder, {"job": "tight", "factors": ["stiffness.structure"]})
@@ -264,7 +265,7 @@ class TestCampaignFile:
     def test_a_group(self, tmp_path: Path) -> None:
         """A share of the stiffness: what was put in comes out."""
         folder = frame(tmp_path / "frame")
-        K = scipy.io.mmread(folder.data / "model" / "stiffness.mtx").tocsr()
+        K = scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False).tocsr()
         first = np.arange(K.shape[0]) < 120
         part = K.multiply(np.outer(first, first)).tocoo()
         scipy.io.mmwrite(folder.data / "model" / "part.mtx", part, symmetry="symmetric", precision=17)
@@ -280,7 +281,7 @@ class TestCampaignFile:
     def test_two_groups_alike(self, tmp_path: Path) -> None:
         """In the file, on the console and in the report."""
         folder = frame(tmp_path / "frame")
-        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx"))
+        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False))
         scipy.io.mmwrite(folder.data / "model" / "part.mtx", sp.coo_array(0.3 * K), symmetry="general", precision=17)
         groups = {name: {"stiffness": "data/model/part.mtx"} for name in ("one", "two")}
         with_calibration(folder, {"job": "tight", "groups": groups, "boundary": "held"})
@@ -299,7 +300,7 @@ class TestCampaignFile:
     def test_a_share_of_another_size(self, tmp_path: Path, scale: float, code: int, words: str) -> None:
         """A part of the plate; a little more than the model has, or less than nothing, as prestress is; in other units."""
         folder = frame(tmp_path / "frame")
-        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx")).tolil()
+        K = sp.csc_array(scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False)).tolil()
         K[60:, :] = 0.0
         K[:, 60:] = 0.0
         scipy.io.mmwrite(folder.data / "model" / "part.mtx", sp.coo_array(scale * K), symmetry="general", precision=17)
@@ -314,7 +315,7 @@ class TestCampaignFile:
 
     def test_a_group_that_is_no_share(self, tmp_path: Path) -> None:
         folder = frame(tmp_path / "frame")
-        n = scipy.io.mmread(folder.data / "model" / "stiffness.mtx").shape[0]
+        n = scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False).shape[0]
         foreign = np.zeros((n, n))
         foreign[0, n - 1] = foreign[n - 1, 0] = 1e3
         scipy.io.mmwrite(folder.data / "model" / "part.mtx", scipy.sparse.coo_array(foreign))
@@ -328,10 +329,10 @@ class TestCampaignFile:
 @pytest.mark.parametrize("stiffness", [0.95, 1.05])
 def test_soundbox_from_afar(tmp_path: Path, stiffness: float) -> None:
     """5 % of stiffness and a factor of 2 in all damping, from noisy FRFs of the model itself."""
-    config, cache = ROOT / "configs" / "soundbox.yaml", tmp_path / "cache"
-    file = tmp_path / "tight.csv"
-    common = ("--cache", cache, "--override", f"output={(tmp_path / 'out').as_posix()}")
-    assert lrbc("simulate", config, *common, "--set", "left_edge=2.6", "--out", file).code == 0
+    config, file = ROOT / "configs" / "soundbox.yaml", tmp_path / "tight.csv"
+    common = ("--override", f"output={(tmp_path / 'out').as_posix()}")
+    measure = ("simulate", config, "--cache", reduced_cache("soundbox"), *common, "--set", "left_edge=2.6", "--out", file)
+    assert lrbc(*measure).code == 0
     add_noise(file)
     own = [
         f"model.damping.{field}={{alpha: {a}, beta: {b}}}"
@@ -347,7 +348,9 @@ def test_soundbox_from_afar(tmp_path: Path, stiffness: float) -> None:
         data[(plate < 5372) & (indices < 5372)] /= stiffness
         f["K/data"][:] = data
     own += [f"model.stiffness='{model.as_posix()}#K'", f"model.mass='{model.as_posix()}#M'"]
-    outcome = lrbc("calibrate", config, *common, "--json", *(part for o in own for part in ("--override", o)))
+    outcome = lrbc(
+        "calibrate", config, "--cache", tmp_path / "cache", *common, "--json", *(part for o in own for part in ("--override", o))
+    )
     assert outcome.code == 0, outcome.stderr
     factors = {name: entry["value"] for name, entry in outcome.json["factors"].items()}
     assert factors["stiffness.structure"] == pytest.approx(stiffness, rel=0.005)
@@ -360,7 +363,8 @@ def test_soundbox_from_afar(tmp_path: Path, stiffness: float) -> None:
 def test_soundbox_sample(tmp_path: Path) -> None:
     """The measured rig: mean misfit over all lines at most 1 dB on microphones used, 1.3 dB on the others."""
     config = ROOT / "configs" / "soundbox.yaml"
-    outcome = lrbc("calibrate", config, "--cache", tmp_path / "cache", "--json", "--override", f"output={(tmp_path / 'out').as_posix()}")
+    cache, out = reduced_cache("soundbox"), tmp_path / "out"
+    outcome = lrbc("calibrate", config, "--cache", cache, "--json", "--override", f"output={out.as_posix()}")
     assert outcome.code == 0, outcome.stderr
     misfit = outcome.json["misfit_db"]
     assert misfit["final"] < 0.5

@@ -16,7 +16,7 @@ Matrices = dict[str, np.ndarray]
 
 def spoil(folder: Folder, change: Callable[[Matrices], object]) -> None:
     """Change K and M as dense arrays."""
-    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx").toarray() for name in "KM"}
+    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
     change(matrices)
     for name, matrix in matrices.items():
         scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)

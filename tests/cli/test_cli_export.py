@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 import scipy.signal
 from campaigns import BOX_TRUTH, ROOT, Folder, lrbc
+from samples import reduced_cache
 from systems import direct_frf
 
 from lrbc_cli.io import export as io_export
@@ -53,7 +54,7 @@ def read_mat(path: Path) -> dict[str, Any]:
             return str(value[0]) if value.size else ""
         return value
 
-    tree = scipy.io.loadmat(path)
+    tree = scipy.io.loadmat(path, spmatrix=False)
     assert str(tree["encoding_type"][0]) == "lrbc-reduced-model"
     return {name: convert(value) for name, value in tree.items() if name[0] != "_" and not name.startswith("encoding")}
 
@@ -239,7 +240,7 @@ def test_time_domain(box: Folder) -> None:
 
 
 def test_hysteretic_damping_has_no_state_space(box: Folder) -> None:
-    K = scipy.io.mmread(box.data / "K.mtx") * (1 + 0.01j)
+    K = scipy.io.mmread(box.data / "K.mtx", spmatrix=False) * (1 + 0.01j)
     scipy.io.mmwrite(box.data / "K.mtx", K, symmetry="general", precision=17)
     out = box.path / "model.h5"
     box.replace("alpha: 200.0", "alpha: 0.0")
@@ -283,7 +284,7 @@ def test_places_that_cannot_be_written(box: Folder) -> None:
 
 
 def test_inputs_are_not_overwritten(box: Folder) -> None:
-    K = scipy.io.mmread(box.data / "K.mtx")
+    K = scipy.io.mmread(box.data / "K.mtx", spmatrix=False)
     scipy.io.savemat(box.data / "K.mat", {"K": K})
     box.replace("data/K.mtx", "data/K.mat")
     before = (box.data / "K.mat").read_bytes()
@@ -346,13 +347,12 @@ def test_an_earlier_file_is_replaced_only_by_a_whole_one(box: Folder, monkeypatc
 
 @pytest.mark.slow
 @pytest.mark.parametrize("value", ["-inf", "2.5", "7", "inf"])
-def test_the_soundbox(tmp_path_factory: pytest.TempPathFactory, value: str) -> None:
-    base = tmp_path_factory.getbasetemp()
-    config, out = ROOT / "configs" / "soundbox.yaml", base / "soundbox.mat"
-    common = ["--cache", base / "soundbox-cache", "--override", f"output={(base / 'soundbox-out').as_posix()}", f"--set=left_edge={value}"]
+def test_the_soundbox(tmp_path: Path, value: str) -> None:
+    config, out = ROOT / "configs" / "soundbox.yaml", tmp_path / "soundbox.mat"
+    common = ["--cache", reduced_cache("soundbox"), "--override", f"output={(tmp_path / 'out').as_posix()}", f"--set=left_edge={value}"]
     result = lrbc("reduce", config, *common, "--export", out, "--state-space", "--set=left_edge.damping=2")
     assert result.code == 0, result.stderr
-    simulation = base / "soundbox.h5"
+    simulation = tmp_path / "soundbox.h5"
     done = lrbc("simulate", config, *common, "--set=left_edge.damping=2", "--out", simulation, "--lines", LINES)
     assert done.code == 0, done.stderr
     records = read_frf(simulation).records

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import ROOT, Folder, lrbc
+from samples import reduced_cache
 
 FILES = {"plan.json", "plan.csv", "plan.png"}
 
@@ -301,7 +302,7 @@ def test_bolts_at_the_corners_of_the_soundbox_are_blind(tmp_path: Any) -> None:
     out = tmp_path / "out"
     # The fits below are of squares.
     words = ("--override", f"output={out}", "--override", "update.loss=squares", "--draws", "0")
-    outcome = lrbc("plan", ROOT / "configs" / "soundbox.yaml", "--json", "--cache", tmp_path / "cache", *words)
+    outcome = lrbc("plan", ROOT / "configs" / "soundbox.yaml", "--json", "--cache", reduced_cache("soundbox"), *words)
     assert outcome.code == 0, outcome.stderr
     found = rows(outcome.json)
     assert all(found[name]["verdict"] == "blind" for name in ("B01", "B02", "B03", "B15", "B16", "B17"))

@@ -425,7 +425,7 @@ def test_memory_is_read_from_the_system(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def spoil(folder: Folder, change) -> None:  # type: ignore[no-untyped-def]
-    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx").toarray() for name in "KM"}
+    matrices = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
     change(matrices)
     for name, matrix in matrices.items():
         scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)

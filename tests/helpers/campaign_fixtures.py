@@ -10,9 +10,9 @@ from campaigns import Folder
 
 
 @pytest.fixture(scope="session")
-def frame_once(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+def frame_once() -> Folder:
     """The frame campaign, all jobs done; read only."""
-    return campaigns.finished("frame", tmp_path_factory)
+    return campaigns.finished("frame")
 
 
 @pytest.fixture
@@ -22,6 +22,6 @@ def frame(frame_once: Folder, tmp_path: Path) -> Folder:
 
 
 @pytest.fixture
-def box(tmp_path_factory: pytest.TempPathFactory, tmp_path: Path) -> Folder:
+def box(tmp_path: Path) -> Folder:
     """A copy of the finished tiny u-p campaign to work on."""
-    return campaigns.finished("box", tmp_path_factory).copy(tmp_path / "box")
+    return campaigns.finished("box").copy(tmp_path / "box")

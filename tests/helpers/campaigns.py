@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
+from shared import shared
 from systems import chain, csc, direct_frf, duct, fe_model, unit
 
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
@@ -261,21 +262,11 @@ def chain_folder(path: Path, n: int = 12) -> Folder:
     return folder
 
 
-@cache
-def _made(kind: str, base: Path) -> Folder:
-    folder = {"frame": frame, "box": box}[kind](base / kind)
-    outcome = folder.run("update")
+def _make(kind: str, path: Path) -> None:
+    outcome = {"frame": frame, "box": box}[kind](path).run("update")
     assert outcome.code == 0, outcome.stderr
-    return folder
 
 
-def finished(kind: str, factory: pytest.TempPathFactory) -> Folder:
-    """``frame`` or ``box`` with all jobs done; made once a process, read only."""
-    return _made(kind, _base(factory.getbasetemp()))
-
-
-@cache
-def _base(temporary: Path) -> Path:
-    base = temporary / f"finished-{os.getpid()}"
-    base.mkdir()
-    return base
+def finished(kind: str) -> Folder:
+    """``frame`` or ``box`` with all jobs done; made once a run, read only."""
+    return Folder(shared(kind, partial(_make, kind)))

@@ -1,15 +1,17 @@
-"""The two sample campaigns, read once a process, the SoundBox reduced once."""
+"""The two sample campaigns, read once a process, reduced once a run."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from shared import shared
 
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
+from lrbc_cli.reduction.build import Reduction
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,12 +22,15 @@ def sample(name: str) -> Inputs:
     return read_inputs(load_campaign(ROOT / "configs" / f"{name}.yaml"))
 
 
+def reduced_cache(name: str) -> Path:
+    """Cache folder that holds its reduced model with the campaign's own settings; read only."""
+    return shared(f"reduced-{name}", partial(obtain_reduction, sample(name)))
+
+
 @cache
 def reduced_sample(name: str) -> Reduction:
-    """Its reduced model with the campaign's own settings."""
-    inputs = sample(name)
-    settings = inputs.campaign.reduction
-    return reduce_model(inputs.model, inputs.input_of, ReductionOptions(settings.band, settings.tolerance, settings.held_out))
+    """That reduced model."""
+    return obtain_reduction(sample(name), reduced_cache(name)).reduction
 
 
 def lines(low: float, high: float, count: int) -> np.ndarray:

@@ -138,7 +138,7 @@ def test_files_of_others():
     for matrix in (a.matrix, b.matrix, c.matrix):
         assert matrix.shape == (107, 107)
         assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
-    reference = scipy.io.loadmat(speaker)
+    reference = scipy.io.loadmat(speaker, spmatrix=False)
     np.testing.assert_array_equal(c.matrix.toarray(), reference["C"])
 
 

@@ -1,0 +1,30 @@
+"""What holds for every test process: one BLAS thread, and one folder for what is dear to make and only read."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+
+import pytest
+from threadpoolctl import threadpool_limits
+
+# The test processes share the cores: more threads only wait for each other. Here before NumPy is loaded, and inherited by every
+# child process, pytest-xdist's workers among them; a library that a plugin has loaded already is told by its own interface.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ[_variable] = "1"
+threadpool_limits(1)
+
+SHARED = "LRBC_TESTS_SHARED"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the shared folder, once a run: workers inherit its name."""
+    if not hasattr(config, "workerinput"):
+        os.environ[SHARED] = tempfile.mkdtemp(prefix="lrbc-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove it."""
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ.pop(SHARED), ignore_errors=True)
