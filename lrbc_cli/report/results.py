@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from lrbc_cli.errors import DataError
 from lrbc_cli.report.evidence import Correlation, Noise, Nuisance, Validity, read_correlation, read_noise, read_nuisances, read_validity
 from lrbc_cli.report.reading import HINT, FloatArray, Node, mapping_of, numbers_of, read_document, read_table
+from lrbc_cli.updating.clearance import BoltFinding as JobBolt
+from lrbc_cli.updating.clearance import JobFinding
 
 STATUSES = ("converged", "stopped", "unexplained", "failed")
 VERDICTS = ("tight", "loose", "undecided")
@@ -153,6 +156,21 @@ class JobResult:
     noise: Noise | None = None
     correlation: Correlation | None = None
     l_curve: LCurve | None = None
+    assumed: str | None = None
+    doubtful: tuple[str, ...] = ()
+
+    @property
+    def finding(self) -> JobFinding:
+        """What it says of the bolts."""
+        # Without a held-out response nothing but the data that were fitted speaks for the model.
+        held_out = any(not entry.used and math.isfinite(entry.final) for entry in self.responses.values())
+        return JobFinding(
+            self.status,
+            tuple(JobBolt(bolt.name, bolt.verdict, bolt.probability_loose) for bolt in self.bolts),
+            self.validity is not None and self.validity.passed is True and held_out,
+            self.assumed,
+            self.doubtful,
+        )
 
     @property
     def explained(self) -> bool:
@@ -273,6 +291,8 @@ def read_job(output: Path, job: str) -> JobResult:
         noise=read_noise(node),
         correlation=read_correlation(node),
         l_curve=_l_curve(node.node("l_curve")) if node.has("l_curve") else None,
+        assumed=node.maybe_node("taken_as_tight").maybe_text("as"),
+        doubtful=node.node("taken_as_tight").texts("doubtful") if node.has("taken_as_tight") else (),
     )
 
 
