@@ -87,7 +87,7 @@ while :; do
                  if [ -n "$open" ]; then
                      echo "$job: NO ALL-CLEAR: $open"; worse 7
                  else
-                     echo "$job: $said; verdicts from before it was measured rest on the tight state before, start the script again for them"
+                     echo "$job: $said; verdicts given before it was measured rest on the tight state as it was then"
                  fi ;;
             3)   echo "$job: the file cannot be used, measure again"; worse 5 ;;
             4|5) echo "$job: no result, see the message above"; worse 5 ;;

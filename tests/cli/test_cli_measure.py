@@ -21,7 +21,7 @@ def measure(folder: Folder, *args: str) -> subprocess.CompletedProcess[str]:
     path = f"{Path(command()[0]).parent}{os.pathsep}{os.environ['PATH']}"
     line = ["sh", str(ROOT / "configs" / "measure.sh"), *args]
     return subprocess.run(
-        line, capture_output=True, text=True, check=False, timeout=120, env=environment() | {"PATH": path, "LRBC_CACHE": str(folder.cache)}
+        line, capture_output=True, text=True, check=False, timeout=600, env=environment() | {"PATH": path, "LRBC_CACHE": str(folder.cache)}
     )
 
 
