@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import importlib.metadata
+import io
 import json
 import math
 import platform
@@ -17,6 +19,7 @@ from lrbc_cli import __version__
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.json_text import parse_json, read_json_text
 
 RESULT_FORMAT, RESULT_VERSION = "lrbc-result", 1
 CAMPAIGN_FORMAT = "lrbc-campaign"
@@ -83,15 +86,17 @@ def read_json(path: Path, expected: str) -> dict[str, Any] | None:
     try:
         if not path.is_file():
             return None
-        text = path.read_text(encoding="utf-8")
+        text = read_json_text(path)
     except OSError as error:
         problem = f"the results cannot be read ({error.strerror or error})"
         raise ConfigError(problem, file=path, hint="choose another folder in `output`") from error
-    except ValueError as error:
+    except UnicodeDecodeError as error:
         raise DataError("this result file is damaged: it is not UTF-8 text", file=path, hint=_HINT) from error
+    except ValueError as error:
+        raise DataError(f"this result file is damaged: {error}", file=path, hint=_HINT) from error
     try:
-        tree = json.loads(text, parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
+        tree = parse_json(text)
+    except ValueError as error:
         raise DataError(f"this result file is damaged: {str(error)[:100]}", file=path, hint=_HINT) from error
     if not isinstance(tree, dict) or tree.get("format") != expected:
         raise DataError("this is not a result file of this tool", file=path, expected=expected, hint=_HINT)
@@ -105,40 +110,64 @@ def read_json(path: Path, expected: str) -> dict[str, Any] | None:
             hint=_HINT,
         )
     if expected == RESULT_FORMAT:
-        wrong = _difference(tree, _FAILED if tree.get("status") == "failed" else _RESULT)
+        failed = tree.get("status") == "failed"
+        wrong = _difference(tree, _FAILED if failed else _RESULT) or (None if failed else _uneven(tree))
         if wrong is not None:
             place, form, found = wrong
             raise DataError("this result file is damaged", file=path, place=place, expected=form, found=found, hint=_HINT)
     return tree
 
 
-def _refuse(name: str) -> Any:
-    raise ValueError(f"{name} is no JSON")
-
-
 _HINT = "run lrbc update --force"
 _NUMBER, _TEXT, _MAYBE = (int, float), (str,), (int, float, type(None))
-_FAILED: dict[str, Any] = {"job": _TEXT, "status": _TEXT, "reason": _TEXT, "provenance": {}}
-#: What is read back of a result: types by key; a list holds things of its one form, a dictionary under ``*`` likewise.
+STATUSES = frozenset(("converged", "stopped", "unexplained", "failed"))
+VERDICTS = frozenset(("tight", "loose", "undecided", "outside"))
+_FAILED: dict[str, Any] = {"job": _TEXT, "status": STATUSES, "reason": _TEXT, "provenance": {"identity?": _TEXT}}
+#: What is read back of a result: types, or words, by key; a list holds things of its one form, a dictionary under ``*`` likewise. A key
+#: that ends in ``?`` may be absent or null.
 _RESULT: dict[str, Any] = _FAILED | {
-    "parameters": {"*": {"log10": [_NUMBER], "log10_effective": [_MAYBE]}},
-    "bolts": [{"name": _TEXT, "verdict": _TEXT}],
-    "misfit_db": {"initial": _MAYBE, "final": _MAYBE, "held_out_final": _MAYBE},
+    "parameters": {
+        "*": {
+            "log10": [_NUMBER],
+            "log10_effective": [_MAYBE],
+            "std?": [_MAYBE],
+            "damping_exponent?": _NUMBER,
+            "damping_factor?": _NUMBER,
+        }
+    },
+    "covariance?": [[_MAYBE]],
+    "bolts": [{"name": _TEXT, "verdict": VERDICTS, "change?": _NUMBER, "change_std?": _NUMBER, "probability_loose?": _NUMBER}],
+    "misfit_db": {"initial": _MAYBE, "final": _NUMBER, "held_out_final": _MAYBE},
+    "validity?": {"passed?": (bool,)},
     "cost": {"initial": _MAYBE, "final": _MAYBE},
+    "noise": {"sigma_db": _NUMBER, "correlation_factor": _NUMBER},
+    "nuisances?": {"hammer_offset_mm?": {"*": {"value": _NUMBER}}},
+    "correlation?": {"frac_initial?": _NUMBER, "frac_final?": _NUMBER},
+    "taken_as_tight?": {"as": _TEXT, "doubtful": [_TEXT]},
     "iterations": _NUMBER,
     "evaluations": _NUMBER,
     "line_evaluations": _NUMBER,
     "seconds": {"total": _NUMBER},
-    "removed": (list, type(None)),
+    "removed?": [_TEXT],
+    "warnings?": [_TEXT],
+    "provenance": {
+        "identity?": _TEXT,
+        "certificate?": {"key?": _TEXT},
+        "files?": {"*": _TEXT},
+        "rests_on?": {"reference?": _TEXT, "baselines": {"*": _TEXT}},
+    },
 }
 
 
 def _difference(value: Any, form: Any, place: str = "") -> tuple[str, str, str] | None:
     """Key path, what was expected and what was found, where a value first differs from its form."""
     if isinstance(form, tuple):
-        if isinstance(value, form) and not isinstance(value, bool):
+        if isinstance(value, form) and (not isinstance(value, bool) or bool in form):
             return None
         return place, " or ".join("null" if t is type(None) else t.__name__ for t in form), repr(value)
+    if isinstance(form, frozenset):
+        known = isinstance(value, str) and value in form
+        return None if known else (place, " or ".join(sorted(form)), value if isinstance(value, str) else repr(value))
     if not isinstance(value, type(form)):
         return place, "an object" if isinstance(form, dict) else "a list", repr(value)
     if isinstance(form, list):
@@ -146,11 +175,29 @@ def _difference(value: Any, form: Any, place: str = "") -> tuple[str, str, str] 
     elif "*" in form:
         parts = [(f"{place}.{key}", item, form["*"]) for key, item in value.items()]
     else:
-        for key in form:
-            if key not in value:
+        parts = []
+        for key, below in form.items():
+            name = key.removesuffix("?")
+            if name == key and key not in value:
                 return f"{place}.{key}".lstrip("."), "a value", "no such key"
-        parts = [(f"{place}.{key}".lstrip("."), value[key], below) for key, below in form.items()]
+            if name == key or value.get(name) is not None:
+                parts.append((f"{place}.{name}".lstrip("."), value[name], below))
     return next((found for at, item, below in parts if (found := _difference(item, below, at)) is not None), None)
+
+
+def _uneven(tree: Mapping[str, Any]) -> tuple[str, str, str] | None:
+    """The same where values that belong together do not come together, or not in equal number."""
+    for name, group in tree["parameters"].items():
+        for key in ("damping_exponent", "damping_factor"):
+            if ("damping_exponent" in group or "damping_factor" in group) and group.get(key) is None:
+                return f"parameters.{name}.{key}", "a number", "none"
+        for key in ("log10_effective", "std"):
+            found = group.get(key)
+            if found is not None and len(found) != len(group["log10"]):
+                return f"parameters.{name}.{key}", f"{len(group['log10'])} values", f"{len(found)} values"
+    rows = tree.get("covariance") or []
+    wrong = [i for i, row in enumerate(rows) if len(row) != len(rows)]
+    return (f"covariance[{wrong[0]}]", f"{len(rows)} values", f"{len(rows[wrong[0]])} values") if wrong else None
 
 
 def require_own_output(campaign: Campaign) -> None:
@@ -176,18 +223,33 @@ def require_own_output(campaign: Campaign) -> None:
         )
 
 
-def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a table atomically; NaN and None become empty cells."""
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Write a table atomically; NaN and None become empty cells.
+
+    Returns
+    -------
+    str
+        SHA-256 of its bytes: of those written, as another process may replace the file at once.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
 
     def cell(value: Any) -> Any:
         if value is None or (isinstance(value, float | np.floating) and not math.isfinite(value)):
             return ""
         return f"{value:.9g}" if isinstance(value, float | np.floating) else value
 
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([cell(value) for value in row] for row in rows)
+    content = text.getvalue().encode("utf-8")
     try:
-        with atomic_write(path) as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(header)
-            writer.writerows([cell(value) for value in row] for row in rows)
+        with atomic_write(path, "wb") as file:
+            file.write(content)
     except OSError as error:
         raise _unwritable(path, error) from error
+    return hashlib.sha256(content).hexdigest()

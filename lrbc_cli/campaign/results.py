@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,6 +16,7 @@ from lrbc_cli.campaign.drift import drift_tree
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.judgement import (
+    DOUBTFUL,
     UNEXPLAINED,
     bands,
     bolt_trees,
@@ -34,6 +35,7 @@ from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
+from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -67,15 +69,19 @@ def write_result(
     identity: str,
     reference: Mapping[str, Any] | None,
     scatter: float = 0.0,
+    rests: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Write profile.csv, frf.csv, fdac.csv and result.json of one job; returns the tree of the latter."""
+    """Write profile.csv, frf.csv, fdac.csv and result.json of one job; returns the tree of the latter, which holds hashes of the others."""
     folder = output / result.name
     tree = result_tree(inputs, stage, result, identity, reference, scatter)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
-    write_csv(folder / "profile.csv", *profile_rows(tree))
-    write_csv(folder / "frf.csv", *frf_rows(inputs, result))
-    write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation))
+    tree["provenance"]["rests_on"] = rests
+    tree["provenance"]["files"] = {
+        "profile.csv": write_csv(folder / "profile.csv", *profile_rows(tree)),
+        "frf.csv": write_csv(folder / "frf.csv", *frf_rows(inputs, result)),
+        "fdac.csv": write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation)),
+    }
     write_json(folder / "result.json", tree)
     return tree
 
@@ -167,6 +173,7 @@ def result_tree(
             },
         },
         "bolts": bolt_trees(inputs, result, found),
+        "taken_as_tight": taken_as_tight(inputs, result.name, found),
         "validity": valid.tree(),
         "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
         "prior": {
@@ -198,6 +205,16 @@ def result_tree(
         "notes": [*result.measurement.warnings, *warnings, *doubts, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
+
+
+def taken_as_tight(inputs: Inputs, name: str, found: Sequence[BoltVerdict]) -> dict[str, Any] | None:
+    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same; None for other jobs."""
+    update = inputs.campaign.update
+    if name != update.reference and name not in update.baselines:
+        return None
+    bolts = () if inputs.bolts is None else inputs.bolts.name
+    doubtful = [bolt for bolt, verdict in zip(bolts, found, strict=False) if verdict.note == DOUBTFUL]
+    return {"as": "reference" if name == update.reference else "baseline", "doubtful": doubtful}
 
 
 def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,12 @@ from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.judgement import scatter_of
 from lrbc_cli.campaign.results import write_campaign, write_failure, write_reduction, write_result
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.standing import TightStates, altered, findings_of, other_rests
 from lrbc_cli.campaign.table import write_table
+from lrbc_cli.campaign.unknowns import layout, stored_theta
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, NumericalError
 from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.updating.clearance import not_clear
 
 log = logging.getLogger(__name__)
 
@@ -37,12 +40,18 @@ class JobPlan:
     reason : str
     identity : str
         Digest of everything the identification rests on.
+    waits : bool
+        What it rests on runs before it: whether it runs is decided then.
+    tree : dict or None
+        The finished result, where there is one to keep.
     """
 
     name: str
     run: bool
     reason: str
     identity: str
+    waits: bool = False
+    tree: dict[str, Any] | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass
@@ -68,6 +77,11 @@ class Outcome:
         """Whether a bolt is judged loose in any job."""
         return any(b["verdict"] == "loose" for tree in self.results.values() for b in tree.get("bolts", []))
 
+    @property
+    def not_clear(self) -> dict[str, list[str]]:
+        """What keeps these jobs from being an all-clear, by job; empty where they are one."""
+        return not_clear(findings_of(self.results, [*self.results, *self.failed]))
+
     def exit_code(self, fail_on_loose: bool) -> int:
         """The exit code of ``interface.md``."""
         if self.failed:
@@ -75,7 +89,9 @@ class Outcome:
             if not self.results and len(kinds) == 1:
                 return kinds.pop()
             return 5
-        return 6 if fail_on_loose and self.loose else 0
+        if not fail_on_loose:
+            return 0
+        return 6 if self.loose else 7 if self.not_clear else 0
 
 
 def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
@@ -119,35 +135,74 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
     )[:32]
 
 
+def needs(inputs: Inputs, name: str) -> tuple[str | None, tuple[str, ...]]:
+    """The reference job and the baselines that the verdicts of a job rest on."""
+    update = inputs.campaign.update
+    if update.reference in (None, name):
+        return None, ()
+    # A baseline does not know the others: its result must not rest on which of them is done.
+    return update.reference, () if name in update.baselines else update.baselines
+
+
 def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
-    """Decide for each job whether it runs; changes nothing."""
+    """Decide for each job whether it runs; changes nothing. Jobs come after those that they rest on, as ``choose_jobs`` orders them."""
     output = inputs.campaign.output
-    reference = inputs.campaign.update.reference
-    plans = []
+    plans: dict[str, JobPlan] = {}
+    states = TightStates()
     for name in names:
         own = identity(inputs, parts, name)
-        if reference is not None and reference != name and reference in inputs.campaign.jobs:
+        reference, baselines = needs(inputs, name)
+        tight = [] if reference is None else [reference, *baselines]
+        if tight:
             # Verdicts rest on the reference job too.
-            rest = [] if name in inputs.campaign.update.baselines else [b for b in inputs.campaign.update.baselines if b != name]
-            own = cache._digest(own, *[identity(inputs, parts, tight) for tight in (reference, *rest)])[:32]
+            own = cache._digest(own, *[identity(inputs, parts, other) for other in tight])[:32]
+        plans[name] = JobPlan(name, True, "no result yet", own)
         try:
             tree = read_json(output / name / "result.json", RESULT_FORMAT)
         except DataError as error:
-            plans.append(JobPlan(name, True, f"the earlier result is unusable ({error.problem})", own))
+            plans[name] = replace(plans[name], reason=f"the earlier result is unusable ({error.problem})")
             continue
-        if tree is None:
-            plans.append(JobPlan(name, True, "no result yet", own))
-        elif tree["status"] == "failed":
-            plans.append(JobPlan(name, True, "it failed before", own))
-        elif tree.get("provenance", {}).get("identity") != own:
-            plans.append(JobPlan(name, True, "its measurement, the model or the settings changed", own))
-        elif not all((output / name / file).is_file() for file in ("frf.csv", "profile.csv", "fdac.csv")):
-            plans.append(JobPlan(name, True, "a result file is missing", own))
-        elif force:
-            plans.append(JobPlan(name, True, "--force", own))
+        if tree is not None:
+            reason = _outdated(tree, name, own, output / name) or ("--force" if force else None)
+            plans[name] = replace(plans[name], run=reason is not None, reason=reason or "nothing changed", tree=None if reason else tree)
+        if plans[name].run or not tight:
+            continue
+        first = [other for other in tight if other not in plans or plans[other].run or plans[other].waits]
+        if first:
+            plans[name] = _waiting(plans[name], first, reference)
         else:
-            plans.append(JobPlan(name, False, "nothing changed", own))
-    return plans
+            kept = {other: plans[other].tree or {} for other in tight}
+            plans[name] = settled(plans[name], states.rests_on(reference, kept.pop(tight[0]), kept), reference)
+    return list(plans.values())
+
+
+def _outdated(tree: dict[str, Any], name: str, own: str, folder: Path) -> str | None:
+    """Why a stored result does not count any more by itself."""
+    if tree["job"] != name:
+        return f"the earlier result is unusable (it is that of job {tree['job']})"
+    if tree["status"] == "failed":
+        return "it failed before"
+    if not tree["provenance"].get("files"):
+        return "the earlier result is of an older version, without hashes of its files"
+    if tree["provenance"].get("identity") != own:
+        return "its measurement, the model or the settings changed"
+    return altered(folder, tree)
+
+
+def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPlan:
+    """A finished job whose tight states run first."""
+    stored = (job.tree or {})["provenance"].get("rests_on") or {"baselines": {}}
+    known = {first[0]: stored.get("reference")} | stored["baselines"] if first[0] == reference else stored["baselines"]
+    without = [other for other in first if known.get(other) is None]
+    if without:
+        return replace(job, run=True, reason=f"identified without {', '.join(without)}, which runs before it", waits=True)
+    return replace(job, reason=f"unless {', '.join(first)}, which runs before it, comes out otherwise", waits=True)
+
+
+def settled(job: JobPlan, now: Mapping[str, Any], reference: str | None) -> JobPlan:
+    """A finished job with the tight states that there are now: kept exactly where its verdicts rest on these."""
+    reason = other_rests((job.tree or {})["provenance"].get("rests_on"), now, reference)
+    return replace(job, run=reason is not None, reason=reason or "nothing changed", waits=False)
 
 
 def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
@@ -217,12 +272,17 @@ def run_jobs(
     parts = cache.key_parts(inputs)
     plans = {p.name: p for p in plan(inputs, parts, names, force)}
     outcome = Outcome()
-    for name, p in plans.items():
-        if not p.run:
-            outcome.kept.append(name)
-            outcome.results[name] = read_json(output / name / "result.json", RESULT_FORMAT) or {}
-            progress(f"{name}: kept, {p.reason}")
-    todo = [name for name in names if plans[name].run]
+    states = TightStates()
+
+    def keep(p: JobPlan) -> None:
+        outcome.kept.append(p.name)
+        outcome.results[p.name] = p.tree or {}
+        progress(f"{p.name}: kept, {p.reason}")
+
+    for p in plans.values():
+        if not p.run and not p.waits:
+            keep(p)
+    todo = [name for name in names if name not in outcome.results]
     write_campaign(output, inputs)
     stage: ReductionStage | None = None
     if not todo and (output / "reduction.json").is_file():
@@ -234,15 +294,26 @@ def run_jobs(
     source = frf_source(inputs, stage, progress)
     reference = campaign.update.reference
 
-    def one(name: str) -> dict[str, Any]:
-        before = tight_state(output, outcome, reference, stage) if reference is not None and reference != name else None
-        result = identify(inputs, source, name, before)
-        # A baseline does not know the others: its result must not rest on which of them is done.
-        tight = 0.0 if name in campaign.update.baselines else scatter()
-        return write_result(output, inputs, stage, result, plans[name].identity, before, tight)
+    def tight_states(name: str) -> tuple[dict[str, Any] | None, dict[str, dict[str, Any]]]:
+        known, baselines = needs(inputs, name)
+        before = None if known is None else tight_state(inputs, outcome, known, stage)
+        return before, {other: outcome.results[other] for other in baselines if other in outcome.results}
 
-    def scatter() -> float:
-        return scatter_of(outcome.results[name] for name in campaign.update.baselines if name in outcome.results)
+    def one(name: str) -> dict[str, Any]:
+        before, baselines = tight_states(name)
+        result = identify(inputs, source, name, before)
+        rests = states.rests_on(reference, before, baselines)
+        return write_result(output, inputs, stage, result, plans[name].identity, before, scatter_of(baselines.values()), rests)
+
+    def still_to_run(wanted: Sequence[str]) -> list[str]:
+        """Those of them that run, now that what they rest on has run."""
+        for name in wanted:
+            if plans[name].waits:
+                before, baselines = tight_states(name)
+                plans[name] = settled(plans[name], states.rests_on(reference, before, baselines), reference)
+                if not plans[name].run:
+                    keep(plans[name])
+        return [name for name in wanted if plans[name].run]
 
     def done(name: str, work: Callable[[], dict[str, Any]]) -> None:
         try:
@@ -268,30 +339,30 @@ def run_jobs(
             )
 
     try:
-        if reference in todo:
-            # The others are compared with it.
-            done(str(reference), lambda: one(str(reference)))
-            todo.remove(str(reference))
-        # Their scatter sets the threshold of the others.
-        first = [name for name in todo if name in campaign.update.baselines]
-        _run_all(first, one, done, workers)
-        todo = [name for name in todo if name not in first]
-        _run_all(todo, one, done, workers)
+        # The others are compared with it; then the baselines, whose scatter sets the threshold of the others.
+        first = [name for name in todo if name == reference]
+        second = [name for name in todo if name in campaign.update.baselines]
+        for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
+            _run_all(still_to_run(wanted_now), one, done, workers)
+        outcome.kept.sort(key=names.index)
     finally:
         write_table(output, list(campaign.jobs))
     return outcome, stage
 
 
-def tight_state(output: Path, outcome: Outcome, reference: str, stage: ReductionStage | None) -> dict[str, Any] | None:
+def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> dict[str, Any] | None:
     """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
     if reference in outcome.results:
         return outcome.results[reference]
     try:
-        before = read_json(output / reference / "result.previous.json", RESULT_FORMAT)
+        before = read_json(inputs.campaign.output / reference / "result.previous.json", RESULT_FORMAT)
     except DataError:
         return None
+    # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
+    if before is None or stored_theta(layout(inputs), before) is None:
+        return None
     key = stage.decision.key if stage else None
-    return before if before is not None and before["provenance"].get("certificate", {}).get("key") == key else None
+    return before if (before["provenance"].get("certificate") or {}).get("key") == key else None
 
 
 def _run_all(

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json, write_csv
+from lrbc_cli.campaign.standing import finding_of
 from lrbc_cli.errors import DataError
+from lrbc_cli.updating.clearance import sentence
 
 CAMPAIGN_COLUMNS = [
     "job",
@@ -31,6 +33,7 @@ CAMPAIGN_COLUMNS = [
     "line_evaluations",
     "seconds",
     "reason",
+    "finding",
 ]
 
 
@@ -45,7 +48,7 @@ def write_table(output: Path, jobs: Sequence[str]) -> None:
         if tree is None:
             continue
         if tree["status"] == "failed":
-            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 3), tree["reason"]])
+            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), tree["reason"], sentence(finding_of(tree))])
             continue
         damped = [group for group in tree["parameters"].values() if "damping_exponent" in group]
         misfit, correlation = tree["misfit_db"], tree.get("correlation") or {}
@@ -72,6 +75,7 @@ def write_table(output: Path, jobs: Sequence[str]) -> None:
                 tree["line_evaluations"],
                 tree["seconds"]["total"],
                 tree["reason"],
+                sentence(finding_of(tree)),
             ]
         )
     write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)

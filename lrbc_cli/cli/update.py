@@ -8,9 +8,21 @@ import click
 
 from lrbc_cli.campaign.cache import key_parts, look_up
 from lrbc_cli.campaign.run import choose_jobs, plan, run_jobs
+from lrbc_cli.campaign.standing import findings_of
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.report import summary_text
+from lrbc_cli.updating.clearance import sentence
+
+FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
+tight in every job, or nothing was compared; so 0 is an all-clear."""
+
+#: What an exit code of ``--fail-on-loose`` says.
+CLEARANCE = {
+    0: "all clear: every bolt that can be seen is tight",
+    6: "a bolt is loose",
+    7: "no bolt is judged loose, but this is no all-clear",
+}
 
 
 @click.command()
@@ -20,7 +32,7 @@ from lrbc_cli.report import summary_text
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
 @click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
-@click.option("--fail-on-loose", is_flag=True, help="Exit with 6 where all jobs ran and a bolt is judged loose.")
+@click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def update(
     config: Path,
@@ -35,7 +47,13 @@ def update(
     fail_on_loose: bool,
     accept_tolerance: bool,
 ) -> int:
-    """Identify the parameters of all jobs, or of those named; finished jobs whose inputs did not change are kept."""
+    """Identify the parameters of all jobs, or of those named; finished jobs whose inputs did not change are kept.
+
+    Exit codes: 0 success, 2 campaign file or command line, 3 input data, 4 numerical failure, 5 some jobs failed, and with
+    --fail-on-loose 6 a bolt is loose, 7 none is judged loose but not all that can be seen is judged tight.
+    """
+    if dry_run and fail_on_loose:
+        raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")
     inputs = load(config, overrides, calibration=calibration)
     folder = cache_folder(cache)
     output = inputs.campaign.output
@@ -69,16 +87,22 @@ def update(
     done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
     code = outcome.exit_code(fail_on_loose)
     if as_json:
+        findings = {name: sentence(job) for name, job in findings_of(outcome.results, done).items()}
         say_json(
             {
                 "exit_code": code,
                 "output": output,
                 "kept": outcome.kept,
                 "failed": {n: e.message for n, e in outcome.errors.items()},
+                "findings": findings,
+                "not_clear": outcome.not_clear,
                 "results": outcome.results,
             }
         )
     else:
         click.echo(summary_text(output, done, reasons=False))
+        if fail_on_loose and code in CLEARANCE:
+            why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
+            click.echo(CLEARANCE[code] + (f" ({why})" if code == 7 else ""))
         click.echo(f"results in {output}")
     return code

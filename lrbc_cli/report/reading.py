@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,26 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.json_text import parse_json, read_json_text
 
 HINT = "run `lrbc update` to write the results anew (`--force` for finished jobs)"
 
 FloatArray = NDArray[np.float64]
 
 
-def read_text(file: Path) -> str:
-    """Read a UTF-8 file.
+def read_text(file: Path, *, json_text: bool = False) -> str:
+    """Read a UTF-8 file; JSON no longer than any of ours.
 
     Raises
     ------
     DataError
-        Where it is missing, unreadable or not text.
+        Where it is missing, unreadable, not text or too long.
     """
     try:
-        return file.read_text(encoding="utf-8")
+        return read_json_text(file) if json_text else file.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise DataError("this result file is missing", file=file, hint=HINT) from None
     except UnicodeDecodeError as error:
         raise DataError("this result file is damaged: it is not UTF-8 text", file=file, place=f"byte {error.start}", hint=HINT) from None
+    except ValueError as error:
+        raise DataError(f"this result file is damaged: {error}", file=file, hint=HINT) from None
     except OSError as error:
         raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
 
@@ -215,12 +219,12 @@ def read_document(file: Path, form: str, version: int = 1) -> Node:
         Where it is missing, no JSON, another format, or of a later version.
     """
     try:
-        value = json.loads(read_text(file))
+        value = parse_json(read_text(file, json_text=True))
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise DataError("this result file is damaged: it is not JSON", file=file, place=place, found=error.msg, hint=HINT) from None
-    except RecursionError:
-        raise DataError("this result file is damaged: it is nested too deeply", file=file, hint=HINT) from None
+    except ValueError as error:
+        raise DataError(f"this result file is damaged: {error}", file=file, hint=HINT) from None
     node = Node(value, file)
     node.choice("format", (form,))
     found = node.number("version")
@@ -234,6 +238,37 @@ def read_document(file: Path, form: str, version: int = 1) -> Node:
             hint="update the program, or " + HINT,
         )
     return node
+
+
+def require_files(folder: Path, hashes: object) -> None:
+    """Refuse tables that are not those which were written with the result beside them: two runs would be shown as one.
+
+    Parameters
+    ----------
+    folder
+        Of the job.
+    hashes
+        SHA-256 by file name, as the result has them.
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, or another.
+    """
+    hint = "two runs are mixed, or the file was changed: run `lrbc update`, which identifies this job again"
+    for name, digest in mapping_of(hashes).items():
+        file = folder / name
+        if Path(name).name != name or name in ("", ".", ".."):
+            raise DataError("this result file is damaged", file=folder / "result.json", place="provenance.files", found=name, hint=HINT)
+        try:
+            found = hashlib.sha256(file.read_bytes()).hexdigest()
+        except FileNotFoundError:
+            raise DataError("this result file is missing", file=file, hint=HINT) from None
+        except OSError as error:
+            raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+        if found != digest:
+            problem = "this file was not written with the result.json beside it"
+            raise DataError(problem, file=file, expected=f"SHA-256 {digest}", found=f"SHA-256 {found}", hint=hint)
 
 
 def read_table(file: Path) -> dict[str, FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from lrbc_cli.errors import DataError
 from lrbc_cli.report.evidence import Correlation, Noise, Nuisance, Validity, read_correlation, read_noise, read_nuisances, read_validity
 from lrbc_cli.report.reading import HINT, FloatArray, Node, mapping_of, numbers_of, read_document, read_table
+from lrbc_cli.updating.clearance import BoltFinding as JobBolt
+from lrbc_cli.updating.clearance import JobFinding
 
 STATUSES = ("converged", "stopped", "unexplained", "failed")
 VERDICTS = ("tight", "loose", "undecided", "outside")
@@ -160,6 +163,8 @@ class JobResult:
     correlation: Correlation | None = None
     l_curve: LCurve | None = None
     starts: int = 0
+    assumed: str | None = None
+    doubtful: tuple[str, ...] = ()
 
     @property
     def validated(self) -> bool:
@@ -170,6 +175,17 @@ class JobResult:
     def observable(self) -> list[BoltVerdict]:
         """The bolts that a term reaches."""
         return [bolt for bolt in self.bolts if not bolt.outside]
+
+    @property
+    def finding(self) -> JobFinding:
+        """What it says of the bolts."""
+        return JobFinding(
+            self.status,
+            tuple(JobBolt(bolt.name, bolt.verdict, bolt.probability_loose) for bolt in self.bolts),
+            self.validity is not None and self.validity.passed is True,
+            self.assumed,
+            self.doubtful,
+        )
 
     @property
     def explained(self) -> bool:
@@ -291,6 +307,8 @@ def read_job(output: Path, job: str) -> JobResult:
         correlation=read_correlation(node),
         l_curve=_l_curve(node.node("l_curve")) if node.has("l_curve") else None,
         starts=sum(1 for _ in node.maybe_node("optimiser").nodes("starts")),
+        assumed=node.maybe_node("taken_as_tight").maybe_text("as"),
+        doubtful=node.node("taken_as_tight").texts("doubtful") if node.has("taken_as_tight") else (),
     )
 
 

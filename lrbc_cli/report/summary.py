@@ -8,10 +8,11 @@ from pathlib import Path
 
 from lrbc_cli.report.results import JobResult
 from lrbc_cli.report.write import read_results
+from lrbc_cli.updating.clearance import sentence
 
 
 def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bool = True) -> str:
-    """Return one line a job in plain ASCII: status, loose bolts, damping exponent, misfit, evaluations, seconds.
+    """Return a table with one line a job (status, loose bolts, damping exponent, misfit, evaluations, seconds), then a sentence a job.
 
     Parameters
     ----------
@@ -20,7 +21,7 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bo
     jobs
         Names of the jobs to show; all that have results where None.
     reasons
-        Say below the table why jobs failed.
+        Say in its sentence why a job failed.
 
     Raises
     ------
@@ -39,6 +40,9 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bo
     for row in [head, *rows]:
         cells = [row[column].rjust(widths[column]) if right[column] else row[column].ljust(widths[column]) for column in keep]
         lines.append("  ".join(cells).rstrip())
+    for job in results:
+        if job.complete or not reasons:
+            lines.append(f"{job.job}: {sentence(job.finding)}")
     if reasons:
         lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if not job.complete]
     return "\n".join(lines)
@@ -72,7 +76,7 @@ def _verdicts(job: JobResult) -> str:
     notes += [f"likely {_short(likely, 4)}"] if likely else []
     rest = len(undecided) - len(likely)
     notes += [f"{rest} {'others ' if likely else ''}undecided"] if rest else []
-    return (_short(job.names("loose")) or "none") + (f" ({'; '.join(notes)})" if notes else "")
+    return (_short(job.names("loose")) or "none found") + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def _short(names: Sequence[str], limit: int = 6) -> str:

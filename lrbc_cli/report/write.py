@@ -19,6 +19,7 @@ from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
 from lrbc_cli.report.plan import plan_chart, read_plan
+from lrbc_cli.report.reading import require_files
 from lrbc_cli.report.reduction import read_reduction
 from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
 from lrbc_cli.report.strip import map_chart, strip_chart
@@ -65,6 +66,13 @@ def write_report(
     campaign, results = read_results(output, jobs)
     reduction = read_reduction(output)
     done = [job for job in results if job.complete]
+    for job in done:
+        require_files(output / job.job, job.provenance.get("files"))
+    unknown = [job.job for job in done if not job.provenance.get("files")]
+    if unknown:
+        # Of an older version.
+        some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
+        log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
     scales = profile_scales(done)
     calibration = None
     try:

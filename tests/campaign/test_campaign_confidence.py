@@ -332,7 +332,8 @@ def test_the_gate(box: Folder) -> None:
     write_frf(path, FrfSet("loose", tuple(records)))
     words = ("--override", "update.responses=[mic1, mic2, acc1]")
     result = box.run("update", "--fail-on-loose", "--json", *words)
-    assert result.code == 0
+    assert result.code == 7
+    assert result.json["findings"]["loose"] == "no verdict: the model does not explain the measurement"
     tree = result.json["results"]["loose"]
     assert tree["status"] == "unexplained"
     assert "above the limit of 3 dB" in tree["reason"]

@@ -48,6 +48,25 @@ def test_results_as_written_are_read(frame_once: Folder, tmp_path: Path) -> None
         (lambda t: t.update(cost={"initial": "x", "final": 1}), "cost.initial", "'x'"),
         (lambda t: t.update(provenance=[]), "provenance", "[]"),
         (lambda t: t.update(seconds={}), "seconds.total", "no such key"),
+        (lambda t: t.pop("noise"), "noise", "no such key"),
+        (lambda t: t["noise"].pop("sigma_db"), "noise.sigma_db", "no such key"),
+        (lambda t: t["noise"].update(sigma_db=None), "noise.sigma_db", "None"),
+        (lambda t: t["misfit_db"].update(final=None), "misfit_db.final", "None"),
+        (lambda t: t.update(status="fine"), "status", "fine"),
+        (lambda t: t["bolts"][2].update(verdict="Tight"), "bolts[2].verdict", "Tight"),
+        (lambda t: t["bolts"][2].update(probability_loose="0.9"), "bolts[2].probability_loose", "'0.9'"),
+        (lambda t: t.update(removed=["B3", 4]), "removed[1]", "4"),
+        (lambda t: t.update(covariance=[[1.0, 0.0], [0.0]]), "covariance[1]", "1 values"),
+        (lambda t: t.update(covariance=3), "covariance", "3"),
+        (lambda t: t["parameters"]["left_edge"].update(damping_exponent=None), "parameters.left_edge.damping_exponent", "none"),
+        (lambda t: t["parameters"]["left_edge"]["std"].pop(), "parameters.left_edge.std", "9 values"),
+        (lambda t: t.update(nuisances={"hammer_offset_mm": {"hammer x": 1.0}}), "nuisances.hammer_offset_mm.hammer x", "1.0"),
+        (lambda t: t.update(correlation=[]), "correlation", "[]"),
+        (lambda t: t.update(warnings=[3]), "warnings[0]", "3"),
+        (lambda t: t["provenance"].update(certificate=3), "provenance.certificate", "3"),
+        (lambda t: t["provenance"].update(files=["frf.csv"]), "provenance.files", "['frf.csv']"),
+        (lambda t: t["provenance"].update(rests_on={}), "provenance.rests_on.baselines", "no such key"),
+        (lambda t: t["validity"].update(passed="yes"), "validity.passed", "'yes'"),
     ],
 )
 def test_damage_is_named(frame_once: Folder, tmp_path: Path, spoil: Spoil, place: str, found: str) -> None:
@@ -85,6 +104,47 @@ def test_commands_with_damaged_results(frame: Folder, text: str) -> None:
     result = frame.run("update", "--job", "loose-2")
     assert result.code == 0, result.stderr
     assert frame.result("loose-2")["status"] == frame.result("tight")["status"] == "converged"
+
+
+#: Documents that JSON allows and no result is; each once ended a command with exit code 1, or a job with a KeyError.
+FLOODS = {
+    "400 digits": lambda text: text.replace('"iterations": ', '"iterations": ' + "1" * 400, 1),
+    "5000 digits": lambda text: text.replace('"iterations": ', '"iterations": ' + "1" * 5000, 1),
+    "brackets": lambda text: text.replace("{", '{"deep": ' + "[" * 200_000 + "]" * 200_000 + ",", 1),
+    "levels": lambda text: text.replace("{", '{"deep": ' + "[" * 900 + "]" * 900 + ",", 1),
+    "no noise": lambda text: text.replace('"noise"', '"nose"', 1),
+}
+
+
+@pytest.mark.parametrize("name", list(FLOODS))
+def test_commands_with_a_result_that_floods(frame: Folder, name: str) -> None:
+    path = frame.out / "tight" / "result.json"
+    path.write_text(FLOODS[name](path.read_text()))
+    (frame.out / "loose-2" / "result.json").unlink()
+    # The report shows what is there; it does not compute from the noise.
+    commands = [["simulate", "--job", "tight", "--out", str(frame.path / "x.csv")], *([["report"]] if name != "no noise" else [])]
+    for words in commands:
+        result = frame.run(*words)
+        assert result.code == 3, result.stderr
+        assert str(path) in result.stderr
+        assert result.stderr.count("damaged") == 1
+        assert "to mend:" in result.stderr
+    assert frame.run("check").code == 0
+    result = frame.run("update", "--json")
+    assert result.code == 0, result.stderr
+    assert result.json["kept"] == ["loose-all"]
+    assert {b["name"] for b in frame.result("loose-2")["bolts"] if b["verdict"] == "loose"} == {"B3", "B4"}
+
+
+@pytest.mark.parametrize("file", ["campaign.json", "reduction.json"])
+@pytest.mark.parametrize("name", ["brackets", "levels"])
+def test_files_of_the_campaign_that_flood(frame: Folder, file: str, name: str) -> None:
+    path = frame.out / file
+    path.write_text(FLOODS[name](path.read_text()))
+    result = frame.run("report")
+    assert result.code == 3, result.stderr
+    assert str(path) in result.stderr
+    assert frame.run("update").code == 0
 
 
 @pytest.mark.parametrize("command", ["check", "reduce", "update"])

@@ -124,6 +124,29 @@ def test_update(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     assert folder.run("report").code == 0
 
 
+@pytest.mark.parametrize("file", ["frf.csv", "result.json"])
+def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, file: str) -> None:
+    """A run with other settings leaves its first tables beside the earlier result: never shown together, and never kept."""
+    folder = undisturbed.copy(tmp_path / "frame")
+    kill(folder, file, "update", "--override", "parameters.left_edge.initial=6.0")
+    mixed = folder.out / "tight" / "profile.csv"
+    assert mixed.read_bytes() != (undisturbed.out / "tight" / "profile.csv").read_bytes()
+    assert (folder.out / "tight" / "result.json").read_bytes() == (undisturbed.out / "tight" / "result.json").read_bytes()
+    report = folder.run("report")
+    assert report.code == 3
+    assert str(mixed) in report.stderr
+    assert "two runs are mixed" in report.stderr
+    plan = folder.run("update", "--dry-run", "--json").json["jobs"]["tight"]
+    assert plan == {"run": True, "reason": "profile.csv is not the file that was written with it"}
+    outcome = folder.run("update", "--json")
+    # The same end as before, so that what rests on it stays.
+    assert outcome.json["kept"] == ["loose-2", "loose-all"]
+    assert found(folder) == found(undisturbed)
+    for name in ("profile.csv", "frf.csv", "fdac.csv"):
+        assert (folder.out / "tight" / name).read_bytes() == (undisturbed.out / "tight" / name).read_bytes()
+    assert folder.run("report").code == 0
+
+
 READERS = {"h5": lambda path: h5py.File(path).close(), "mat": scipy.io.loadmat}
 
 

@@ -21,7 +21,7 @@ def measure(folder: Folder, *args: str) -> subprocess.CompletedProcess[str]:
     path = f"{Path(command()[0]).parent}{os.pathsep}{os.environ['PATH']}"
     line = ["sh", str(ROOT / "configs" / "measure.sh"), *args]
     return subprocess.run(
-        line, capture_output=True, text=True, check=False, timeout=120, env=environment() | {"PATH": path, "LRBC_CACHE": str(folder.cache)}
+        line, capture_output=True, text=True, check=False, timeout=600, env=environment() | {"PATH": path, "LRBC_CACHE": str(folder.cache)}
     )
 
 
@@ -37,9 +37,11 @@ def test_files_arrive_one_by_one(tmp_path: Path) -> None:
     (new / "notes.csv").write_text("no measurement")
     (new / "two words.csv").write_text("no measurement")
     tight = measure(folder, str(folder.config), str(new), "--once")
-    assert tight.returncode == 0, tight.stderr
+    # The tight state alone shows nothing.
+    assert tight.returncode == 7, tight.stderr
     assert "reduced model:" in tight.stdout
-    assert "tight: all bolts tight, go on" in tight.stdout
+    assert "tight: the reference job, taken as tight" in tight.stdout
+    assert "go on" not in tight.stdout
     assert "notes.csv: no job of this campaign has this name" in tight.stdout
     assert "two words.csv: no job of this campaign has this name" in tight.stdout
     assert (folder.out / "report.html").is_file()
@@ -51,7 +53,7 @@ def test_files_arrive_one_by_one(tmp_path: Path) -> None:
     loose = measure(folder, str(folder.config), str(new), "--once")
     assert loose.returncode == 6, loose.stderr
     assert "cache: hit" in loose.stdout
-    assert "loose-all: A BOLT IS LOOSE" in loose.stdout
+    assert "loose-all: A BOLT IS LOOSE: B3, B4 loose; 4 tight" in loose.stdout
     loose_bolts = {bolt["name"] for bolt in folder.result("loose-all")["bolts"] if bolt["verdict"] == "loose"}
     assert loose_bolts == {"B3", "B4"}
     assert (folder.out / "tight" / "result.json").stat().st_mtime_ns == before
@@ -64,6 +66,40 @@ def test_files_arrive_one_by_one(tmp_path: Path) -> None:
     assert "loose-2: no result" in half.stdout
     assert str(new / "loose-2.csv") in half.stderr
     assert folder.result("loose-all")["status"] == "converged"
+
+
+def test_go_on_is_said_only_of_what_is_clear(tmp_path: Path) -> None:
+    """A measurement that the model does not explain, a tight one, and both with a loose one."""
+    folder = frame(tmp_path / "frame")
+    waiting = tmp_path / "waiting"
+    (folder.data / "frf").rename(waiting)
+    new = tmp_path / "new"
+    new.mkdir()
+    nothing = measure(folder, str(folder.config), str(new), "--once")
+    assert nothing.returncode == 7, nothing.stderr
+
+    shutil.copy(waiting / "tight.csv", new)
+    shutil.copy(waiting / "tight.csv", new / "loose-all.csv")
+    clear = measure(folder, str(folder.config), str(new), "--once")
+    assert clear.returncode == 0, clear.stderr
+    assert "loose-all: all bolts tight, go on (no loose bolt found: 6 tight)" in clear.stdout
+
+    # The channel that checks the result is wrong by a factor.
+    header, *rows = [line.split(",") for line in (waiting / "tight.csv").read_text().splitlines()]
+    at = [i for i, name in enumerate(header) if name.startswith("acc4_")]
+    wrong = [header, *([repr(10.0 * float(cell)) if i in at else cell for i, cell in enumerate(row)] for row in rows)]
+    (new / "loose-2.csv").write_text("\n".join(",".join(row) for row in wrong) + "\n")
+    unexplained = measure(folder, str(folder.config), str(new), "--once")
+    assert unexplained.returncode == 7, unexplained.stderr
+    assert "loose-2: NO ALL-CLEAR: loose-2: no verdict: the model does not explain the measurement" in unexplained.stdout
+    assert unexplained.stdout.count("go on") == 1
+    assert folder.result("loose-2")["status"] == "unexplained"
+
+    # 6 comes before 7.
+    shutil.copy(waiting / "loose-2.csv", new / "loose-all.csv")
+    loose = measure(folder, str(folder.config), str(new), "--once")
+    assert loose.returncode == 6, loose.stderr
+    assert "go on" not in loose.stdout
 
 
 def test_wrong_calls(tmp_path: Path) -> None:

@@ -397,7 +397,8 @@ def test_one_failing_job_leaves_the_others(tmp_path: Path) -> None:
     rows = table(folder)
     assert [row["status"] for row in rows.values()] == ["converged", "failed", "converged"]
     assert "loose-2.csv" in rows["loose-2"]["reason"]
-    assert "failed" in result.stdout
+    assert "\nloose-2: no verdict: failed\n" in result.stdout
+    assert rows["loose-2"]["finding"] == "no verdict: failed"
     assert folder.run("report").code == 0
     assert "loose-2.csv" in (folder.out / "report.html").read_text()
     # 5 comes before 6, and stays until the file is mended.
@@ -482,8 +483,78 @@ def test_fail_on_loose(frame: Folder) -> None:
     told = frame.run("update", "--fail-on-loose", "--json")
     assert told.code == told.json["exit_code"] == 6
     assert frame.run("update").code == 0
-    assert frame.run("update", "--fail-on-loose", "--job", "tight").code == 0
     assert frame.run("update", "--fail-on-loose", "--job", "loose-2").code == 6
+    told = frame.run("update", "--fail-on-loose")
+    assert "\nloose-2: B3, B4 loose; 4 tight\n" in told.stdout
+    assert "\na bolt is loose\n" in told.stdout
+
+
+def with_a_tight_job(folder: Folder) -> Folder:
+    """Instead of the loose ones: the tight state measured again."""
+    (folder.data / "frf" / "again.csv").write_bytes((folder.data / "frf" / "tight.csv").read_bytes())
+    tree = folder.tree()
+    tree["jobs"] = {"tight": tree["jobs"]["tight"], "again": {"frf": "data/frf/again.csv"}}
+    folder.write(tree)
+    return folder
+
+
+def test_an_all_clear(frame: Folder) -> None:
+    """Only where every bolt was compared and found tight."""
+    folder = with_a_tight_job(frame)
+    for _ in range(2):
+        told = folder.run("update", "--fail-on-loose", "--json")
+        assert told.code == told.json["exit_code"] == 0
+        assert told.json["not_clear"] == {}
+        assert told.json["findings"] == {"tight": "the reference job, taken as tight", "again": "no loose bolt found: 6 tight"}
+    assert "\nall clear: every bolt that can be seen is tight\n" in folder.run("update", "--fail-on-loose").stdout
+    assert table(folder)["again"]["finding"] == "no loose bolt found: 6 tight"
+    assert folder.run("update", "--fail-on-loose", "--job", "again").code == 0
+
+    # The reference job shows nothing by itself.
+    alone = folder.run("update", "--fail-on-loose", "--job", "tight", "--json")
+    assert (alone.code, alone.json["not_clear"]) == (7, {"": ["no job was compared with the reference job"]})
+    # Kept results count with what they say now.
+    path = folder.out / "again" / "result.json"
+    whole = path.read_text()
+    for old, new in [('"verdict": "tight"', '"verdict": "undecided"'), ('"status": "converged"', '"status": "unexplained"')]:
+        path.write_text(whole.replace(old, new, 1))
+        told = folder.run("update", "--fail-on-loose", "--json")
+        assert (told.code, told.json["kept"], list(told.json["not_clear"])) == (7, ["tight", "again"], ["again"])
+        said = folder.run("update", "--fail-on-loose").stdout
+        assert "no bolt is judged loose, but this is no all-clear (again: " in said
+        assert "all clear:" not in said
+    path.write_text(whole)
+    assert folder.run("update").code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("update.responses=[acc1, acc2, acc3, acc4]",), "not validated"),
+        (("update.reference=",), "inconclusive"),
+        (("update.largest_misfit=0.01",), "does not explain"),
+        (("bolts=",), "no bolts to judge"),
+    ],
+    ids=["no channel held out", "no reference", "not explained", "no bolts"],
+)
+def test_no_all_clear(frame: Folder, words: tuple[str, ...], why: str) -> None:
+    folder = with_a_tight_job(frame)
+    told = folder.run("update", "--fail-on-loose", "--json", *[part for word in words for part in ("--override", word)])
+    assert told.code == 7, told.stderr
+    assert why in " ".join(told.json["not_clear"]["again"])
+    assert why in told.json["findings"]["again"]
+
+
+def test_a_plan_is_no_all_clear(frame: Folder) -> None:
+    told = frame.run("update", "--fail-on-loose", "--dry-run")
+    assert told.code == 2
+    assert "--dry-run judges no bolt" in told.stderr
+
+
+def test_the_help_tells_the_codes() -> None:
+    text = " ".join(lrbc("update", "--help").stdout.split())
+    assert "with 7 where none is" in text
+    assert "7 none is judged loose but not all that can be seen is judged tight" in text
 
 
 # -- changes nothing, says nothing --------------------------------------------------------------------------------------
@@ -520,7 +591,7 @@ def test_quiet_and_verbose(box: Folder) -> None:
     assert verbose.json["exit_code"] == 0
     kept = box.run("update", "-v", "--json")
     assert "loose: kept, nothing changed" in kept.stderr
-    assert set(kept.json) == {"exit_code", "output", "kept", "failed", "results"}
+    assert set(kept.json) == {"exit_code", "output", "kept", "failed", "findings", "not_clear", "results"}
 
 
 def test_warnings_do_not_enter_the_json(box: Folder) -> None:

@@ -1,3 +1,4 @@
+import hashlib
 import json
 from pathlib import Path
 
@@ -99,6 +100,11 @@ def test_null_is_not_a_number(output):
         (b"\xff\xfe\x00", "UTF-8"),
         (b"[" * 100_000, "nested"),
         (b"", "not JSON"),
+        (b'{"format": "lrbc-result", "iterations": ' + b"1" * 400 + b"}", "400 digits"),
+        (b'{"format": "lrbc-result", "iterations": ' + b"1" * 5000 + b"}", "5000 digits"),
+        (b'{"format": "lrbc-result", "iterations": 1e999}', "beyond the range"),
+        (b"[" * 200_000 + b"]" * 200_000, "nested"),
+        (b'{"deep": ' + b"[" * 900 + b"]" * 900 + b"}", "nested"),
     ],
 )
 def test_a_damaged_document_is_named(output, content, words):
@@ -141,6 +147,45 @@ def test_a_damaged_table_is_named(output, text, place):
     assert caught.value.file == str(file)
     if place:
         assert caught.value.place == place
+
+
+def hashed(output, job):
+    files = {name: hashlib.sha256((output / job / name).read_bytes()).hexdigest() for name in ("frf.csv",)}
+    spoil(output / job / "result.json", "provenance", "files", value=files)
+
+
+def test_tables_of_another_run_are_not_shown(output, caplog):
+    for job in ("bolts-00", "bolts-04"):
+        hashed(output, job)
+    write_report(output, workers=1)
+    assert not caplog.records
+    file = output / "bolts-04" / "frf.csv"
+    file.write_bytes((output / "bolts-00" / "frf.csv").read_bytes())
+    (output / "report.html").unlink()
+    with pytest.raises(DataError, match="not written with the result") as caught:
+        write_report(output, workers=1)
+    assert caught.value.file == str(file)
+    assert "lrbc update" in caught.value.hint
+    assert not (output / "report.html").exists()
+    # Not part of what is asked for.
+    write_report(output, jobs=["bolts-00"], workers=1)
+    file.unlink()
+    with pytest.raises(DataError, match="missing"):
+        write_report(output, workers=1)
+
+
+def test_tables_that_no_hash_vouches_for(output, caplog):
+    hashed(output, "bolts-00")
+    write_report(output, workers=1)
+    (record,) = caplog.records
+    assert record.getMessage().startswith("bolts-04: no hashes")
+
+
+@pytest.mark.parametrize("name", ["../bolts-00/frf.csv", "..", ""])
+def test_hashes_are_of_files_in_the_folder(output, name):
+    spoil(output / "bolts-04" / "result.json", "provenance", "files", value={name: "0"})
+    with pytest.raises(DataError, match="damaged"):
+        write_report(output, workers=1)
 
 
 def test_empty_cells_are_absent_values(output):

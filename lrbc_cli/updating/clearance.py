@@ -1,0 +1,140 @@
+"""What verdicts add up to: a sentence a job, and whether all jobs together are an all-clear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+#: States of a job that may have verdicts.
+FINISHED = ("converged", "stopped")
+
+#: Names at most in one list of a sentence.
+MOST_NAMES = 8
+
+NOT_VALIDATED = "not validated: no response was held out that could show whether the model explains the measurement"
+
+
+@dataclass(frozen=True)
+class BoltFinding:
+    """A bolt with its verdict; the probability of being loose where it is known."""
+
+    name: str
+    verdict: str
+    probability: float | None = None
+
+
+@dataclass(frozen=True)
+class JobFinding:
+    """What one job says of the bolts.
+
+    Attributes
+    ----------
+    status : str
+        ``converged``, ``stopped``, ``unexplained`` or ``failed``.
+    bolts : sequence of BoltFinding
+    validated : bool
+        The model explains responses that the identification did not use.
+    assumed : str or None
+        ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
+    doubtful : sequence of str
+        Bolts of a baseline that come out loose all the same.
+    """
+
+    status: str
+    bolts: Sequence[BoltFinding] = ()
+    validated: bool = True
+    assumed: str | None = None
+    doubtful: Sequence[str] = ()
+
+    def named(self, verdict: str) -> list[BoltFinding]:
+        """The bolts with this verdict."""
+        return [bolt for bolt in self.bolts if bolt.verdict == verdict]
+
+    @property
+    def seen(self) -> list[BoltFinding]:
+        """The bolts that the job can say something of."""
+        return [bolt for bolt in self.bolts if bolt.verdict != "outside"]
+
+    @property
+    def inconclusive(self) -> list[BoltFinding]:
+        """Those of them that are judged neither tight nor loose."""
+        return [bolt for bolt in self.seen if bolt.verdict not in ("tight", "loose")]
+
+
+def open_points(job: JobFinding) -> list[str]:
+    """Why a job is not clear; nothing where every bolt that it can see is tight.
+
+    The reference job and the baselines are tight by assumption, which clears them, but no other job.
+    """
+    if job.status not in FINISHED:
+        return [_no_verdict(job)]
+    points = []
+    loose, inconclusive = job.named("loose"), job.inconclusive
+    if loose:
+        points.append(f"{_names([bolt.name for bolt in loose])} loose")
+    if inconclusive:
+        points.append(_inconclusive(inconclusive))
+    if job.doubtful:
+        points.append(f"{_names(job.doubtful)} taken as tight, but loose against the reference job")
+    if job.assumed is None and not job.seen:
+        points.append(_no_verdict(job))
+    if not job.validated:
+        points.append(NOT_VALIDATED)
+    return points
+
+
+def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:
+    """What keeps jobs from being an all-clear, by job; under an empty name where none was compared with the tight state.
+
+    Empty exactly where every bolt that can be seen is tight in every job, and at least one job was there to show it.
+    """
+    found = {name: points for name, job in jobs.items() if (points := open_points(job))}
+    if not any(job.assumed is None for job in jobs.values()):
+        found[""] = ["no job was compared with the reference job"]
+    return found
+
+
+def sentence(job: JobFinding) -> str:
+    """What was found, in one sentence without the job's name."""
+    if job.status not in FINISHED or not job.seen:
+        return _no_verdict(job)
+    loose, tight, inconclusive = job.named("loose"), job.named("tight"), job.inconclusive
+    outside = len(job.bolts) - len(job.seen)
+    counts = [f"{len(tight)} tight"] if tight else []
+    counts += [_inconclusive(inconclusive)] if inconclusive else []
+    counts += [f"{outside} outside"] if outside else []
+    alarm = f"{_names([bolt.name for bolt in loose])} loose"
+    if job.assumed is not None:
+        role = "the reference job" if job.assumed == "reference" else "a baseline"
+        counts += [alarm] if loose else []
+        text = f"{role}, taken as tight" + (f": {', '.join(counts)}" if counts != [f"{len(tight)} tight"] else "")
+    elif loose:
+        text = "; ".join([alarm, *([", ".join(counts)] if counts else [])])
+    elif tight:
+        text = f"no loose bolt found: {', '.join(counts)}"
+    else:
+        text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
+    if job.doubtful:
+        text += f"; but {_names(job.doubtful)} loose against the reference job"
+    return text if job.validated else f"{text} ({NOT_VALIDATED})"
+
+
+def _no_verdict(job: JobFinding) -> str:
+    if job.status == "unexplained":
+        return "no verdict: the model does not explain the measurement"
+    if job.status not in FINISHED:
+        return f"no verdict: {job.status}"
+    if job.assumed is not None and not job.bolts:
+        return f"{'the reference job' if job.assumed == 'reference' else 'a baseline'}, no bolts to judge"
+    return "no verdict: no bolt lies where the parameters could show it" if job.bolts else "no verdict: no bolts to judge"
+
+
+def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
+    # More likely loose than not.
+    likely = [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
+    return f"{len(bolts)} inconclusive" + (f" ({_names(likely)} probably loose)" if likely else "")
+
+
+def _names(names: Sequence[str]) -> str:
+    rest = len(names) - MOST_NAMES
+    return ", ".join(names) if rest <= 0 else f"{', '.join(names[:MOST_NAMES])} and {rest} more"

@@ -1,0 +1,220 @@
+"""What a result stands on: the tight states behind its verdicts, and the tables that were written with it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaigns import Folder, environment
+from campaigns import frame as new_frame
+
+from lrbc_cli.campaign.documents import plain
+from lrbc_cli.campaign.standing import TightStates, content_of, finding_of, other_rests
+from lrbc_cli.report.results import read_job
+
+OTHERS = ["loose-2", "loose-all"]
+
+#: The command on a disk that is full while one job is written: a limit of the size of files, of which the record of a failure has less.
+FULL = """
+import resource, sys
+from lrbc_cli.campaign import run
+
+name = sys.argv.pop(1)
+hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+
+def write_result(output, inputs, stage, result, *more, original=run.write_result):
+    if result.name != name:
+        return original(output, inputs, stage, result, *more)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        return original(output, inputs, stage, result, *more)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+
+run.write_result = write_result
+from lrbc_cli.cli.main import main
+main()
+"""
+
+
+def on_a_full_disk(folder: Folder, job: str, *args: str) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-c", FULL, job, "update", str(folder.config), "--cache", str(folder.cache), *args]
+    return subprocess.run(line, capture_output=True, text=True, check=False, timeout=120, env=environment())
+
+
+def plans(folder: Folder, *args: str) -> dict[str, tuple[bool, str]]:
+    outcome = folder.run("update", "--dry-run", "--json", *args)
+    assert outcome.code == 0, outcome.stderr
+    return {name: (job["run"], job["reason"]) for name, job in outcome.json["jobs"].items()}
+
+
+def change(path: Path, edit: Any) -> None:
+    tree = json.loads(path.read_text())
+    edit(tree)
+    path.write_text(json.dumps(tree))
+
+
+needs_limits = pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of a file")
+
+
+# -- the reference job --------------------------------------------------------------------------------------------------
+
+
+@needs_limits
+def test_a_passing_failure_of_the_reference_job(frame_once: Folder, tmp_path: Path) -> None:
+    """Verdicts without it are given again as soon as it is there."""
+    folder = new_frame(tmp_path / "frame")
+    full = on_a_full_disk(folder, "tight", "--fail-on-loose")
+    assert full.returncode == 5, full.stderr
+    assert "cannot be written" in folder.result("tight")["reason"]
+    for name in OTHERS:
+        tree = folder.result(name)
+        assert tree["provenance"]["rests_on"] == {"reference": None, "baselines": {}}
+        assert {bolt["verdict"] for bolt in tree["bolts"]} == {"undecided"}
+    assert plans(folder) == {
+        "tight": (True, "it failed before"),
+        **{name: (True, "identified without tight, which runs before it") for name in OTHERS},
+    }
+    outcome = folder.run("update", "--fail-on-loose", "--json")
+    assert (outcome.code, outcome.json["kept"]) == (6, [])
+    for name, tree in frame_once.results().items():
+        assert folder.result(name)["bolts"] == tree["bolts"]
+
+
+def test_a_reference_job_that_fails_for_good(frame: Folder) -> None:
+    """Its measurement is gone: what was identified with its earlier result, or without any, is kept while nothing changes."""
+    (frame.data / "frf" / "tight.csv").unlink()
+    for earlier in (True, False):
+        if not earlier:
+            (frame.out / "tight" / "result.previous.json").unlink()
+        first = frame.run("update", "--json", "--fail-on-loose")
+        assert (first.code, list(first.json["failed"]), first.json["kept"]) == (5, ["tight"], [])
+        rests = {name: frame.result(name)["provenance"]["rests_on"]["reference"] for name in OTHERS}
+        assert all((digest is not None) == earlier for digest in rests.values())
+        again = frame.run("update", "--json", "--fail-on-loose")
+        assert (again.code, again.json["kept"]) == (5, OTHERS)
+
+
+def test_the_same_reference_again(frame: Folder) -> None:
+    """Identified anew with the same end, it is no reason to identify the others."""
+    (frame.out / "tight" / "fdac.csv").unlink()
+    found = plans(frame)
+    assert found["tight"][0]
+    assert found["loose-2"] == (False, "unless tight, which runs before it, comes out otherwise")
+    assert frame.run("update", "--json").json["kept"] == OTHERS
+
+
+def test_another_reference(frame: Folder) -> None:
+    """However it came there."""
+    change(frame.out / "tight" / "result.json", lambda tree: tree["parameters"]["left_edge"]["log10"].__setitem__(3, 5.0))
+    found = plans(frame)
+    assert not found["tight"][0]
+    for name in OTHERS:
+        assert found[name] == (True, "it rests on a result of tight that is no longer there")
+    assert frame.run("update", "--json").json["kept"] == ["tight"]
+    assert not any(run for run, _ in plans(frame).values())
+
+
+@needs_limits
+def test_the_earlier_reference_stands_in(frame: Folder) -> None:
+    before = frame.results()
+    full = on_a_full_disk(frame, "tight", "--force")
+    assert full.returncode == 5, full.stderr
+    for name in OTHERS:
+        assert frame.result(name)["bolts"] == before[name]["bolts"]
+    outcome = frame.run("update", "--json")
+    assert (outcome.code, outcome.json["kept"]) == (0, OTHERS)
+
+
+def test_an_earlier_reference_of_other_groups_does_not_stand_in(frame: Folder) -> None:
+    """Of a change that nothing is known of, zero is not a value."""
+    change(frame.out / "tight" / "result.json", lambda tree: tree.update(parameters={"another": tree["parameters"]["left_edge"]}))
+    (frame.data / "frf" / "tight.csv").unlink()
+    assert frame.run("update").code == 5
+    for name in OTHERS:
+        assert frame.result(name)["provenance"]["rests_on"]["reference"] is None
+        assert {bolt["verdict"] for bolt in frame.result(name)["bolts"]} == {"undecided"}
+
+
+def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
+    """Its scatter decides what counts as loose: what was judged without it is judged again."""
+    folder = new_frame(tmp_path / "frame")
+    measured = folder.data / "frf" / "tight.csv"
+    (folder.data / "frf" / "again.csv").write_bytes(measured.read_bytes())
+    tree = folder.tree()
+    tree["jobs"] = {name: {"frf": tree["jobs"][name]["frf"]} for name in ("tight", "loose-2")} | {"again": {"frf": "data/frf/again.csv"}}
+    tree["update"]["baselines"] = ["again"]
+    folder.write(tree)
+    full = on_a_full_disk(folder, "again")
+    assert full.returncode == 5, full.stderr
+    assert folder.result("loose-2")["provenance"]["rests_on"]["baselines"] == {}
+    assert plans(folder)["loose-2"] == (True, "identified without again, which runs before it")
+    outcome = folder.run("update", "--json")
+    assert outcome.json["kept"] == ["tight"]
+    assert list(folder.result("loose-2")["provenance"]["rests_on"]["baselines"]) == ["again"]
+    assert folder.run("update", "--json").json["kept"] == ["tight", "again", "loose-2"]
+    # Tight by assumption, both, so that nothing is shown without the third.
+    assert folder.run("update", "--fail-on-loose", "--job", "again").code == 7
+
+
+def test_what_content_is(frame_once: Folder) -> None:
+    tree = frame_once.result("tight")
+    same = plain(tree) | {"seconds": {"total": 99.0}, "provenance": {}, "notes": ["x"], "warnings": ["y"]}
+    assert content_of(same) == content_of(tree)
+    for key in ("parameters", "covariance", "noise", "misfit_db", "nuisances", "bolts", "status"):
+        assert content_of({**tree, key: None}) != content_of(tree), key
+
+
+def test_why_a_result_does_not_rest_on_what_there_is() -> None:
+    states = TightStates()
+    now = states.rests_on("tight", {"a": 1.0}, {"b": {"a": 2.0}})
+    assert other_rests(now, now, "tight") is None
+    assert other_rests(None, now, "tight") == "it is of an earlier version, which does not say what its verdicts rest on"
+    assert other_rests({**now, "reference": None}, now, "tight") == "it was identified without a result of tight"
+    assert "no longer there" in str(other_rests(now, {**now, "reference": None}, "tight"))
+    for baselines in ({}, {"b": "another"}, now["baselines"] | {"c": "x"}):
+        assert "baselines (" in str(other_rests(now, {**now, "baselines": baselines}, "tight"))
+
+
+# -- the files of a job -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["profile.csv", "frf.csv", "fdac.csv"])
+def test_a_table_of_another_run(frame: Folder, name: str) -> None:
+    path = frame.out / "loose-2" / name
+    whole = path.read_bytes()
+    for content in (whole.replace(b"1", b"2", 1), b"", (frame.out / "loose-all" / name).read_bytes()):
+        path.write_bytes(content)
+        report = frame.run("report")
+        assert report.code == 3
+        assert str(path) in report.stderr
+        assert "lrbc update" in report.stderr
+        assert not (frame.out / "report.html").exists()
+        assert plans(frame)["loose-2"][0]
+        assert name in plans(frame)["loose-2"][1]
+    outcome = frame.run("update", "--json")
+    assert outcome.json["kept"] == ["tight", "loose-all"]
+    assert path.read_bytes() == whole
+
+
+def test_results_without_hashes(frame: Folder) -> None:
+    change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"].pop("files"))
+    report = frame.run("report")
+    assert report.code == 0
+    assert report.stderr.count("warning: loose-2: no hashes") == 1
+    assert plans(frame)["loose-2"] == (True, "the earlier result is of an older version, without hashes of its files")
+    assert not plans(frame)["loose-all"][0]
+
+
+def test_the_result_of_another_job(frame: Folder) -> None:
+    change(frame.out / "loose-2" / "result.json", lambda tree: tree.update(job="loose-all"))
+    assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (it is that of job loose-all)")
+
+
+def test_both_readers_find_the_same(frame_once: Folder) -> None:
+    for name in ("tight", *OTHERS):
+        assert read_job(frame_once.out, name).finding == finding_of(frame_once.result(name))

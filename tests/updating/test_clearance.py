@@ -1,0 +1,83 @@
+"""What counts as an all-clear: every way in which it is not earned, and the sentence that says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lrbc_cli.updating.clearance import BoltFinding, JobFinding, not_clear, open_points, sentence
+
+
+def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
+    """One letter a bolt: tight, loose, undecided, probably loose (undecided), outside."""
+    words = {"t": ("tight", 0.01), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
+    bolts = tuple(BoltFinding(f"B{i}", *words[letter]) for i, letter in enumerate(verdicts, start=1))
+    return JobFinding(status, bolts, **more)  # type: ignore[arg-type]
+
+
+REFERENCE = job("tttttt", assumed="reference")
+
+
+def test_an_all_clear() -> None:
+    assert not_clear({"tight": REFERENCE, "a": job("tttttt"), "b": job("ttttto", "stopped")}) == {}
+    # Baselines beside a job that is compared are no obstacle; no more is a reference job that sees nothing.
+    assert not_clear({"tight": job("oo", assumed="reference"), "again": job("tt", assumed="baseline"), "a": job("tt")}) == {}
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (job("tttttl"), "B6 loose"),
+        (job("tttttu"), "1 inconclusive"),
+        (job("tttttp"), "B6 probably loose"),
+        (job("tttttt", "unexplained"), "does not explain"),
+        (job("", "failed"), "no verdict: failed"),
+        (job("tttttt", "of a later version"), "no verdict"),
+        (job(""), "no bolts to judge"),
+        (job("oooooo"), "no bolt lies where"),
+        (job("tttttt", validated=False), "not validated"),
+        (job("tttttt", assumed="baseline", doubtful=("B3",)), "B3 taken as tight, but loose"),
+        (job("tttuut", assumed="reference"), "2 inconclusive"),
+        (job("tttttt", "unexplained", assumed="reference"), "does not explain"),
+        (replace(job("tt"), bolts=(BoltFinding("B1", "tight"), BoltFinding("B2", "a word of a later version"))), "1 inconclusive"),
+    ],
+)
+def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
+    found = not_clear({"tight": REFERENCE, "clear": job("tttttt"), "other": other})
+    assert list(found) == ["other"]
+    assert words in " ".join(found["other"])
+    assert open_points(other) == found["other"]
+
+
+@pytest.mark.parametrize("jobs", [{}, {"tight": REFERENCE}, {"tight": REFERENCE, "again": job("tttttt", assumed="baseline")}])
+def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
+    assert not_clear(jobs) == {"": ["no job was compared with the reference job"]}
+
+
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (job("tttttt"), "no loose bolt found: 6 tight"),
+        (job("tttttp"), "no loose bolt found: 5 tight, 1 inconclusive (B6 probably loose)"),
+        (job("tltlup"), "B2, B4 loose; 2 tight, 2 inconclusive (B6 probably loose)"),
+        (job("lll"), "B1, B2, B3 loose"),
+        (job("tto"), "no loose bolt found: 2 tight, 1 outside"),
+        (job("uuu"), "no loose bolt found, but none is judged tight: 3 inconclusive"),
+        (job("l" * 12), "B1, B2, B3, B4, B5, B6, B7, B8 and 4 more loose"),
+        (job("tt", "unexplained"), "no verdict: the model does not explain the measurement"),
+        (job("", "failed"), "no verdict: failed"),
+        (job(""), "no verdict: no bolts to judge"),
+        (job("oo"), "no verdict: no bolt lies where the parameters could show it"),
+        (REFERENCE, "the reference job, taken as tight"),
+        (job("tu", assumed="reference"), "the reference job, taken as tight: 1 tight, 1 inconclusive"),
+        (job("", assumed="reference"), "the reference job, no bolts to judge"),
+        (job("tt", assumed="baseline", doubtful=("B2",)), "a baseline, taken as tight; but B2 loose against the reference job"),
+    ],
+)
+def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
+    assert sentence(found) == text
+
+
+def test_what_was_not_validated_is_said() -> None:
+    assert sentence(job("tt", validated=False)).startswith("no loose bolt found: 2 tight (not validated: no response was held out")
