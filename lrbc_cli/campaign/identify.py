@@ -218,8 +218,8 @@ class _Job:
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if automatic:
-            sparse = settings.prior_shape == "sparse" and self.shapes.by_bolt
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, sparse, self.error, (begin,))
+            tails = settings.prior_shape == "sparse" and self.shapes.by_bolt
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, tails, self.error, (begin,))
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)

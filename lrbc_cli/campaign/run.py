@@ -23,7 +23,7 @@ from lrbc_cli.io.atomic import file_hash
 log = logging.getLogger(__name__)
 
 #: Increased whenever the same input would be identified differently.
-IDENTIFICATION_VERSION = 14
+IDENTIFICATION_VERSION = 15
 
 
 @dataclass(frozen=True)

@@ -342,7 +342,10 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
                 break
         if solution.status != "failed":
             solution = no_worse(
-                misfit, solution, places, lambda theta: gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=max_iterations)
+                misfit,
+                solution,
+                places,
+                lambda theta: gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=max_iterations),
             )
             theta = solution.theta
             noise = noise_of(misfit, solution.evaluation, problem.selected)

@@ -99,6 +99,7 @@ class Best:
         self.evaluation: Evaluation | None = None
 
     def __call__(self, theta: Floats) -> Evaluation:
+        """Evaluate, and remember."""
         value = self._objective(theta)
         if _finite(value) and (self.evaluation is None or value.total < self.evaluation.total) and self._counts(theta):
             self.theta, self.evaluation = theta.copy(), value

@@ -19,7 +19,13 @@ def sharp_misfit(
     K, M = beam(40, bending=1.0)
     n = K.shape[0]
     model = fe_model(
-        K, M, loads=unit(n, 19), outputs=unit(n, 11, 33, 51), left=unit(n, *range(3, 2 * SPRINGS + 3, 2)), damping=(0.0, beta), output_power=2
+        K,
+        M,
+        loads=unit(n, 19),
+        outputs=unit(n, 11, 33, 51),
+        left=unit(n, *range(3, 2 * SPRINGS + 3, 2)),
+        damping=(0.0, beta),
+        output_power=2,
     )
     count = 1 if shared else SPRINGS
     owner = np.zeros(SPRINGS, dtype=int) if shared else np.arange(SPRINGS)
