@@ -14,7 +14,7 @@ from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.residuals import coherence_sigma
-from lrbc_cli.updating.scale import Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.scale import MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -63,21 +63,23 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> str:
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
     text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB), {offset.before:.1f} dB of misfit, "
     text += f"{offset.after:.1f} dB without it; "
+    # Parts of the band that differ by more are seldom one factor.
+    likely = "likely" if offset.half <= MOST_REACH else "perhaps"
     causes = [known.cause for known in offset.known if known.cause]
     unit = next((known.unit for known in offset.known if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        text += f"likely {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
+        text += f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
         return text + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
-        return text + "likely a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
+        return text + f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
     if not causes:
-        return text + f"likely a sensitivity, a gain or a unit that is not known here: check it, then {own}"
+        return text + f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in offset.known if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-known.db / 20.0))}"
-    text += f"likely {' or '.join(causes)}: "
+    text += f"{likely} {' or '.join(causes)}: "
     if "model" in causes[0]:
         return text + ", ".join(f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
     return text + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
