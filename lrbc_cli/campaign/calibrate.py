@@ -236,9 +236,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
         theta = fit.moved(problem)
     seconds["total"] = time.perf_counter() - start
     began = float(np.nanmean(mean_misfit(initial, measurement.values)[used]))
-    doubted = calibration_doubts(
-        inputs, measurement, (initial, updated), fit.solution.evaluation.misfit_db, selected, settings.job, (began, rounds[-1].misfit_db)
-    )
+    doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, (began, rounds[-1].misfit_db))
     for warning in doubted:
         log.warning("calibration from %s: %s", settings.job, warning)
     notes = (*measurement.warnings, *doubted, *notes, *fit.notes)

@@ -22,7 +22,7 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0
 
-#: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it for one [dB].
+#: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it [dB].
 LARGE_MISFIT = 1.0
 
 #: Misfits are shown to two decimals: less is no difference [dB].
@@ -136,7 +136,7 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
     return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
 
 
-def noise_level(measurement: Measurement, job: JobConfig, lines: NDArray[np.int64], responses: NDArray[np.int64]) -> float | None:
+def noise_level(measurement: Measurement, job: JobConfig, responses: NDArray[np.int64]) -> float | None:
     """Mean absolute error of the measured levels by repeats, else by coherence [dB]; None where nothing is known of it."""
     sigma, averages = measurement.sigma_db, job.averages * measurement.files
     if sigma is None or not np.isfinite(sigma).any():
@@ -144,7 +144,7 @@ def noise_level(measurement: Measurement, job: JobConfig, lines: NDArray[np.int6
         if averages < 2:
             return None
         sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages)
-    chosen = sigma[np.ix_(lines, responses)]
+    chosen = sigma[:, responses]
     chosen = chosen[np.isfinite(chosen)]
     # Of a Gaussian error.
     return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
@@ -162,7 +162,7 @@ def unreached(misfit_db: float, noise_db: float | None, reference: Mapping[str, 
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
     other = "" if reference is None else f", reference job {reference['misfit_db']['final']:.2f} dB"
     return (
-        f"the fit does not reach the data ({misfit_db:.2f} dB at the lines compared; {noise}{other}; wanted below {limit:.2g} dB): "
+        f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; wanted below {limit:.2g} dB): "
         "intervals rest on the curvature there and understate what is not known"
     )
 
@@ -199,8 +199,9 @@ def doubts(
     job = inputs.campaign.jobs[result.name]
     found = [] if unexplained is None else [f"the model does not explain the measurement: {unexplained}; {compared}"]
     found += offset_texts(inputs, offsets, result.name)
-    noise = noise_level(result.measurement, job, result.selected, inputs.used)
-    further = [None if result.relative else unreached(result.solution.evaluation.misfit_db, noise, reference), worsened(*misfit)]
+    noise = noise_level(result.measurement, job, inputs.used)
+    # What both states lack has dropped out of a comparison of their changes.
+    further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]
     return found + [text for text in further if text is not None], compared
 
 
@@ -227,15 +228,9 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
 
 
 def calibration_doubts(
-    inputs: Inputs,
-    measurement: Measurement,
-    states: Sequence[Complexes],
-    misfit_db: float,
-    at: NDArray[np.int64],
-    job: str,
-    misfit: tuple[float, float],
+    inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float]
 ) -> list[str]:
-    """Warnings of a calibration: ``misfit_db`` is that at its lines ``at``, ``misfit`` before and after over all lines."""
+    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB]."""
     found = offset_texts(inputs, factors_of(inputs, measurement, states), job)
-    further = [unreached(misfit_db, noise_level(measurement, inputs.campaign.jobs[job], at, inputs.used)), worsened(*misfit)]
+    further = [unreached(misfit[1], noise_level(measurement, inputs.campaign.jobs[job], inputs.used)), worsened(*misfit)]
     return found + [text for text in further if text is not None]

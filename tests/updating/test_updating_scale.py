@@ -16,12 +16,12 @@ QUANTITIES = ["acceleration"] * 4
 
 @pytest.fixture(scope="module")
 def frfs():
-    """Measured with 5 % of noise; computed by a model whose pads are 40 % off; and one with three pads loose, far from both."""
+    """Measured with 5 % of noise; computed by a model whose pads are 12 % off; and one with three pads loose, far from both."""
     model, parameters = pads_model()
     frf = port_model(pads_ports(model), parameters)
-    tight = loosened(parameters, at=())
+    tight = loosened(parameters, tight=4.5, at=())
     wrong = tight.copy()
-    wrong[:PADS] += np.where(np.arange(PADS) % 2 == 0, 0.15, -0.15)
+    wrong[:PADS] += np.where(np.arange(PADS) % 2 == 0, 0.05, -0.05)
     y = frf.frf(tight)
     noise = 1 + 0.05 * (RNG.normal(size=y.shape) + 1j * RNG.normal(size=y.shape)) / np.sqrt(2)
     return {"measured": y * noise, "computed": frf.frf(wrong), "far": frf.frf(loosened(parameters, loose=1.0, at=(2, 3, 4, 5, 6, 7)))}
