@@ -162,8 +162,8 @@ def unreached(misfit_db: float, noise_db: float | None, reference: Mapping[str, 
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
     other = "" if reference is None else f", reference job {reference['misfit_db']['final']:.2f} dB"
     return (
-        f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; wanted below {limit:.2g} dB): "
-        "intervals rest on the curvature there and understate what is not known"
+        f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; "
+        f"wanted below {limit:.2g} dB): intervals rest on the curvature there and understate what is not known"
     )
 
 
