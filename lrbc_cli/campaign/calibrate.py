@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
+from lrbc_cli.campaign.doubts import calibration_doubts, refuse_units
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
@@ -78,6 +79,8 @@ class Outcome:
         Whether the error at the factors is within the tolerance.
     notes : tuple of str
     seconds : dict
+    warnings : tuple of str
+        Those of the notes that a user has to act on.
     """
 
     fit: FactorFit
@@ -89,6 +92,7 @@ class Outcome:
     reached: bool
     notes: tuple[str, ...]
     seconds: dict[str, float]
+    warnings: tuple[str, ...] = ()
 
 
 def run_calibration(
@@ -205,6 +209,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
     problem = problem_on(inputs, stage, {})
     everything = np.arange(len(inputs.responses))
     initial = problem.frf(s, everything).frf(problem.start)
+    refuse_units(inputs, measurement, initial, settings.job)
     theta: Floats | None = None
     rounds: list[Round] = []
     now = inputs
@@ -230,8 +235,12 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
         problem = problem_on(now, stage, fit.factors)
         theta = fit.moved(problem)
     seconds["total"] = time.perf_counter() - start
-    notes = (*measurement.warnings, *notes, *fit.notes)
-    return Outcome(fit, tuple(rounds), measurement, selected, initial, updated, reached, notes, seconds)
+    began = float(np.nanmean(mean_misfit(initial, measurement.values)[used]))
+    doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, (began, rounds[-1].misfit_db))
+    for warning in doubted:
+        log.warning("calibration from %s: %s", settings.job, warning)
+    notes = (*measurement.warnings, *doubted, *notes, *fit.notes)
+    return Outcome(fit, tuple(rounds), measurement, selected, initial, updated, reached, notes, seconds, tuple(doubted))
 
 
 def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Callable[[str], None]) -> tuple[HeldOut, ...]:
@@ -305,6 +314,7 @@ def calibration_tree(inputs: Inputs, outcome: Outcome, parts: dict[str, str], jo
         "frf": "calibration/frf.csv",
         "seconds": outcome.seconds["total"],
         "seconds_by_stage": outcome.seconds,
+        "warnings": list(outcome.warnings),
         "notes": list(outcome.notes),
         "provenance": {
             "versions": versions(),

@@ -19,7 +19,7 @@ CALIBRATION_FORMAT = "lrbc-calibration"
 FILE = "calibration.json"
 
 #: Increased whenever the same input would give other factors.
-CALIBRATION_VERSION = 1
+CALIBRATION_VERSION = 2
 
 #: Factors beyond these are not what a calibration finds: its bounds lie closer to one.
 PLAUSIBLE = (0.01, 100.0)

@@ -24,7 +24,7 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
 from lrbc_cli.updating.confidence import open_sides
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, noise_of, posterior, weighed
+from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import DRAWS, Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
@@ -224,8 +224,8 @@ class _Job:
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if automatic:
-            sparse = settings.prior_shape == "sparse" and self.shapes.by_bolt
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, sparse, self.error)
+            tails = settings.prior_shape == "sparse" and self.shapes.by_bolt
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, tails, self.error, (begin,))
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
@@ -309,7 +309,9 @@ class _Job:
                 fit.misfit.weighted_as(base).with_eta(max(noise.variance, LEAST_VARIANCE)), model, extras, noise.variance
             )
             level = Level(misfit, misfit.prior, T)
-        found = replace(found, theta=level.theta(found.theta))
+        best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, DRIFT_ITERATIONS))
+        evaluations += best.evaluations - found.evaluations
+        found = replace(best, theta=level.theta(best.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)
         knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
         history = fit.solution.history

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
+from lrbc_cli.campaign.doubts import doubts
 from lrbc_cli.campaign.drift import drift_tree
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
@@ -134,8 +135,10 @@ def result_tree(
     removed = campaign.jobs[result.name].removed
     valid = validity(inputs, result)
     found = verdicts(inputs, result, reference, scatter, valid)
-    warnings = [*result.warnings, *doubtful(inputs, found)]
-    doubts = [valid.reason] if valid.passed is None else []
+    misfit = _mean(result.misfit_initial[used]), _mean(result.misfit_final[used])
+    doubted, compared = doubts(inputs, result, reference, None if valid.explained else valid.reason, misfit)
+    warnings = [*result.warnings, *doubted, *doubtful(inputs, found)]
+    unvalidated = [valid.reason] if valid.passed is None else []
     knowledge = result.posterior
     provenance: dict[str, Any] = {
         "identity": identity,
@@ -157,14 +160,14 @@ def result_tree(
         "version": RESULT_VERSION,
         "job": result.name,
         "status": solution.status if valid.explained else UNEXPLAINED,
-        "reason": solution.reason if valid.explained else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason})",
+        "reason": solution.reason if valid.explained else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason}); {compared}",
         "removed": list(removed) if states_removed(inputs) else None,
         "parameters": parameters,
         "covariance": result.posterior.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": {
-            "initial": _mean(result.misfit_initial[used]),
-            "final": _mean(result.misfit_final[used]),
+            "initial": misfit[0],
+            "final": misfit[1],
             "held_out_initial": _mean(result.misfit_initial[held_out]),
             "held_out_final": _mean(result.misfit_final[held_out]),
             "responses": {
@@ -202,7 +205,7 @@ def result_tree(
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
         "warnings": warnings,
-        "notes": [*result.measurement.warnings, *warnings, *doubts, *result.notes, *remarks(result), *rises(inputs, found)],
+        "notes": [*result.measurement.warnings, *warnings, *unvalidated, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
 

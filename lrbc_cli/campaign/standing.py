@@ -77,12 +77,10 @@ def other_rests(stored: Mapping[str, Any] | None, now: Mapping[str, Any], refere
 def finding_of(tree: Mapping[str, Any]) -> JobFinding:
     """What a stored result, or one about to be stored, says of the bolts."""
     tight = tree.get("taken_as_tight") or {}
-    passed = (tree.get("validity") or {}).get("passed") is True
     return JobFinding(
         status=tree["status"],
         bolts=tuple(BoltFinding(bolt["name"], bolt["verdict"], bolt.get("probability_loose")) for bolt in tree.get("bolts", [])),
-        # Without a held-out response nothing but the data that were fitted speaks for the model.
-        validated=passed and (tree.get("misfit_db") or {}).get("held_out_final") is not None,
+        validated=(tree.get("validity") or {}).get("passed") is True,
         assumed=tight.get("as"),
         doubtful=tuple(tight.get("doubtful", ())),
     )

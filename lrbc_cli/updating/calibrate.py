@@ -20,7 +20,7 @@ from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.fit import noise_of
+from lrbc_cli.updating.fit import no_worse, noise_of
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
@@ -305,6 +305,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
     """
     notes: list[str] = []
     solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
+    places = [problem.start if start is None else start]
     if start is None:
         # Roughly first: an end far above the other is not worth more.
         other, stage = _descend(problem, problem.misfit(START_SIGMA**2), problem.start, 0.0, 1e-2, max_iterations)
@@ -320,6 +321,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
                 f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
                 f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
             )
+        places += [solution.theta, other.theta]
         solution = other if better else solution
     theta = solution.theta
     noise = Noise(START_SIGMA, 1.0)
@@ -329,6 +331,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
         for _ in range(NOISE_ROUNDS):
             before = max(noise.variance, LEAST_SIGMA**2)
             misfit = misfit.with_eta(before)
+            places.append(theta)
             solution, stage = _descend(problem, misfit, theta, 0.0, tolerance, max_iterations)
             stages.append(stage)
             if solution.status == "failed":
@@ -337,6 +340,15 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
             noise = noise_of(misfit, solution.evaluation, problem.selected)
             if abs(noise.variance / before - 1.0) < NOISE_CHANGE:
                 break
+        if solution.status != "failed":
+            solution = no_worse(
+                misfit,
+                solution,
+                places,
+                lambda theta: gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=max_iterations),
+            )
+            theta = solution.theta
+            noise = noise_of(misfit, solution.evaluation, problem.selected)
         noise = Noise(max(noise.sigma, LEAST_SIGMA), noise.factor)
     J = solution.evaluation.jacobian
     # What is held does not vary.

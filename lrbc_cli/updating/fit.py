@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lrbc_cli.updating.extended import Extra
 from lrbc_cli.updating.misfit import ChangeError, Evaluation, Misfit, Sensitive
 from lrbc_cli.updating.noise import Noise, estimate_noise
-from lrbc_cli.updating.optimise import Solution
+from lrbc_cli.updating.optimise import HistoryEntry, Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
@@ -169,6 +169,46 @@ def sparse_weights(z: Floats, std: Floats) -> Floats:
     return np.asarray(np.sqrt((SPARSE_FREEDOM + 1.0) / (SPARSE_FREEDOM + relative**2)))
 
 
+def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:
+    """Descend anew from an earlier place that the last weights and the dB misfit both prefer to the solution.
+
+    Weights change from round to round, and the last round may have left what it would now keep. The cost alone does not decide: weights
+    of a loosened state forgive the tight one.
+
+    Parameters
+    ----------
+    objective : callable
+        The last cost.
+    solution : Solution
+    places : sequence of (size,) float arrays
+        Starts, and ends of earlier rounds.
+    again : callable
+        A descent of the last cost.
+
+    Returns
+    -------
+    Solution
+        With all evaluations in its history.
+    """
+    here, *values = [objective(theta) for theta in (solution.theta, *places)]
+    history = list(solution.history)
+
+    def note(entries: Sequence[HistoryEntry]) -> None:
+        first = len(history)
+        history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
+
+    note([HistoryEntry(0, value.cost, value.misfit_db, False) for value in (here, *values)])
+    better = [i for i, value in enumerate(values) if value.total < here.total and value.misfit_db < here.misfit_db]
+    evaluations, iterations = solution.evaluations + 1 + len(values), solution.iterations
+    if better:
+        found = again(places[min(better, key=lambda i: values[i].total)])
+        note(found.history)
+        evaluations, iterations = evaluations + found.evaluations, iterations + found.iterations
+        if found.status != "failed" and found.evaluation.total < here.total:
+            solution = replace(found, starts=solution.starts)
+    return replace(solution, evaluations=evaluations, iterations=iterations, history=tuple(history))
+
+
 def follow_noise(
     misfit: Misfit,
     solution: Solution,
@@ -177,6 +217,7 @@ def follow_noise(
     selected: NDArray[np.int64],
     sparse: bool,
     error: ChangeError | None = None,
+    starts: Sequence[Floats] = (),
 ) -> tuple[Misfit, Solution, Noise]:
     """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
 
@@ -194,17 +235,20 @@ def follow_noise(
         A prior with long tails: few large changes cost less than many small ones.
     error : ChangeError or None
         See ``weighed``.
+    starts : sequence of (size,) float arrays
+        Further places than the ends of the rounds to which the last end is compared, see ``no_worse``.
 
     Returns
     -------
     Misfit, Solution, Noise
         With the last weight and the status of the last round; evaluations and history of all rounds.
     """
-    rows = misfit.rows
+    rows, places = misfit.rows, [*starts]
     noise = noise_of(misfit, solution.evaluation, selected)
     history, iterations = list(solution.history), solution.iterations
     for round_ in range(NOISE_ROUNDS):
         kept = misfit, solution, noise
+        places.append(solution.theta)
         if sparse:
             z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
             # Unknowns without a prior have no row.
@@ -233,7 +277,8 @@ def follow_noise(
             break
         if round_ and abs(noise.variance - before) < NOISE_CHANGE * max(before, LEAST_VARIANCE):
             break
-    return misfit, solution, noise
+    best = no_worse(misfit, solution, places, lambda theta: again(misfit, theta))
+    return misfit, best, noise if best.theta is solution.theta else noise_of(misfit, best.evaluation, selected)
 
 
 def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Extra], variance: float) -> Misfit:

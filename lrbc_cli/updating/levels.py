@@ -6,7 +6,7 @@ moved yet, and the optimiser stays in that basin. A coarse profile moves the pea
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit import Evaluation, Misfit
-from lrbc_cli.updating.optimise import HistoryEntry, Solution, Start, gauss_newton
+from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
@@ -25,8 +25,11 @@ KNOTS = (1, 3, 5, 9)
 #: Step between the uniform values tried on the first level [decades], and how many at the most.
 SCAN_STEP, SCAN_MOST = 0.25, 41
 
-#: Basins of the scan from which the levels are gone through; the lowest end is kept.
+#: Basins of the scan from which the levels are gone through, besides the given start; the lowest end is kept.
 STARTS = 2
+
+#: Totals, bounds and spans are told apart down to this share: round-off of their sums.
+ROUND_OFF = 1e-9
 
 #: Changes drawn from the prior, how many of them the last level is tried from, and the seed of the draws.
 DRAWS, DRAWS_KEPT, DRAW_SEED = 64, 3, 0
@@ -63,13 +66,13 @@ class Level:
 
     Parameters
     ----------
-    misfit : Misfit
+    misfit : callable
     theta : (size,) float array
     T : (size, m) float array
         ``theta + T z``.
     """
 
-    def __init__(self, misfit: Misfit, theta: Floats, T: Floats) -> None:
+    def __init__(self, misfit: Objective, theta: Floats, T: Floats) -> None:
         self._misfit, self._theta, self._T = misfit, theta, T
 
     def __call__(self, z: Floats) -> Evaluation:
@@ -134,9 +137,10 @@ def gauss_newton_by_levels(
     -------
     Solution
         With the evaluations of all levels in its history, and where each start led to; the Jacobian of its evaluation is to z where
-        there is a span.
+        there is a span. None of the places seen that could be a solution costs less.
     """
     parameters = misfit.model.parameters
+    seen = Best(misfit, _admissible(misfit, bounds, span))
     unknowns = parameters.size if span is None else span.shape[1]
     history: list[HistoryEntry] = []
 
@@ -148,7 +152,7 @@ def gauss_newton_by_levels(
     trials = [first, *(uniform_values(misfit, first, bounds) if span is None else uniform_changes(misfit, bounds))]
     totals: list[float] = []
     for trial in trials:
-        value = misfit(trial)
+        value = seen(trial)
         note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
         totals.append(value.total if np.isfinite(value.total) else np.inf)
     iterations = 0
@@ -166,7 +170,7 @@ def gauss_newton_by_levels(
             T = level_matrix(parameters, knots, damping=True)
             if T.shape[1] >= unknowns:
                 break
-            level = Level(misfit, theta, T)
+            level = Level(seen, theta, T)
             coarse = gauss_newton(
                 level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=LEVEL_TOLERANCE, max_iterations=LEVEL_ITERATIONS
             )
@@ -176,6 +180,10 @@ def gauss_newton_by_levels(
         iterations += finish(_describe(parameters, trials[at], at, None if span is None else misfit.prior), theta)
     for description, theta in (further or {}).items():
         iterations += finish(description, theta)
+    # A coarse level may pass a valley that its end has left.
+    least = min(end.evaluation.total for _, end in ends)
+    if seen.theta is not None and seen.evaluation is not None and not seen.evaluation.total >= (1 - ROUND_OFF) * least:
+        iterations += finish("the best place seen on the way", seen.theta)
     # The first of equals, also where a cost is not finite.
     kept = 0
     for i, (_, end) in enumerate(ends):
@@ -183,6 +191,23 @@ def gauss_newton_by_levels(
             kept = i
     starts = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
     return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=starts)
+
+
+def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable[[Floats], bool]:
+    """Whether a theta could be a solution: inside its bounds, and ``prior + span z`` with z inside its own where there is a span."""
+
+    def inside(values: Floats, box: Floats) -> bool:
+        return bool(np.all((values >= box[:, 0] - ROUND_OFF) & (values <= box[:, 1] + ROUND_OFF)))
+
+    if span is None:
+        return lambda theta: inside(theta, bounds)
+    T, inverse, box = span, np.linalg.pinv(span), Level(misfit, misfit.prior, span).bounds(bounds)
+
+    def spanned(theta: Floats) -> bool:
+        z = inverse @ (theta - misfit.prior)
+        return inside(theta, bounds) and inside(z, box) and bool(np.abs(misfit.prior + T @ z - theta).max() <= ROUND_OFF)
+
+    return spanned
 
 
 def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats) -> dict[str, Floats]:
@@ -265,11 +290,10 @@ def near_tie(parameters: Parameterisation, starts: Sequence[Start]) -> tuple[Sta
 
 
 def basins(totals: Sequence[float]) -> list[int]:
-    """Indices of the trials to start from: the lowest, and the lowest of another basin; trial 0 is the given start.
+    """Indices of the trials to start from: the lowest, the lowest of another basin, and trial 0, which is the given start.
 
-    The trials after the first stand in order of their values. Without a second valley the given start is tried.
+    The trials after the first stand in order of their values.
     """
     scan = np.array([np.inf, *totals[1:], np.inf])
     valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]
-    order = sorted(valleys, key=lambda i: totals[i])[:STARTS]
-    return order if len(order) == STARTS else [*order, 0]
+    return [*sorted(valleys, key=lambda i: totals[i])[:STARTS], 0]

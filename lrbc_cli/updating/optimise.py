@@ -76,13 +76,46 @@ class Solution:
     starts: tuple[Start, ...] = ()
 
 
+class Best:
+    """An objective that remembers where it cost least, of the places that count.
+
+    Parameters
+    ----------
+    objective : callable
+    counts : callable
+        Whether a place may be a solution.
+
+    Attributes
+    ----------
+    theta : (size,) float array or None
+        None before any place counted.
+    evaluation : Evaluation or None
+        There.
+    """
+
+    def __init__(self, objective: Objective, counts: Callable[[Floats], bool] = lambda _: True) -> None:
+        self._objective, self._counts = objective, counts
+        self.theta: Floats | None = None
+        self.evaluation: Evaluation | None = None
+
+    def __call__(self, theta: Floats) -> Evaluation:
+        """Evaluate, and remember."""
+        value = self._objective(theta)
+        if _finite(value) and (self.evaluation is None or value.total < self.evaluation.total) and self._counts(theta):
+            self.theta, self.evaluation = theta.copy(), value
+        return value
+
+
 class _Recorder:
     def __init__(self, objective: Objective) -> None:
-        self._objective = objective
+        self._objective = Best(objective)
+        self._best = 0
         self.entries: list[HistoryEntry] = []
 
     def __call__(self, theta: Floats) -> Evaluation:
         value = self._objective(theta)
+        if value is self._objective.evaluation:
+            self._best = len(self.entries)
         self.entries.append(HistoryEntry(len(self.entries), value.cost, value.misfit_db, False))
         return value
 
@@ -96,6 +129,11 @@ class _Recorder:
         self.entries[at] = HistoryEntry(entry.evaluation, entry.cost, entry.misfit_db, True)
 
     def solution(self, theta: Floats, value: Evaluation, status: str, reason: str, iterations: int) -> Solution:
+        best = self._objective
+        # A step that fell short of its promise is refused, although it may cost less than all that follows.
+        if best.theta is not None and best.evaluation is not None and best.evaluation.total < value.total:
+            theta, value = best.theta, best.evaluation
+            self.accept(self._best)
         return Solution(theta, value, status, reason, iterations, len(self.entries), tuple(self.entries))
 
 

@@ -10,11 +10,11 @@ from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.fit import extended_misfit, follow_noise, noise_of, posterior, residual_places, sparse_weights, weighed
+from lrbc_cli.updating.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, sparse_weights, weighed
 from lrbc_cli.updating.levels import Level, descend
-from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.optimise import gauss_newton
+from lrbc_cli.updating.optimise import HistoryEntry, Solution, gauss_newton
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.shapes import bolt_shapes, node_shapes
 
@@ -261,3 +261,36 @@ class TestRounds:
         half, variance = weighed(misfit, begun.evaluation, noise, begun.theta, None, True)
         assert half.level == pytest.approx(np.sqrt(full.level * misfit.level))
         assert variance == pytest.approx(half.level**2 * noise.factor)
+
+
+class TestNoWorse:
+    """After rounds of weights the last end is compared with the earlier places by the last cost."""
+
+    def evaluation(self, total: float, misfit_db: float) -> Evaluation:
+        return Evaluation(float(np.log10(total)), total, total, misfit_db, np.array([np.sqrt(total)]), np.ones((1, 1)))
+
+    def settle(self, values: dict[float, tuple[float, float]], end: float, places: list[float]) -> Solution:
+        def objective(theta: np.ndarray) -> Evaluation:
+            return self.evaluation(*values[float(theta[0])])
+
+        def ended(theta: np.ndarray) -> Solution:
+            return Solution(theta, objective(theta), "converged", "there", 1, 1, (HistoryEntry(0, 0.0, 0.0, True),))
+
+        return no_worse(objective, ended(np.array([end])), [np.array([place]) for place in places], ended)
+
+    def test_a_start_that_was_better_is_taken_up(self) -> None:
+        found = self.settle({1.0: (9.0, 3.7), 2.0: (4.0, 2.2), 3.0: (6.0, 2.5)}, 1.0, [2.0, 3.0])
+        assert found.theta[0] == 2.0
+        assert found.evaluation.misfit_db == 2.2
+        # Three evaluations to compare, and a descent of one.
+        assert found.evaluations == len(found.history) == 5
+        assert [entry.evaluation for entry in found.history] == list(range(5))
+
+    def test_a_place_that_only_the_weights_forgive_is_not(self) -> None:
+        found = self.settle({1.0: (9.0, 1.0), 2.0: (4.0, 2.2)}, 1.0, [2.0])
+        assert found.theta[0] == 1.0
+
+    def test_the_best_stays(self) -> None:
+        found = self.settle({1.0: (3.0, 1.0), 2.0: (4.0, 2.2)}, 1.0, [2.0])
+        assert found.theta[0] == 1.0
+        assert found.evaluations == 3

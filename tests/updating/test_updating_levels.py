@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pads import PADS, S, loosened, pads_model, pads_ports
 from scipy.optimize import least_squares
+from sharp import sharp_misfit
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
@@ -195,8 +196,8 @@ class TestRecovery:
 
 
 class TestBasins:
-    def test_two_valleys(self):
-        assert basins([9.0, 5.0, 2.0, 6.0, 1.0, 4.0]) == [4, 2]
+    def test_two_valleys_and_the_given_start(self):
+        assert basins([9.0, 5.0, 2.0, 6.0, 1.0, 4.0]) == [4, 2, 0]
 
     def test_one_valley_and_the_given_start(self):
         assert basins([3.0, 5.0, 4.0, 2.0, 4.0]) == [3, 0]
@@ -209,12 +210,65 @@ class TestBasins:
         assert basins([3.0, np.inf, np.inf]) == [0]
 
 
+class Spy:
+    """A cost that keeps every place at which it was evaluated."""
+
+    def __init__(self, misfit):
+        self.misfit, self.seen = misfit, []
+
+    def __call__(self, theta):
+        value = self.misfit(theta)
+        self.seen.append((value.total, theta.copy()))
+        return value
+
+    def __getattr__(self, name):
+        return getattr(self.misfit, name)
+
+    def least(self, bounds):
+        """Lowest cost between the bounds."""
+        return min(total for total, theta in self.seen if np.all((theta >= bounds[:, 0]) & (theta <= bounds[:, 1])))
+
+
+class TestSharpResonances:
+    """Next to no damping, lines wider apart than the peaks: a cost full of valleys, in which descents and the scan go astray."""
+
+    @pytest.mark.parametrize("truth", [3.0, 3.6])
+    @pytest.mark.parametrize("offset", [-0.03, 0.01])
+    def test_never_worse_than_a_place_seen(self, truth, offset):
+        misfit = sharp_misfit(truth)
+        bounds, start = misfit.model.parameters.bounds, np.array([truth + offset])
+        spy = Spy(misfit)
+        solution = gauss_newton_by_levels(spy, start, bounds)
+        assert solution.evaluation.total <= misfit(start).total
+        assert solution.evaluation.total <= spy.least(bounds) * (1 + 1e-9)
+        assert solution.evaluation.total == pytest.approx(misfit(solution.theta).total)
+
+    def test_many_values(self):
+        misfit = sharp_misfit(3.0, shared=False)
+        bounds = misfit.model.parameters.bounds
+        start = 3.0 + np.random.default_rng(0).normal(scale=0.02, size=bounds.shape[0])
+        spy = Spy(misfit)
+        solution = gauss_newton_by_levels(spy, start, bounds, max_iterations=20)
+        assert solution.evaluation.total <= misfit(start).total
+        assert solution.evaluation.total <= spy.least(bounds) * (1 + 1e-9)
+
+    @pytest.mark.parametrize("optimise", [gauss_newton, bfgs])
+    @pytest.mark.parametrize("start", [2.7, 3.2, 3.45])
+    def test_a_single_descent(self, optimise, start):
+        misfit = sharp_misfit(3.0)
+        bounds, spy = misfit.model.parameters.bounds, Spy(misfit)
+        solution = optimise(spy, np.array([start]), bounds)
+        assert solution.evaluation.total <= spy.least(bounds)
+
+
 class TestStarts:
     def test_where_each_led_to(self):
         misfit, parameters, truth = problem()
         solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, further={"the truth": truth})
         assert [start.description for start in solution.starts][-1] == "the truth"
-        assert len(solution.starts) == 3
+        # The two basins of the scan, the given start, and the one described.
+        assert len(solution.starts) == 4
+        assert solution.starts[2].description == "start values of the campaign"
         (kept,) = [start for start in solution.starts if start.kept]
         assert kept.total == solution.evaluation.total == min(start.total for start in solution.starts)
         np.testing.assert_array_equal(kept.theta, solution.theta)

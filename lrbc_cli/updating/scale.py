@@ -1,0 +1,328 @@
+"""Constant factors between measured and computed FRFs: units, derivatives, signs. Named only where they explain the misfit.
+
+A model in error has its resonances elsewhere: its differences change along the band. A wrong unit is the same at every line. So a factor
+counts where the medians of parts of the band agree on it, and where little is left once it is taken out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
+PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365
+
+#: Median and median absolute deviation of Gaussian values: spread of a median over that of a mean, and sigma over the deviation.
+MEDIAN_SPREAD, DEVIATION = 1.2533, 1.4826
+
+#: Less is what the gains of sensors are known to, model and mounting included; the smallest factor of the table is 3 dB [dB].
+LEAST_OFFSET = 2.0
+
+#: What may be left of the misfit once a factor is taken out: with more of it, something else is the greater part.
+LEFT = 0.5
+
+#: A known factor is recognised within the interval, at least within a sensor's calibration (6 %), at most within half the distance of
+#: two factors of the table [dB].
+LEAST_REACH, MOST_REACH = 0.5, 1.5
+
+#: A power of the frequency has to leave this much less than a constant: in a narrow band they are the same.
+BETTER = 0.95
+
+#: Powers of the frequency: what one or two derivatives or integrals too many leave.
+POWERS = (-2, -1, 1, 2)
+
+#: Mean cosine between measured and computed phase from which they count as equal, and by how much that must exceed the cosine as it is:
+#: 0.6 is 53 degrees, while phases that have nothing to do with each other give 0.
+ALIKE, TURNED = 0.6, 0.6
+
+GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894.757
+
+
+@dataclass(frozen=True)
+class Known:
+    """A factor that a mistake leaves.
+
+    Attributes
+    ----------
+    db : float
+        Measured over computed.
+    cause : str
+    unit : str or None
+        What the FRFs then are in, in place of SI; None where it is no unit.
+    """
+
+    db: float
+    cause: str
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Offset:
+    """What is the same at all lines between the measurement of a response and the model.
+
+    Attributes
+    ----------
+    response : int
+    db : float
+        Measured over computed, after the power of the frequency [dB].
+    half : float
+        Half of the 95 % interval of it, from the scatter of its medians over parts of the band [dB].
+    power : int
+        Of ``i 2 pi f`` in measured over computed.
+    known : tuple of Known
+        Mistakes that leave this factor, likeliest first.
+    before, after : float
+        Mean absolute difference, as it is and with the factor taken out [dB].
+    named : bool
+        Whether the factor explains the misfit.
+    reversed, conjugate : bool
+        Whether the phase is turned by 180 degrees, and whether it runs the other way.
+    """
+
+    response: int
+    db: float
+    half: float
+    power: int
+    known: tuple[Known, ...]
+    before: float
+    after: float
+    named: bool
+    reversed: bool
+    conjugate: bool
+
+    @property
+    def unit(self) -> Known | None:
+        """The unit, or the derivative with respect to time, that explains it; None where there is none such."""
+        if not self.named:
+            return None
+        return next((known for known in self.known if known.unit is not None), None)
+
+
+def _db(value: float) -> float:
+    return float(20.0 * np.log10(value))
+
+
+def known_factors(quantity: str) -> tuple[Known, ...]:
+    """What may be mistaken in FRFs of a quantity over a force."""
+    found = [Known(0.0, "", "")]
+    if quantity == "pressure":
+        responses = [("hPa", 1e2), ("kPa", 1e3), ("MPa", 1e6), ("mPa", 1e-3), ("uPa", 1e-6), ("psi", PSI)]
+    else:
+        tail = {"velocity": "/s", "acceleration": "/s2"}.get(quantity, "")
+        responses = [(f"{name}{tail}", size) for name, size in (("mm", 1e-3), ("cm", 1e-2), ("um", 1e-6), ("in", INCH), ("ft", FOOT))]
+        if quantity == "acceleration":
+            responses = [("g", GRAVITY), ("mg", 1e-3 * GRAVITY), *responses]
+    forces = [("N", 1.0), ("lbf", POUND_FORCE), ("kN", 1e3), ("mN", 1e-3), ("kgf", GRAVITY)]
+    # Metric forces with imperial lengths and the like are nobody's.
+    for (name, size), (force, per) in product(responses, forces[:2]):
+        found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
+    own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
+    found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}") for force, per in forces[1:]]
+    model = "a model in MPa" if quantity == "pressure" else "a model in mm"
+    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own))
+    for factor, cause in (
+        (np.sqrt(2.0), "rms and peak values mixed"),
+        (2.0, "one-sided and two-sided spectra, or peak and peak-to-peak values, mixed"),
+        (2.0 * np.pi, "Hz and rad/s mixed"),
+    ):
+        found += [Known(_db(factor), cause), Known(-_db(factor), cause)]
+    return tuple(found)
+
+
+def _recognised(value: float, half: float, table: Sequence[Known]) -> tuple[Known, ...]:
+    reach = min(max(half, LEAST_REACH), MOST_REACH)
+    near = [known for known in table if abs(known.db - value) <= reach]
+    if not near:
+        return ()
+    nearest = min(abs(known.db - value) for known in near)
+    # Those that are the same number are told together.
+    return tuple(known for known in near if abs(known.db - value) <= nearest + 0.05)
+
+
+def _parts(values: Floats) -> tuple[float, float]:
+    """Median, and half of its 95 % interval by the medians of parts of the band, which model errors move apart."""
+    count = min(PARTS, values.size // LEAST_LINES)
+    centre = float(np.median(values))
+    if count < 2:
+        return centre, np.inf
+    medians = np.array([np.median(part) for part in np.array_split(values, count)])
+    spread = DEVIATION * float(np.median(np.abs(medians - np.median(medians))))
+    return centre, STUDENT * MEDIAN_SPREAD * spread / float(np.sqrt(count))
+
+
+def _turns(measured: Complexes, model: Complexes) -> tuple[bool, bool]:
+    """Whether the measured phases are the computed ones turned by 180 degrees, or mirrored at the real axis."""
+    x, y = measured / np.abs(measured), model / np.abs(model)
+    # Near the real axis a mirror changes nothing, near the imaginary one it cannot be told from a turn: each has half the say.
+    sideways = np.abs(y.imag) > np.abs(y.real)
+    tells = min(sideways.sum(), (~sideways).sum()) >= LEAST_LINES
+
+    def alike(other: Complexes) -> float:
+        cosine = np.real(x * np.conj(other))
+        return float(0.5 * (cosine[sideways].mean() + cosine[~sideways].mean())) if tells else float(cosine.mean())
+
+    scores = {
+        (turned, mirrored): (-1.0 if turned else 1.0) * alike(np.conj(y) if mirrored else y)
+        for turned in (False, True)
+        for mirrored in (False, tells)
+    }
+    best = max(scores, key=lambda key: scores[key])
+    if scores[best] >= ALIKE and scores[best] - scores[False, False] >= TURNED:
+        return best
+    return False, False
+
+
+def offset_of(
+    response: int,
+    frequency_hz: Floats,
+    measured: Complexes,
+    states: Sequence[Complexes],
+    quantity: str,
+    powers: Sequence[int] = (0, *POWERS),
+) -> Offset | None:
+    """Estimate the factor of one response.
+
+    Parameters
+    ----------
+    response : int
+    frequency_hz : (F,) float array
+    measured : (F,) complex array
+        NaN or zero where not measured.
+    states : sequence of (F,) complex arrays
+        FRFs of the model at the states that are known: the one that leaves least with its factor taken out counts, as a fit moves
+        resonances to where they make up for a factor.
+    quantity : str
+        Of the model's FRFs.
+    powers : sequence of int
+        Of the frequency, that may be part of it.
+
+    Returns
+    -------
+    Offset or None
+        None where too few lines can be compared, or no factor with one of these powers is known.
+    """
+    least = np.inf
+    found: list[tuple[float, Offset, Complexes, Complexes]] = []
+    for model in states:
+        valid = np.isfinite(measured) & (np.abs(measured) > 0) & np.isfinite(model) & (np.abs(model) > 0)
+        if valid.sum() < 2 * LEAST_LINES:
+            continue
+        x, y = measured[valid], model[valid]
+        level = 20.0 * np.log10(np.abs(x / y))
+        before = float(np.mean(np.abs(level)))
+        least = min(least, before)
+        for b in powers:
+            rest = level - 20.0 * b * np.log10(2.0 * np.pi * frequency_hz[valid])
+            centre, half = _parts(rest)
+            left = float(np.mean(np.abs(rest - centre)))
+            known = _recognised(centre, half, known_factors(moved(quantity, b) or quantity))
+            if b:
+                known = tuple(k for k in known if k.unit is not None)
+                # A constant that no unit explains may be a gain; a power of the frequency with such a constant is nothing.
+                if not known:
+                    continue
+            offset = Offset(response, centre, half, b, known, before, left, False, False, False)
+            found.append((left / BETTER if b else left, offset, x * 1j ** (-b), y))
+    if not found:
+        return None
+    _, best, x, y = min(found, key=lambda entry: entry[0])
+    big = best.power != 0 or abs(best.db) >= max(LEAST_OFFSET, best.half)
+    named = bool(big and np.isfinite(best.half) and best.after <= LEFT * least)
+    known = tuple(k for k in best.known if k.db != 0.0 or best.power)
+    turned, mirrored = _turns(x, y)
+    return replace(best, known=known, before=least, named=named, reversed=turned, conjugate=mirrored)
+
+
+def moved(quantity: str, power: int) -> str | None:
+    """The quantity that a motion is after derivatives or integrals with respect to time; None where it is none of them."""
+    motions = ("displacement", "velocity", "acceleration")
+    at = motions.index(quantity) + power if quantity in motions else -1
+    return motions[at] if 0 <= at < len(motions) else None
+
+
+def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Complexes], quantities: Sequence[str]) -> tuple[Offset, ...]:
+    """Estimate the factors of all responses that can be compared.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured : (F, R) complex array
+    states : sequence of (F, R) complex arrays
+    quantities : sequence of str
+
+    Returns
+    -------
+    tuple of Offset
+    """
+
+    def of(r: int, powers: Sequence[int] = (0, *POWERS)) -> Offset | None:
+        return offset_of(r, frequency_hz, measured[:, r], [y[:, r] for y in states], quantities[r], powers)
+
+    found = [offset for offset in (of(r) for r in range(measured.shape[1])) if offset is not None]
+    # Far from its peaks one response alone may not tell a power from a constant: most of the others do.
+    powers = [offset.power for offset in found if offset.named]
+    usual = max(POWERS, key=powers.count)
+    if 2 * powers.count(usual) > len(powers):
+        for i, offset in enumerate(found):
+            other = of(offset.response, (usual,)) if offset.named and offset.power != usual else None
+            if other is not None and other.named:
+                found[i] = other
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Common:
+    """Responses that share one factor.
+
+    Attributes
+    ----------
+    responses : tuple of int
+    offset : Offset
+        Of the one with the narrowest interval, with the median of their factors.
+    """
+
+    responses: tuple[int, ...]
+    offset: Offset
+
+
+def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Common, ...]:
+    """The named factors, those together that agree within their intervals; what they are by their median.
+
+    Parameters
+    ----------
+    offsets : sequence of Offset
+    quantities : sequence of str
+        Of all responses.
+    """
+    left = sorted((o for o in offsets if o.named), key=lambda o: (o.half, o.response))
+    found = []
+    while left:
+        first = left[0]
+        group = [o for o in left if o.power == first.power and abs(o.db - first.db) <= max(MOST_REACH, o.half + first.half)]
+        left = [o for o in left if o not in group]
+        middle = float(np.median([o.db for o in group]))
+        table = known_factors(moved(quantities[first.response], first.power) or quantities[first.response])
+        known = tuple(
+            k
+            for k in _recognised(middle, max(o.half for o in group), table)
+            if (k.db != 0.0 or first.power) and (k.unit is not None or not first.power)
+        )
+        # A clear one alone says what the others are.
+        known = known or first.known
+        found.append(Common(tuple(sorted(o.response for o in group)), replace(first, db=middle, known=known)))
+    return tuple(found)
+
+
+def misses_unit(offsets: Sequence[Offset]) -> bool:
+    """Whether every response is off by a factor that a unit or a derivative explains, within the factor's own interval."""
+    return bool(offsets) and all(
+        o.unit is not None and o.half <= MOST_REACH and abs(o.db - o.unit.db) <= max(o.half, LEAST_REACH) for o in offsets
+    )

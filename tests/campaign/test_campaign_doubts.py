@@ -1,0 +1,134 @@
+"""Units, signs, fits that miss the data or end above their start: said by update and calibrate, and nothing said where all is well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import Folder
+
+from lrbc_cli.campaign.doubts import noise_level, unreached, worsened
+from lrbc_cli.campaign.records import read_measurement
+
+G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
+
+
+def update(folder: Folder, *overrides: str) -> Any:
+    args = [word for text in overrides for word in ("--override", text)]
+    outcome = folder.run("update", "--json", *args)
+    assert outcome.code == 0, outcome.stderr
+    return outcome
+
+
+def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:
+    for job in ("tight", "loose-2", "loose-all"):
+        assert frame_once.result(job)["warnings"] == []
+
+
+def test_accelerances_in_g(frame: Folder) -> None:
+    """The reference job and another in g/N: each is named with its likely cause and key, and no job is a bare `unexplained`."""
+    results = update(frame, f"jobs.tight.scale={G}", f"jobs.loose-2.scale={G}").json["results"]
+    for job in ("tight", "loose-2"):
+        tree = results[job]
+        assert tree["status"] == "unexplained"
+        assert "compared were magnitudes in dB" in tree["reason"]
+        assert "a constant factor explains most of the misfit" in tree["reason"]
+        (why,) = [text for text in tree["warnings"] if text.startswith("the model does not explain the measurement")]
+        assert "compared were" in why
+        (unit,) = [text for text in tree["warnings"] if text.startswith("not in the model's units")]
+        assert "all responses (acc1, acc2, acc3, acc4)" in unit
+        assert f"likely FRFs in g/N: jobs.{job}.format.unit: g/N" in unit
+        assert not any(b["verdict"] == "loose" for b in tree["bolts"])
+
+
+def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
+    outcome = update(frame, "jobs.tight.scale={acc4: 1000.0, acc1: -1.0}")
+    warnings = outcome.json["results"]["tight"]["warnings"]
+    (unit,) = [text for text in warnings if text.startswith("not in the model's units")]
+    assert "it seems: acc4: measured over computed +60" in unit
+    assert "jobs.tight.scale: {acc4: 0.001}" in unit
+    (sign,) = [text for text in warnings if text.startswith("reversed sign")]
+    assert "acc1" in sign
+    assert "jobs.tight.scale: {acc1: -1}" in sign
+    assert "do not feel it" in sign
+    # Once on the console.
+    assert outcome.stderr.count("reversed sign") == 1
+
+
+def test_velocities_for_accelerations(frame: Folder) -> None:
+    tree = frame.tree()
+    for response in tree["responses"].values():
+        response["quantity"] = "displacement"
+    frame.write(tree)
+    for file in (frame.data / "frf").glob("*.csv"):
+        # The file says nothing of quantities then.
+        file.write_text(file.read_text().replace("m/s2/N", ""))
+    (unit,) = [text for text in update(frame).json["results"]["tight"]["warnings"] if text.startswith("not in the model's units")]
+    assert "likely acceleration, not displacement: responses.acc1.quantity: acceleration" in unit
+
+
+def test_a_misfit_that_is_no_factor(frame: Folder) -> None:
+    tree = update(frame, "parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0").json["results"]["loose-all"]
+    assert tree["status"] == "unexplained"
+    assert "the misfit is not a constant factor: the largest, " in tree["reason"]
+    assert not any("units" in text for text in tree["warnings"])
+
+
+def test_calibration_refuses_other_units(frame: Folder) -> None:
+    refused = frame.run("calibrate", "--override", f"jobs.tight.scale={G}")
+    assert refused.code == 3
+    assert "measurement and model are in different units" in refused.stderr
+    assert "likely FRFs in g/N: jobs.tight.format.unit: g/N" in refused.stderr
+    assert not (frame.out / "calibration.json").exists()
+
+
+def test_calibration_warns_of_one_response(frame: Folder) -> None:
+    done = frame.run("calibrate", "--json", "--override", "jobs.tight.scale={acc4: 0.1019716, acc2: -1.0}")
+    assert done.code == 0, done.stderr
+    assert any("likely FRFs in g/N: jobs.tight.scale: {acc4: 9.80665}" in text for text in done.json["warnings"])
+    assert any("reversed sign, it seems: acc2" in text for text in done.json["warnings"])
+    assert done.stderr.count("reversed sign") == 1
+
+
+def test_intervals_of_a_fit_that_misses_the_data(frame: Folder) -> None:
+    """Bounds that keep the fit from the truth: values with narrow intervals, and a warning that they mean little."""
+    tree = update(
+        frame, "parameters.left_edge.bounds=[5.5, 8.0]", "update.comparison=direct", "update.largest_misfit=100", "update.prior=initial"
+    ).json["results"]["loose-all"]
+    assert tree["misfit_db"]["final"] > 1.5
+    (text,) = [text for text in tree["warnings"] if "does not reach the data" in text]
+    assert "understate" in text
+    assert text in tree["notes"]
+
+
+@pytest.mark.parametrize(
+    ("misfit", "noise", "warned"), [(0.9, None, False), (1.1, None, True), (2.3, 0.1, True), (2.3, 0.9, False), (3.0, 0.9, True)]
+)
+def test_far_above_the_noise(misfit: float, noise: float | None, warned: bool) -> None:
+    text = unreached(misfit, noise)
+    assert (text is not None) == warned
+    if text is not None:
+        assert f"{misfit:.2f} dB" in text
+        assert ("measurement not known" in text) == (noise is None)
+
+
+def test_an_end_above_the_start() -> None:
+    assert worsened(2.19, 2.0) is None
+    assert worsened(2.19, 2.19) is None
+    assert worsened(None, 2.0) is None
+    text = worsened(2.19, 3.71)
+    assert text is not None
+    assert "from 2.19 dB at the start values to 3.71 dB" in text
+
+
+def test_noise_by_coherence(frame: Folder) -> None:
+    inputs = frame.inputs()
+    job = inputs.campaign.jobs["tight"]
+    measurement = read_measurement(inputs, job, "tight")
+    object.__setattr__(measurement, "coherence", np.full(measurement.values.shape, 0.9))
+    # 8.69 sqrt(0.1 / (2 5 0.9)) is the standard deviation; its mean size is 0.8 of that.
+    assert noise_level(measurement, job, inputs.used) == pytest.approx(0.7979 * 8.686 * np.sqrt(0.1 / 9.0), rel=1e-3)
+    assert noise_level(measurement, job.model_copy(update={"averages": 1}), inputs.used) is None
+    object.__setattr__(measurement, "coherence", np.full(measurement.values.shape, np.nan))
+    assert noise_level(measurement, job, inputs.used) is None

@@ -1,0 +1,141 @@
+"""Constant factors between measured and computed FRFs: found, named, and not seen where the model alone is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pads import PADS, S, loosened, pads_model, pads_ports
+
+from lrbc_cli.updating.misfit import port_model
+from lrbc_cli.updating.scale import grouped, misses_unit, offsets_of
+
+FREQUENCY = S.imag / (2 * np.pi)
+RNG = np.random.default_rng(3)
+QUANTITIES = ["acceleration"] * 4
+
+
+@pytest.fixture(scope="module")
+def frfs():
+    """Measured with 5 % of noise; computed by a model whose pads are 12 % off; and one with three pads loose, far from both."""
+    model, parameters = pads_model()
+    frf = port_model(pads_ports(model), parameters)
+    tight = loosened(parameters, tight=4.5, at=())
+    wrong = tight.copy()
+    wrong[:PADS] += np.where(np.arange(PADS) % 2 == 0, 0.05, -0.05)
+    y = frf.frf(tight)
+    noise = 1 + 0.05 * (RNG.normal(size=y.shape) + 1j * RNG.normal(size=y.shape)) / np.sqrt(2)
+    return {"measured": y * noise, "computed": frf.frf(wrong), "far": frf.frf(loosened(parameters, loose=1.0, at=(2, 3, 4, 5, 6, 7)))}
+
+
+def found(measured, *states, quantities=QUANTITIES):
+    return offsets_of(FREQUENCY, measured, states, quantities)
+
+
+def test_a_model_in_error_is_no_factor(frfs):
+    for states in (("computed",), ("far",), ("far", "computed")):
+        offsets = found(frfs["measured"], *(frfs[state] for state in states))
+        assert len(offsets) == 4
+        assert not any(o.named or o.reversed or o.conjugate for o in offsets)
+        assert not misses_unit(offsets)
+
+
+@pytest.mark.parametrize(
+    ("factor", "cause", "unit"),
+    [
+        (1 / 9.80665, "FRFs in g/N", "g/N"),
+        (1e3, "FRFs in mm/s2/N", "mm/s2/N"),
+        (4.4482216, "FRFs per lbf", "m/s2/lbf"),
+        (1 / 0.0254, "FRFs in in/s2/N", "in/s2/N"),
+        (1e-3, "FRFs per mN", "m/s2/mN"),
+        (np.sqrt(2.0), "rms and peak values mixed", None),
+        (0.5, "one-sided and two-sided spectra, or peak and peak-to-peak values, mixed", None),
+    ],
+)
+@pytest.mark.parametrize("state", ["computed", "far"])
+def test_a_factor_over_all_responses(frfs, factor, cause, unit, state):
+    """From the state that is near, also where another was tried before it."""
+    states = [frfs["far"], frfs["computed"]] if state == "far" else [frfs["computed"]]
+    offsets = found(frfs["measured"] * factor, *states)
+    (common,) = grouped(offsets, QUANTITIES)
+    assert common.responses == (0, 1, 2, 3)
+    assert common.offset.db == pytest.approx(20 * np.log10(factor), abs=max(common.offset.half, 0.5))
+    assert common.offset.known[0].cause == cause
+    assert common.offset.known[0].unit == unit
+    assert misses_unit(offsets) == (unit is not None)
+    assert all(o.after < 0.5 * o.before for o in offsets)
+
+
+def test_a_gain_that_is_no_unit(frfs):
+    offsets = found(frfs["measured"] * 10 ** (8.3 / 20), frfs["computed"])
+    (common,) = grouped(offsets, QUANTITIES)
+    assert not common.offset.known
+    assert common.offset.db == pytest.approx(8.3, abs=0.5)
+    assert not misses_unit(offsets)
+
+
+def test_one_response_among_others(frfs):
+    spoilt = frfs["measured"].copy()
+    spoilt[:, 2] /= 9.80665
+    offsets = found(spoilt, frfs["computed"])
+    assert [o.named for o in offsets] == [False, False, True, False]
+    (common,) = grouped(offsets, QUANTITIES)
+    assert common.responses == (2,)
+    assert common.offset.known[0].unit == "g/N"
+    assert not misses_unit(offsets)
+
+
+@pytest.mark.parametrize("power", [-2, -1, 1, 2])
+def test_powers_of_the_frequency(frfs, power):
+    offsets = found(frfs["measured"] * S[:, None] ** power, frfs["computed"])
+    (common,) = grouped(offsets, QUANTITIES)
+    assert common.responses == (0, 1, 2, 3)
+    assert common.offset.power == power
+    assert abs(common.offset.db) < 1.0
+    # The quarter turns that belong to it are no reversed sign.
+    assert not any(o.reversed or o.conjugate for o in offsets)
+    assert misses_unit(offsets)
+
+
+def test_velocity_in_millimetres(frfs):
+    offsets = found(frfs["measured"] / S[:, None] * 1e3, frfs["computed"])
+    (common,) = grouped(offsets, QUANTITIES)
+    assert common.offset.power == -1
+    assert common.offset.known[0].unit == "mm/s/N"
+
+
+@pytest.mark.parametrize("responses", [[0, 1, 2, 3], [1]])
+def test_reversed_signs(frfs, responses):
+    spoilt = frfs["measured"].copy()
+    spoilt[:, responses] *= -1
+    offsets = found(spoilt, frfs["computed"])
+    assert [o.response for o in offsets if o.reversed] == responses
+    assert not any(o.named or o.conjugate for o in offsets)
+
+
+def test_conjugates(frfs):
+    offsets = found(frfs["measured"].conj(), frfs["measured"])
+    assert all(o.conjugate and not o.reversed for o in offsets)
+
+
+def test_sign_and_unit_together(frfs):
+    offsets = found(-frfs["measured"] / 9.80665, frfs["computed"])
+    assert all(o.reversed and o.unit is not None for o in offsets)
+
+
+def test_pressures_have_units_of_their_own(frfs):
+    quantities = ["pressure"] * 4
+    (common,) = grouped(found(frfs["measured"] * 1e6, frfs["computed"], quantities=quantities), quantities)
+    assert common.offset.known[0].unit == "uPa/N"
+    (common,) = grouped(found(frfs["measured"] / 9.80665, frfs["computed"], quantities=quantities), quantities)
+    assert not common.offset.known
+
+
+def test_gaps_and_too_few_lines(frfs):
+    spoilt = frfs["measured"] / 9.80665
+    spoilt[::3, 0] = np.nan
+    spoilt[::4, 1] = 0.0
+    spoilt[5:, 3] = np.nan
+    offsets = found(spoilt, frfs["computed"])
+    assert [o.response for o in offsets] == [0, 1, 2]
+    assert all(o.named for o in offsets)
+    assert found(np.full_like(spoilt, np.nan), frfs["computed"]) == ()
