@@ -22,7 +22,7 @@ from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
-from lrbc_cli.updating.confidence import open_sides
+from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
@@ -350,24 +350,8 @@ class _Job:
 
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
-        P, size = self.parameters, self.parameters.size
         pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
-        patches, owner = [], []
-        for group, (values, _) in zip(P.groups, P.slices, strict=True):
-            if group.kind != "stiffness":
-                continue
-            at = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
-            half = max(0.5 * pitch, float(np.median(np.diff(at)))) if group.count > 1 else 0.0
-            for k in range(group.count):
-                patch = np.zeros(size)
-                patch[values] = np.abs(at - at[k]) <= half * (1 + 1e-9)
-                patches.append(patch)
-                owner.append(values.start + k)
-        down, up = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
-        if patches:
-            variance = fit.knowledge.noise.variance
-            down[owner], up[owner] = open_sides(fit.plain.data_sum, fit.solution.theta, np.column_stack(patches), P.bounds, variance)
-        return down, up
+        return open_values(self.parameters, pitch, fit.plain.data_sum, fit.solution.theta, fit.knowledge.noise.variance)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""

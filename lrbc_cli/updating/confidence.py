@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
 from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
@@ -96,6 +96,42 @@ def open_sides(
         costs = [data(theta + patch * (limit - theta)) - base for patch in patches.T]
         found.append(np.array(costs, dtype=float) < CHI2_95 * variance)
     return found[0], found[1]
+
+
+def open_values(
+    parameters: Parameterisation, pitch: float, data: Callable[[Floats], float], theta: Floats, variance: float
+) -> tuple[Bools, Bools]:
+    """Where the data do not object to a stretch of half a pitch about a stiffness value being free, or clamped.
+
+    Parameters
+    ----------
+    parameters : Parameterisation
+    pitch : float
+        Of the bolts [m]; the distance of the values counts where it is larger.
+    data, theta, variance
+        See ``open_sides``.
+
+    Returns
+    -------
+    down, up : (size,) bool arrays
+        False for values that are no stiffness.
+    """
+    size = parameters.size
+    patches, owner = [], []
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        if group.kind != "stiffness":
+            continue
+        at = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
+        half = max(0.5 * pitch, float(np.median(np.diff(at)))) if group.count > 1 else 0.0
+        for k in range(group.count):
+            patch = np.zeros(size)
+            patch[values] = np.abs(at - at[k]) <= half * (1 + 1e-9)
+            patches.append(patch)
+            owner.append(values.start + k)
+    down, up = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    if patches:
+        down[owner], up[owner] = open_sides(data, theta, np.column_stack(patches), parameters.bounds, variance)
+    return down, up
 
 
 @dataclass(frozen=True)
