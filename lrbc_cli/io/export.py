@@ -46,6 +46,20 @@ def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
         stream.write(image)
 
 
+def is_export(path: Path, encoding: str) -> bool:
+    """Whether a file is an earlier export; False where there is none, or it cannot be read."""
+    try:
+        if not path.is_file():
+            return False
+        if path.suffix.lower() == ".mat":
+            return str(np.squeeze(scipy.io.loadmat(path, variable_names=["encoding_type"])["encoding_type"])) == encoding
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("encoding-type") == encoding)
+    except Exception:
+        # Libraries answer damage with errors of many kinds; a damaged file is somebody else's all the same.
+        return False
+
+
 def check_ending(path: Path) -> str:
     """The ending, in lower case.
 
