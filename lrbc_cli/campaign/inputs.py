@@ -19,12 +19,12 @@ from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.tables import DofList, read_dof_table, read_points, read_positions
+from lrbc_cli.io.tables import read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
-from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
+from lrbc_cli.model.selection import arc_length, unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
@@ -289,55 +289,6 @@ class _Reader(ModelReader):
             + (f", {group.arc_length[-1]:.3f} m along the edge" if group.arc_length is not None and count > 1 else "")
         )
         return group, left, right
-
-    def term_dofs(self, name: str, config: GroupConfig) -> DofList:
-        select, campaign = config.select, self.campaign
-        keys = ("parameters", name, "select")
-        if select.dofs is not None:
-            return self.listed(select.dofs)
-        table = self.dofs
-        if table is None:
-            raise campaign.error(
-                "components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}"
-            )
-        assert select.component is not None
-        components = sorted(set(table.component.tolist()))
-        if select.component not in components:
-            raise campaign.error(
-                "no DOF has this component",
-                *keys,
-                "component",
-                expected=f"one of {', '.join(components)}",
-                found=select.component,
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )
-        if select.nodes is not None:
-            out = []
-            for node in select.nodes:
-                found = at_node(table, node, select.component)
-                if found.size != 1:
-                    known = bool(np.any(table.node == node))
-                    raise campaign.error(
-                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
-                        *keys,
-                        "nodes",
-                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
-                    )
-                out.append(int(found[0]))
-            return DofList(np.array(out), xyz=table.xyz[out])
-        assert select.box is not None
-        dofs = in_box(table, select.component, select.box)
-        if not dofs.size:
-            inside = table.xyz[table.component == select.component]
-            low, high = inside.min(axis=0), inside.max(axis=0)
-            raise campaign.error(
-                f"no DOF {select.component} lies in this box",
-                *keys,
-                "box",
-                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )
-        return DofList(dofs, xyz=table.xyz[dofs])
 
 
 def read_inputs(campaign: Campaign) -> Inputs:

@@ -11,14 +11,14 @@ from lrbc_cli.campaign.places import require_near
 from lrbc_cli.campaign.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
-from lrbc_cli.config.structure import PointConfig
+from lrbc_cli.config.structure import GroupConfig, PointConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.matrices import read_matrix, read_vectors
 from lrbc_cli.io.tables import ROUNDING, DofList, read_dof_list
 from lrbc_cli.io.text import unfinished
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
-from lrbc_cli.model.selection import at_node, nearest, spacing
+from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
 
 Point = tuple[int | None, int | None]
 
@@ -125,6 +125,56 @@ class ModelReader:
                     hint="export both from one model, or remove the columns x, y and z",
                 )
         return DofList(dofs, found.parameter, own)
+
+    def term_dofs(self, name: str, config: GroupConfig) -> DofList:
+        """The DOFs of the terms of a group, with their places where they are known."""
+        select, campaign = config.select, self.campaign
+        keys = ("parameters", name, "select")
+        if select.dofs is not None:
+            return self.listed(select.dofs)
+        table = self.dofs
+        if table is None:
+            raise campaign.error(
+                "components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}"
+            )
+        assert select.component is not None
+        components = sorted(set(table.component.tolist()))
+        if select.component not in components:
+            raise campaign.error(
+                "no DOF has this component",
+                *keys,
+                "component",
+                expected=f"one of {', '.join(components)}",
+                found=select.component,
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )
+        if select.nodes is not None:
+            out = []
+            for node in select.nodes:
+                found = at_node(table, node, select.component)
+                if found.size != 1:
+                    known = bool(np.any(table.node == node))
+                    raise campaign.error(
+                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                        *keys,
+                        "nodes",
+                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
+                    )
+                out.append(int(found[0]))
+            return DofList(np.array(out), xyz=table.xyz[out])
+        assert select.box is not None
+        dofs = in_box(table, select.component, select.box)
+        if not dofs.size:
+            inside = table.xyz[table.component == select.component]
+            low, high = inside.min(axis=0), inside.max(axis=0)
+            raise campaign.error(
+                f"no DOF {select.component} lies in this box",
+                *keys,
+                "box",
+                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )
+        return DofList(dofs, xyz=table.xyz[dofs])
 
     def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
         """One DOF, and where it was found in words."""

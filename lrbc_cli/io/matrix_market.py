@@ -292,7 +292,7 @@ def _refuse_doubles(row: NDArray[np.int64], column: NDArray[np.int64], header: _
         place="line 1" if mirrored else f"row {row[at] + 1}, column {column[at] + 1}",
         expected="entries of one triangle, each once, or the word 'general'",
         found=f"{places.size} entries in {unique.size} places, twice first at row {row[at] + 1}, column {column[at] + 1}",
-        hint="change the banner's last word to 'general' where the file holds the whole matrix, or export one triangle with each entry once",
+        hint="change the banner's last word to 'general' where the file holds the whole matrix, or export one triangle, each entry once",
     )
 
 
