@@ -257,8 +257,6 @@ def test_negative_magnitudes_are_refused(tmp_path):
     # dB may be negative.
     in_db = read(tmp_path, text.replace("a_mag", "a_db").encode()).records[0]
     assert in_db.values[1] == pytest.approx(10 ** (-0.02) * np.exp(1j * np.deg2rad(40)))
-        10 ** (-0.02) * np.exp(1j * np.deg2rad(40))
-    )
 
 
 def test_a_last_line_without_an_end_is_told(tmp_path):
