@@ -270,7 +270,7 @@ def test_points_in_millimetres(tmp_path: Path) -> None:
     tree["excitation"]["hammer"]["near"] = [4.0, 0.0, 0.0]
     folder.write(tree)
     assert folder.run("check").code == 0
-    tree["excitation"]["hammer"]["near"] = [0.0, 0.0, 7.0]
+    tree["excitation"]["hammer"]["near"] = [0.0, 0.0, 7000.0]
     folder.write(tree)
     result = folder.run("check")
     assert result.code == 3

@@ -107,7 +107,7 @@ def test_two_points_at_one_place(tmp_path, offset):
     text = f"name,x,y,z\nB1,0,0.5,1\nB2,1,2,3\nB3,{offset!r},0.5,1\n"
     with pytest.raises(DataError, match=r"line 4, column 'name': two points lie at one place(.|\n)*line 2 puts B1"):
         read_points(write(tmp_path, text))
-    assert len(read_points(write(tmp_path, text.replace("B3,", "B3,1e-3"))).name) == 3
+    assert len(read_points(write(tmp_path, text.replace(f"B3,{offset!r}", "B3,1e-3"))).name) == 3
 
 
 def test_fields_may_be_numbered_apart(tmp_path):
