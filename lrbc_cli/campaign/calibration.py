@@ -54,10 +54,12 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     reduced = cache.key_parts(inputs)
     about = {k: v for k, v in resolved["jobs"][calibration.job].items() if k not in ("frf", "coherence", "repeats", "removed")}
     groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
+    # As for jobs: which terms share a value.
+    shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
     files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
     return {
         "model": cache._digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
-        "terms": cache._digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups]),
+        "terms": cache._digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
         "band": cache._digest(reduced["band"], reduced["tolerance"]),
         "measurement": cache._digest(
             [file_hash(file) for file in files],

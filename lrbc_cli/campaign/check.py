@@ -12,6 +12,7 @@ import numpy as np
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.memory import GB, limit_of, reduction_cost
+from lrbc_cli.campaign.model_doubts import loss_factor
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.unknowns import select_lines
@@ -65,7 +66,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out = Findings()
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
-    out.sections["model"] = _model(inputs, out)
+    out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
     out.sections["reduced model"] = _reduction(inputs, decision, out)
@@ -93,51 +94,21 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     return out
 
 
-def _model(inputs: Inputs, out: Findings) -> list[str]:
+def _model(inputs: Inputs) -> list[str]:
     m = inputs.model
     acoustic = int(m.is_acoustic.sum())
     lines = [f"{m.size} DOFs: {m.size - acoustic} structural, {acoustic} acoustic"]
     coupling = coupling_of(m.K, m.C, m.M, m.is_acoustic)
     lines.append(f"symmetry: {coupling.text}")
     for name, matrix in (("stiffness", m.K), ("mass", m.M), ("damping", m.C)):
-        lower, upper = _triangles(matrix)
-        if matrix.nnz and (lower == 0) != (upper == 0):
-            out.warnings.append(
-                f"{name}: only one triangle is stored; if the matrix is symmetric, export it whole or with a symmetric banner"
-            )
         defect = asymmetry(matrix)
         if not acoustic and defect > 0 and not coupling.symmetric:
             lines.append(f"{name}: relative asymmetry {defect:.1e}")
     if np.iscomplexobj(m.K.data):
-        ratio = m.K.imag.diagonal().sum() / m.K.real.diagonal().sum()
-        lines.append(f"stiffness is complex (hysteretic damping), loss factor about {ratio:.3g}")
-        if ratio < 0:
-            out.warnings.append(
-                "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix"
-            )
+        lines.append(f"stiffness is complex (hysteretic damping), loss factor about {loss_factor(m):.3g}")
     massless = int((np.abs(m.M).sum(axis=0) == 0).sum())
     if massless:
         lines.append(f"{massless} massless DOFs (singular mass matrix): allowed")
-    diagonal = np.abs(m.K.diagonal())
-    empty = int(((diagonal == 0) & (np.abs(m.M).sum(axis=0) == 0) & (np.abs(m.K).sum(axis=0) == 0)).sum())
-    if empty:
-        out.warnings.append(f"{empty} DOFs have neither stiffness nor mass (fixed or orphan nodes): remove them from the export")
-    penalty = (
-        int((diagonal[~m.is_acoustic] > 1e8 * max(float(np.median(diagonal[~m.is_acoustic])), 1e-300)).sum()) if acoustic < m.size else 0
-    )
-    if penalty:
-        out.warnings.append(
-            f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
-        )
-    for group in inputs.groups:
-        if group.config.baseline > 0 and group.config.kind == "stiffness":
-            left, right = m.terms.left[:, group.terms], m.terms.right[:, group.terms]
-            share = np.asarray((left.multiply(m.K.real @ right)).sum(axis=0)).ravel()
-            norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
-            if np.any(share < group.config.baseline * norm * (1 - 1e-9)):
-                out.warnings.append(
-                    f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
-                )
     if inputs.dofs is not None:
         masses = []
         for component in TRANSLATIONS:
@@ -151,11 +122,6 @@ def _model(inputs: Inputs, out: Findings) -> list[str]:
         f"{m.terms.size} rank-one terms ({symmetric}), {m.B.shape[1]} excitation(s), {m.L.shape[0]} response(s), {inputs.used.size} used"
     )
     return lines
-
-
-def _triangles(matrix: Any) -> tuple[int, int]:
-    coo = matrix.tocoo()
-    return int((coo.row > coo.col).sum()), int((coo.row < coo.col).sum())
 
 
 def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> list[str]:

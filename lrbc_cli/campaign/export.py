@@ -12,12 +12,13 @@ import numpy as np
 
 from lrbc_cli.campaign.documents import versions
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reader import DIRECTIONS
 from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, cheaper_formula
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.io.export import check_ending, write_export
+from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, StateSpace, complex_matrix, state_space
@@ -27,19 +28,19 @@ ENCODING = "lrbc-reduced-model"
 COMPONENTS = {direction: component for component, direction in DIRECTIONS.items()}
 
 
-def check_targets(files: Sequence[Path], inputs: Inputs) -> None:
+def check_targets(files: Sequence[Path], inputs: Inputs, *, replace_foreign: bool = False) -> None:
     """Refuse, before anything is computed, files that cannot become an export.
+
+    An earlier export is replaced; another file that exists only with ``replace_foreign``.
 
     Raises
     ------
     ConfigError
-        For an unknown ending, a folder, an input of the campaign, and a place where nothing can be written.
+        For an unknown ending, a folder, an input of the campaign, a file that is no export, and a place where nothing can be written.
     """
-    read = {Path(name).resolve() for name in inputs.hashes} | {inputs.campaign.path.resolve()}
     for file in files:
         check_ending(file)
-        if file.resolve() in read:
-            raise ConfigError("this is an input of the campaign", file=file, place="--export", expected="a new file, or an earlier export")
+        require_no_input(file, inputs.campaign, "--export")
         folder = next(parent for parent in file.resolve().parents if parent.exists())
         problem = (
             "is a folder"
@@ -52,6 +53,8 @@ def check_targets(files: Sequence[Path], inputs: Inputs) -> None:
         )
         if problem:
             raise ConfigError(f"the file cannot be written: it {problem}", file=file, place="--export", hint="name another place")
+        if not replace_foreign and not is_export(file, ENCODING):
+            require_new(file, "--export", "--overwrite")
 
 
 def require_real(inputs: Inputs) -> None:
@@ -80,6 +83,7 @@ def export(
     files: Sequence[Path],
     *,
     first_order: bool = False,
+    replace_foreign: bool = False,
     job: str | None = None,
     assignments: Sequence[str] = (),
 ) -> list[dict[str, Any]]:
@@ -93,6 +97,8 @@ def export(
         ``.h5``, ``.hdf5`` or ``.mat``.
     first_order : bool
         Add the state space.
+    replace_foreign : bool
+        Replace files that are no earlier exports.
     job, assignments
         Parameters of the state space, as for ``simulate``; start values otherwise.
 
@@ -110,7 +116,7 @@ def export(
     NumericalError
         Where there is no real first-order form.
     """
-    check_targets(files, inputs)
+    check_targets(files, inputs, replace_foreign=replace_foreign)
     band = inputs.campaign.reduction.band
     source = FrfSource(inputs, stage, cheaper_formula(inputs, stage))
     auto = any(group.config.initial == "auto" for group in inputs.groups)

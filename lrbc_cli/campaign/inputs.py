@@ -9,18 +9,22 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.drift import check_air, load_shift
+from lrbc_cli.campaign.edges import require_edges
 from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, recipe_of
+from lrbc_cli.campaign.model_doubts import doubts
+from lrbc_cli.campaign.places import extents, require_metres, require_near
+from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.tables import read_dof_list, read_dof_table, read_points, read_positions
+from lrbc_cli.io.tables import read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
-from lrbc_cli.model.selection import arc_length, at_node, in_box, unit_columns
+from lrbc_cli.model.selection import arc_length, unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
@@ -238,7 +242,10 @@ class _Reader(ModelReader):
             right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
             assert select.positions is not None
             positions = read_positions(select.positions)
-            self.hash(select.positions)
+            self.table(select.positions)
+            if self.dofs is not None:
+                places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
+                require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
             if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
                 raise DataError(
                     f"vectors and positions of {name} do not fit",
@@ -251,9 +258,9 @@ class _Reader(ModelReader):
                 raise DataError(f"vector {empty[0]} of {name} is empty", file=(select.vectors or select.left).path)  # type: ignore[union-attr]
             xyz, names = positions.xyz, positions.parameter
         else:
-            dofs = self.term_dofs(name, config)
-            left = right = unit_columns(dofs, self.n)
-            xyz = self.dofs.xyz[dofs] if self.dofs else None
+            listed = self.term_dofs(name, config)
+            left = right = unit_columns(listed.dof, self.n)
+            xyz, names = listed.xyz, listed.parameter
         m = left.shape[1]
         if names is None:
             parameter = np.arange(m)
@@ -283,64 +290,6 @@ class _Reader(ModelReader):
         )
         return group, left, right
 
-    def term_dofs(self, name: str, config: GroupConfig) -> NDArray[np.int64]:
-        select, campaign = config.select, self.campaign
-        keys = ("parameters", name, "select")
-        if select.dofs is not None:
-            dofs = read_dof_list(select.dofs)
-            self.hash(select.dofs)
-            if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
-                raise DataError(
-                    "this list of DOFs does not fit the model",
-                    file=select.dofs,
-                    expected=f"DOFs from 0 to {self.n - 1}",
-                    found=str(dofs[:5].tolist()),
-                )
-            return dofs
-        table = self.dofs
-        if table is None:
-            raise campaign.error(
-                "components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}"
-            )
-        assert select.component is not None
-        components = sorted(set(table.component.tolist()))
-        if select.component not in components:
-            raise campaign.error(
-                "no DOF has this component",
-                *keys,
-                "component",
-                expected=f"one of {', '.join(components)}",
-                found=select.component,
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )
-        if select.nodes is not None:
-            out = []
-            for node in select.nodes:
-                found = at_node(table, node, select.component)
-                if found.size != 1:
-                    known = bool(np.any(table.node == node))
-                    raise campaign.error(
-                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
-                        *keys,
-                        "nodes",
-                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
-                    )
-                out.append(int(found[0]))
-            return np.array(out)
-        assert select.box is not None
-        dofs = in_box(table, select.component, select.box)
-        if not dofs.size:
-            inside = table.xyz[table.component == select.component]
-            low, high = inside.min(axis=0), inside.max(axis=0)
-            raise campaign.error(
-                f"no DOF {select.component} lies in this box",
-                *keys,
-                "box",
-                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )
-        return dofs
-
 
 def read_inputs(campaign: Campaign) -> Inputs:
     """Read model, terms, loads, outputs and bolts.
@@ -360,7 +309,11 @@ def read_inputs(campaign: Campaign) -> Inputs:
     ConfigError
         Where the campaign file asks for a DOF that does not exist.
     """
+    require_inputs_apart(campaign)
     reader = _Reader(campaign)
+    if campaign.model.dofs is not None:
+        reader.dofs = read_dof_table(campaign.model.dofs)
+        reader.table(campaign.model.dofs)
     K = reader.matrix(campaign.model.stiffness, "stiffness")
     n = reader.n = K.shape[0]
     if K.nnz == 0:
@@ -370,9 +323,7 @@ def read_inputs(campaign: Campaign) -> Inputs:
     M = reader.matrix(campaign.model.mass, "mass", n)
     if np.iscomplexobj(M.data):
         raise DataError("the mass matrix is complex", file=campaign.model.mass.path, expected="real numbers")
-    if campaign.model.dofs is not None:
-        reader.dofs = read_dof_table(campaign.model.dofs)
-        reader.hash(campaign.model.dofs)
+    if campaign.model.dofs is not None and reader.dofs is not None:
         if reader.dofs.size != n:
             raise DataError(
                 "the DOF table does not fit the matrices",
@@ -381,6 +332,8 @@ def read_inputs(campaign: Campaign) -> Inputs:
                 found=f"{reader.dofs.size}",
                 hint="export matrices and DOF table of one model in one run",
             )
+        require_metres(K, M, reader.dofs, campaign.model.dofs)
+        reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     acoustic = reader.dofs.is_acoustic if reader.dofs else np.zeros(n, dtype=bool)
     damping = campaign.model.damping
     if isinstance(damping, ProportionalDamping):
@@ -413,9 +366,16 @@ def read_inputs(campaign: Campaign) -> Inputs:
     bolts = None
     if campaign.bolts is not None:
         bolts = read_points(campaign.bolts)
-        reader.hash(campaign.bolts)
+        reader.table(campaign.bolts)
+        known = [reader.dofs.xyz] if reader.dofs else [group.xyz for group in groups if group.xyz is not None]
+        if known:
+            around = np.concatenate(known)
+            names = [f"bolt {name}" for name in bolts.name]
+            require_near(bolts.xyz, names, around, file=campaign.bolts, known=reader.dofs is not None)
+    reader.notes += require_edges(campaign, groups, bolts)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     model = FeModel(K, C, M, B, L, output_power, acoustic, terms, extras)
+    reader.warn(*doubts(model, groups))
     check_air(campaign, bool(acoustic.any()))
     recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])

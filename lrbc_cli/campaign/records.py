@@ -220,7 +220,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         hashes[job.coherence.as_posix()] = file_hash(job.coherence)
     used = set(inputs.used.tolist())
     records: list[FrfRecord | None] = []
-    notes, warnings = list(frf.notes), []
+    notes, warnings = list(frf.notes), [f"{job.frf.name}: {warning}" for warning in frf.warnings]
     unstated: list[str] = []
     for i, response in enumerate(inputs.responses):
         wanted = job.records.get(response.name, campaign.responses[response.name].record)

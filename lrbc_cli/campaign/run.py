@@ -122,6 +122,8 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         groups,
         beta,
         *[p for p in positions if p is not None],
+        # Which terms share a value: nothing else tells where terms have no positions.
+        *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
         settings,
         about,
         records,

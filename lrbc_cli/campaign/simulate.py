@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.unknowns import layout, parameterise, stored_theta
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
@@ -174,6 +175,7 @@ def simulate(
     lines: str | None = None,
     assignments: Sequence[str] = (),
     full: bool = False,
+    replace: bool = False,
     accept: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> FrfSet:
@@ -192,6 +194,8 @@ def simulate(
         See ``parse_lines`` and ``parse_values``.
     full : bool
         Full order, one solve a line.
+    replace : bool
+        Write to a file that exists; never to an input of the campaign.
     accept : bool
         Accept a reduced model that misses its tolerance.
     progress : callable
@@ -204,6 +208,9 @@ def simulate(
         raise ConfigError(
             "this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
         )
+    require_no_input(out, inputs.campaign, "--out")
+    if not replace:
+        require_new(out, "--out", "--force")
     band = inputs.campaign.reduction.band
     frequency = parse_lines(lines, band)
     if not full and (frequency[0] < band[0] * (1 - 1e-9) or frequency[-1] > band[1] * (1 + 1e-9)):

@@ -16,7 +16,7 @@ from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 @calibration_option
 def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> int:
     """Read all inputs and print the plan; change nothing."""
-    inputs = load(config, overrides, calibration=calibration)
+    inputs = load(config, overrides, calibration=calibration, warn=False)
     findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
     if as_json:
         say_json(findings.tree)

@@ -22,16 +22,19 @@ from lrbc_cli.config import load_campaign
 __all__ = ["cache_folder", "load", "progress", "say_json"]
 
 
-def load(config: Path, overrides: tuple[str, ...], *, own_output: bool = True, calibration: bool | None = True) -> Inputs:
+def load(
+    config: Path, overrides: tuple[str, ...], *, own_output: bool = True, calibration: bool | None = True, warn: bool = True
+) -> Inputs:
     """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts.
 
     A stored calibration that fits is put into the model, and what became of it is said; False leaves it out, None looks for none.
+    ``warn=False`` leaves the warnings about files and model to the caller.
     """
     campaign = load_campaign(config, overrides)
     if own_output:
         require_own_output(campaign)
     inputs = read_inputs(campaign)
-    if verbosity.level >= 0:
+    if warn and verbosity.level >= 0:
         for warning in inputs.warnings:
             click.echo(f"warning: {warning}", err=True)
     if calibration is not None:

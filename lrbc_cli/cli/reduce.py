@@ -30,8 +30,9 @@ from lrbc_cli.errors import ConfigError
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="FILE",
-    help="Write the reduced model for other programs: .h5, .hdf5 or .mat; repeatable.",
+    help="Write the reduced model for other programs: .h5, .hdf5 or .mat; repeatable. Replaces earlier exports.",
 )
+@click.option("--overwrite", is_flag=True, help="Let --export replace any file that is no input of the campaign.")
 @click.option(
     "--state-space", is_flag=True, help="Export a first-order state space too, at the start values unless --job or --set says else."
 )
@@ -53,6 +54,7 @@ def reduce(
     dry_run: bool,
     accept_tolerance: bool,
     exports: tuple[Path, ...],
+    overwrite: bool,
     state_space: bool,
     job: str | None,
     assignments: tuple[str, ...],
@@ -66,7 +68,7 @@ def reduce(
             f"{option} gives the parameters of --state-space", expected="--export FILE --state-space", found="no --state-space"
         )
     inputs = load(config, overrides, calibration=calibration)
-    check_targets(exports, inputs)
+    check_targets(exports, inputs, replace_foreign=overwrite)
     if state_space:
         check_parameters(inputs, job, assignments)
         require_real(inputs)
@@ -101,7 +103,8 @@ def reduce(
     )
     tree = write_reduction(output, inputs, stage)
     write_campaign(output, inputs)
-    written = export(inputs, stage, exports, first_order=state_space, job=job, assignments=assignments) if exports else []
+    options: dict[str, Any] = {"first_order": state_space, "replace_foreign": overwrite, "job": job, "assignments": assignments}
+    written = export(inputs, stage, exports, **options) if exports else []
     if as_json:
         say_json(tree | ({"exports": written} if exports else {}))
     else:

@@ -25,6 +25,7 @@ from lrbc_cli.cli.options import calibration_option, campaign_options
     help="Value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
 )
 @click.option("--full", is_flag=True, help="Full order: one solve of the whole model a line.")
+@click.option("--force", is_flag=True, help="Replace the file of --out where it exists.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def simulate(
     config: Path,
@@ -37,6 +38,7 @@ def simulate(
     lines: str | None,
     assignments: tuple[str, ...],
     full: bool,
+    force: bool,
     accept_tolerance: bool,
 ) -> None:
     """Compute FRFs of the model and write them to a file."""
@@ -49,6 +51,7 @@ def simulate(
         lines=lines,
         assignments=assignments,
         full=full,
+        replace=force,
         accept=accept_tolerance,
         progress=progress(),
     )

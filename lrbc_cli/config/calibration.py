@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from lrbc_cli.config.fields import MatrixRef, Name, NameMap, Strict, check_unique, problem
+from lrbc_cli.config.fields import Name, NameMap, OperatorRef, Strict, check_unique, problem
 
 FIELDS = ("structure", "acoustic")
 
@@ -22,12 +22,12 @@ FACTOR_NAMES = (*(f"{scale}.{field}" for field in FIELDS for scale in SCALES), S
 class FactorGroup(Strict):
     """A share of the model with a factor of its own: matrices that the model's matrices contain once."""
 
-    stiffness: MatrixRef | None = Field(default=None, description="Its share of K, given like model.stiffness.")
-    damping: MatrixRef | None = Field(default=None, description="Its share of C, where the model's damping is a matrix.")
-    mass: MatrixRef | None = Field(default=None, description="Its share of M.")
+    stiffness: OperatorRef | None = Field(default=None, description="Its share of K, given like model.stiffness.")
+    damping: OperatorRef | None = Field(default=None, description="Its share of C, where the model's damping is a matrix.")
+    mass: OperatorRef | None = Field(default=None, description="Its share of M.")
 
     @property
-    def matrices(self) -> dict[str, MatrixRef]:
+    def matrices(self) -> dict[str, OperatorRef]:
         """Those that are given, by operator."""
         given = {"stiffness": self.stiffness, "damping": self.damping, "mass": self.mass}
         return {operator: ref for operator, ref in given.items() if ref is not None}

@@ -187,3 +187,13 @@ class MatrixRef(Strict):
         mapping = {key: schema.pop(key) for key in ("type", "properties", "required", "additionalProperties") if key in schema}
         schema["anyOf"] = [{"type": "string", "minLength": 1, "description": "'file' or 'file#group'."}, mapping]
         return schema
+
+
+class OperatorRef(MatrixRef):
+    """A square matrix of the model: as any matrix in a file, and with ``symmetric`` where the file holds one triangle of it."""
+
+    symmetric: bool | None = Field(
+        default=None,
+        description="true: the matrix is symmetric; where the file holds one triangle, the other is filled in. false: a matrix of one "
+        "triangle is meant as it stands. Absent: a matrix of one triangle is refused.",
+    )

@@ -15,6 +15,7 @@ from lrbc_cli.config.fields import (
     MatrixRef,
     Name,
     NumberOrAuto,
+    OperatorRef,
     Point,
     Positive,
     Quantity,
@@ -89,15 +90,15 @@ def _damping_form(value: object) -> str:
 
 
 Damping = Annotated[
-    Annotated[MatrixRef, Tag("form:matrix")] | Annotated[ProportionalDamping, Tag("form:proportional")], Discriminator(_damping_form)
+    Annotated[OperatorRef, Tag("form:matrix")] | Annotated[ProportionalDamping, Tag("form:proportional")], Discriminator(_damping_form)
 ]
 
 
 class ModelConfig(Strict):
     """The finite-element model that the measurement is compared with."""
 
-    stiffness: MatrixRef = Field(description="Stiffness matrix K: 'file', 'file#group' or {file:, group:, format:}.")
-    mass: MatrixRef = Field(description="Mass matrix M, given like the stiffness.")
+    stiffness: OperatorRef = Field(description="Stiffness matrix K: 'file', 'file#group' or {file:, group:, format:, symmetric:}.")
+    mass: OperatorRef = Field(description="Mass matrix M, given like the stiffness.")
     damping: Damping | None = Field(
         default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:}, acoustic: {alpha:, beta:}}; absent: none."
     )
@@ -194,7 +195,11 @@ class SelectConfig(Strict):
     nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None, description="Node numbers, in the order along the edge."
     )
-    dofs: FilePath | None = Field(default=None, description="CSV file with a column `dof` (0-based), one term a line.")
+    dofs: FilePath | None = Field(
+        default=None,
+        description="CSV file with a column `dof` (0-based), one term a line; terms with equal entries in a column `parameter` share one "
+        "parameter; columns x,y,z give positions where there is no DOF table.",
+    )
     vectors: MatrixRef | None = Field(default=None, description="Matrix with one column a term, b_k = c_k.")
     left: MatrixRef | None = Field(default=None, description="Matrix of the left vectors b_k, one column a term.")
     right: MatrixRef | None = Field(default=None, description="Matrix of the right vectors c_k, one column a term.")

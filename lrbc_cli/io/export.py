@@ -7,6 +7,7 @@ HDF5: groups carry ``encoding-type`` = ``dict`` and datasets ``array``, ``string
 from __future__ import annotations
 
 import io
+import mmap
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.hdf5_tools import hdf5_image
 
 VERSION = "0.1.0"
+
+#: First bytes of an HDF5 file.
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
@@ -44,6 +48,21 @@ def write_export(path: Path, tree: Mapping[str, Any], encoding: str) -> None:
     image = IMAGES[check_ending(path)](tree, encoding)
     with atomic_write(path, "wb") as stream:
         stream.write(image)
+
+
+def is_export(path: Path, encoding: str) -> bool:
+    """Whether a file is an earlier export; False where there is none, or it cannot be read."""
+    try:
+        if not path.is_file():
+            return False
+        if path.suffix.lower() == ".mat":
+            return str(np.squeeze(scipy.io.loadmat(path, variable_names=["encoding_type"])["encoding_type"])) == encoding
+        # Texts stand in the file as they are: what HDF5 makes of a foreign file need not be known.
+        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content[:8] == SIGNATURE and content.find(encoding.encode()) >= 0
+    except Exception:
+        # Libraries answer damage with errors of many kinds; a damaged file is somebody else's all the same.
+        return False
 
 
 def check_ending(path: Path) -> str:

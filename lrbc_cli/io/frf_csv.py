@@ -14,6 +14,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, not_finite, scaled
+from lrbc_cli.io.text import unfinished
 from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.io.text_sniff import TextTable, read_table
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
@@ -90,6 +91,15 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
                 row = int(bad[0])
                 raise not_finite(path, f"line {table.lines[row]}, column {table.names[index] or index + 1}", table.values[row, index])
             parts.append(table.values[:, index])
+        if representation == "magnitude-phase" and (negative := np.flatnonzero(parts[0] < 0)).size:
+            raise DataError(
+                "a magnitude is negative",
+                file=path,
+                place=f"line {table.lines[negative[0]]}, column {table.names[first] or first + 1}",
+                expected="magnitudes from 0 on",
+                found=f"{parts[0][negative[0]]:g} ({negative.size} such lines)",
+                hint="are these dB (representation: db-phase), or real and imaginary parts (real-imag)?",
+            )
         values = _combine(parts[0], parts[1], representation, _phase_unit(table, second, representation, layout, notes))
         scale, quantity = _unit(table.units[first], layout, representation, notes, name, path)
         coherence = None
@@ -99,7 +109,8 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
                 notes.append(f"coherence of {name} undefined at some lines; 0 taken there")
         place = f"column {table.names[first] or first + 1}"
         records.append(FrfRecord(name, frequency, scaled(values, scale, path, place), quantity, coherence=coherence, place=place))
-    return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)))
+    cut = ("the last line has no end; if the file was cut there, its last number is wrong",) if unfinished(path.read_bytes()) else ()
+    return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), cut)
 
 
 def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:

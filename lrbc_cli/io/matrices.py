@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
@@ -16,7 +15,7 @@ from lrbc_cli.io.mat5 import is_mat5, read_mat5_matrix
 from lrbc_cli.io.matrix_market import explain_text, is_matrix_market, read_matrix_market
 from lrbc_cli.io.npz import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.npz import read_npz_matrix
-from lrbc_cli.io.sparse import MatrixFile, require_square, stored_triangle
+from lrbc_cli.io.sparse import MatrixFile, require_square
 
 __all__ = ["FORMATS", "MatrixFile", "detect_format", "read_matrix", "read_vectors", "split_reference", "write_matrix_hdf5"]
 
@@ -99,9 +98,6 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None)
     """
     result = read_vectors(path, group, format)
     require_square(result.matrix, path, group or "matrix")
-    triangle = stored_triangle(result.matrix)
-    if triangle and result.format != "matrix-market":
-        result = replace(result, notes=(*result.notes, f"only the {triangle} triangle is stored; the matrix is used as it stands"))
     return result
 
 

@@ -27,13 +27,16 @@ from lrbc_cli.io.common import (
     damaged,
     require_file,
 )
-from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates, stored_triangle
+from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates
+from lrbc_cli.io.text import unfinished
 
 BANNER = b"%%matrixmarket"
 _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")
 # Up to here a compressed file is unpacked before its header is read: room for some thousand lines of comment.
 _HEADER_ROOM = 1 << 20
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
+#: Bytes whose lines are counted at a time: the masks take a few times as much memory.
+_CHUNK = 2**24
 
 
 @dataclass(frozen=True)
@@ -86,13 +89,21 @@ def read_matrix_market(path: Path) -> MatrixFile:
     # The shortest number takes one digit and a blank.
     check_allocation(2 * width * header.entries - 1, len(content), path, f"line {header.line}")
     numbers = _numbers(body, header, width, path)
+    warnings = []
+    if not packed and unfinished(content):
+        # A packed file has a checksum.
+        warnings.append(f"{path.name}: the last line has no end; if the file was cut there, its last number is wrong")
     if header.layout == "array":
         values = numbers.view(np.complex128) if header.parts == 2 else numbers
         matrix = canonical(_unpack(values.ravel(), header), path, "matrix")
     else:
         check_dimensions(header.shape, size, path, f"line {header.line}")
+        if not _one_entry_a_line(body, width):
+            raise _bad_line(body, header, width, path)
         matrix = _assemble(numbers, body, header, path, size)
-    return MatrixFile(matrix, "matrix-market", _notes(header, matrix))
+        if header.symmetry == "general" and (double := _doubles(numbers, matrix, header)):
+            warnings.append(f"{path.name}: {double} of {header.entries} entries have the place of an earlier one and are added to it")
+    return MatrixFile(matrix, "matrix-market", _notes(header), tuple(warnings))
 
 
 def _unpacked(path: Path, size: int) -> bytes:
@@ -130,6 +141,31 @@ def _numbers(body: bytes, header: _Header, width: int, path: Path) -> NDArray[np
     if numbers.size != width * header.entries:
         raise _bad_line(body, header, width, path)
     return numbers.reshape(header.entries, width)
+
+
+def _one_entry_a_line(body: bytes, width: int) -> bool:
+    """Whether every line that is not blank holds as many words as an entry has: else numbers would move from entry to entry."""
+    begin = 0
+    while begin < len(body):
+        end = body.find(b"\n", begin + _CHUNK) + 1 or len(body)
+        chunk = np.frombuffer(body, dtype=np.uint8, count=end - begin, offset=begin)
+        blank = chunk <= ord(" ")
+        words = ~blank
+        words[1:] &= blank[:-1]
+        lines = np.concatenate([[0], np.flatnonzero(chunk == ord("\n")) + 1])
+        count = np.add.reduceat(words, lines[lines < chunk.size], dtype=np.int64)
+        if np.any((count != 0) & (count != width)):
+            return False
+        begin = end
+    return True
+
+
+def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
+    """Entries of a general file whose place another entry has."""
+    if matrix.nnz + int((~numbers[:, 2:].any(axis=1)).sum()) == header.entries:
+        return 0
+    places = (numbers[:, 0].astype(np.int64) - 1) * header.shape[1] + numbers[:, 1].astype(np.int64)
+    return int(places.size - np.unique(places).size)
 
 
 def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError:
@@ -176,7 +212,7 @@ def _assemble(numbers: NDArray[np.float64], body: bytes, header: _Header, path: 
     values = numbers[:, 2:].copy().view(np.complex128).ravel() if header.parts == 2 else numbers[:, 2]
     if header.symmetry != "general":
         off = row != column_
-        _refuse_both_triangles(row[off], column_[off], header.shape[1], path)
+        _refuse_doubles(row, column_, header, path)
         values = np.concatenate([values, _mirror(values[off], header.symmetry)])
         row, column_ = np.concatenate([row, column_[off]]), np.concatenate([column_, row[off]])
     return from_coordinates(values, row, column_, header.shape, path=path, place="matrix", file_size=size)
@@ -286,31 +322,25 @@ def _header(content: bytes, path: Path) -> _Header:
     return _Header(layout, field, symmetry, (rows, columns), entries, number, stream.tell())
 
 
-def _refuse_both_triangles(row: NDArray[np.int64], column: NDArray[np.int64], columns: int, path: Path) -> None:
-    """Refuse a symmetric banner over a full matrix: its off-diagonal entries would count twice."""
-    places = np.minimum(row, column) * columns + np.maximum(row, column)
-    unique = np.unique(places).size
-    if not places.size:
+def _refuse_doubles(row: NDArray[np.int64], column: NDArray[np.int64], header: _Header, path: Path) -> None:
+    """Refuse a symmetric banner over entries that would count twice: a full matrix, pairs in both triangles, places that repeat."""
+    low, high = np.minimum(row, column), np.maximum(row, column)
+    places = low * header.shape[1] + high
+    unique, first, count = np.unique(places, return_index=True, return_counts=True)
+    if unique.size == places.size:
         return
-    if 2 * unique <= places.size:
-        raise DataError(
-            "both triangles are stored though the banner says that one is",
-            file=path,
-            place="line 1",
-            expected="entries of one triangle, or the word 'general'",
-            found=f"{places.size} off-diagonal entries in {unique} pairs",
-            hint="change the banner's last word to 'general', or export one triangle",
-        )
+    at = int(first[count > 1].min())
+    same = np.flatnonzero(places == places[at])
+    mirrored = np.unique(row[same]).size > 1
+    raise DataError(
+        "both triangles are stored though the banner says that one is" if mirrored else "an entry stands twice under a symmetric banner",
+        file=path,
+        place="line 1" if mirrored else f"row {row[at] + 1}, column {column[at] + 1}",
+        expected="entries of one triangle, each once, or the word 'general'",
+        found=f"{places.size} entries in {unique.size} places, twice first at row {row[at] + 1}, column {column[at] + 1}",
+        hint="change the banner's last word to 'general' where the file holds the whole matrix, or export one triangle, each entry once",
+    )
 
 
-def _notes(header: _Header, matrix: Any) -> tuple[str, ...]:
-    notes = []
-    triangle = stored_triangle(matrix)
-    if header.symmetry == "general" and triangle:
-        notes.append(
-            f"only the {triangle} triangle is stored though the banner says general; the matrix is used as it stands, "
-            "write 'symmetric' in the banner if the other triangle is its mirror image"
-        )
-    if header.symmetry != "general":
-        notes.append(f"{header.symmetry} banner: the other triangle was filled in")
-    return tuple(notes)
+def _notes(header: _Header) -> tuple[str, ...]:
+    return () if header.symmetry == "general" else (f"{header.symmetry} banner: the other triangle was filled in",)

@@ -26,11 +26,14 @@ class MatrixFile:
         ``matrix-market``, ``hdf5``, ``mat-v7.3``, ``mat-v5`` or ``npz``.
     notes : tuple of str
         What the reader assumed or noticed, for ``lrbc check``.
+    warnings : tuple of str
+        What may be wrong with the file, for every command.
     """
 
     matrix: Any
     format: str
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def numeric(array: Any, path: Path, place: str) -> NDArray[Any]:
@@ -179,15 +182,27 @@ def require_square(matrix: Any, path: Path, place: str) -> None:
         raise DataError("the matrix is not square", file=path, place=place, expected="as many rows as columns", found=f"{rows} x {columns}")
 
 
-def stored_triangle(matrix: Any) -> str | None:
-    """``"lower"`` or ``"upper"`` where all off-diagonal entries lie in one triangle, else None."""
+def stored_triangle(matrix: Any, field: NDArray[Any] | None = None) -> str | None:
+    """``"lower"`` or ``"upper"`` where a field's own off-diagonal entries all lie in one triangle, else None.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+    field : (n,) array or None
+        Field of each row; one where None. Entries between fields do not count: the coupling blocks of u-p models lie in one triangle.
+    """
     if matrix.shape[0] != matrix.shape[1]:
         return None
-    columns = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-    lower, upper = bool(np.any(matrix.indices > columns)), bool(np.any(matrix.indices < columns))
-    if lower == upper:
-        return None
-    return "lower" if lower else "upper"
+    columns = np.repeat(np.arange(matrix.shape[1], dtype=matrix.indices.dtype), np.diff(matrix.indptr))
+    lower, upper = matrix.indices > columns, matrix.indices < columns
+    own = np.zeros(matrix.shape[0], dtype=np.int8) if field is None else np.unique(field, return_inverse=True)[1]
+    of_row, of_column = own[matrix.indices], own[columns]
+    for which in np.unique(own):
+        inside = (of_row == which) & (of_column == which)
+        below, above = bool(np.any(lower & inside)), bool(np.any(upper & inside))
+        if below != above:
+            return "lower" if below else "upper"
+    return None
 
 
 def _integers(array: Any, name: str, path: Path, place: str) -> NDArray[np.int64]:

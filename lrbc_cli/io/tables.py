@@ -1,4 +1,4 @@
-"""Tables in CSV: DOFs, named points, lists of DOFs, positions of terms."""
+"""Tables in CSV: DOFs, named points, lists of DOFs, positions of terms. Every column is used; others are refused."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing, require_file
 from lrbc_cli.io.text import read_lines
-from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,32 @@ class Positions:
 
     xyz: NDArray[np.float64]
     parameter: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class DofList:
+    """The DOFs that carry the terms of a parameter group.
+
+    Attributes
+    ----------
+    dof : (m,) int array
+        0-based.
+    parameter : tuple of str or None
+        Name of the parameter of each term; terms with equal names share one. None without such a column.
+    xyz : (m, 3) float array or None
+        Coordinates in metres; None without such columns.
+    """
+
+    dof: NDArray[np.int64]
+    parameter: tuple[str, ...] | None = None
+    xyz: NDArray[np.float64] | None = None
+
+
+#: Coordinates closer than this are one place [m]: no two bolts, and no rounding of a table, are that close.
+ONE_PLACE = 1e-6
+
+#: Coordinates of one node may differ by this fraction of the table's extent: tables of single precision keep seven digits.
+ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -77,6 +104,16 @@ class _Table:
         place = f"line {self.lines[index]}, column {name!r}"
         return DataError(problem, file=self.path, place=place, expected=expected, found=repr(found), hint=hint)
 
+    def names(self, name: str) -> tuple[str, ...] | None:
+        """One column of names, none of them empty; None where the table does not have it."""
+        if name not in self.columns:
+            return None
+        names = tuple(self.text(name))
+        for index, cell in enumerate(names):
+            if not cell:
+                raise self.error(index, name, "a name or number in every line", cell)
+        return names
+
     def require_distinct(self, name: str, values: Sequence[object]) -> None:
         """Refuse a value that stands in two lines."""
         seen: dict[object, int] = {}
@@ -90,12 +127,13 @@ class _Table:
 def read_dof_table(path: Path) -> DofTable:
     """Read what each row of the matrices stands for: columns ``dof, node, component, x, y, z`` in any order.
 
-    DOFs count from 0; each of 0 to n - 1 must stand in exactly one line, in any order. Other columns are ignored.
+    DOFs count from 0; each of 0 to n - 1 must stand in exactly one line, in any order.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or a value is wrong, missing or double.
+        With the line number, if a column is missing or unknown, a value is wrong, missing or double, two DOFs have one node and
+        component, or one node of a field lies at two places.
     """
     table = _read(path, ("dof", "node", "component", "x", "y", "z"))
     dof = table.integers("dof")
@@ -112,18 +150,62 @@ def read_dof_table(path: Path) -> DofTable:
     for index, cell in enumerate(component):
         if not cell:
             raise table.error(index, "component", "UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another label", cell)
-    return DofTable(
-        node=table.integers("node")[order], component=np.asarray(component, dtype=np.str_)[order], xyz=table.floats("x", "y", "z")[order]
-    )
+    labels, node, xyz = np.asarray(component, dtype=np.str_), table.integers("node"), table.floats("x", "y", "z")
+    _require_one_dof(table, node, labels)
+    # Structure and air may be numbered apart, each from 1.
+    for field in (labels == ACOUSTIC_COMPONENT, labels != ACOUSTIC_COMPONENT):
+        _require_one_place(table, np.flatnonzero(field), node, xyz)
+    return DofTable(node=node[order], component=labels[order], xyz=xyz[order])
+
+
+def _require_one_dof(table: _Table, node: NDArray[np.int64], labels: NDArray[np.str_]) -> None:
+    """Refuse two DOFs of one node and component: whatever is asked for there could be either."""
+    _, number = np.unique(labels, return_inverse=True)
+    order = np.lexsort((number, node))
+    again = np.flatnonzero((np.diff(node[order]) == 0) & (np.diff(number[order]) == 0))
+    if again.size:
+        first, second = sorted(order[[again[0], again[0] + 1]].tolist())
+        raise table.error(
+            second,
+            "component",
+            "one DOF for each node and component",
+            f"{labels[second]} at node {node[second]}",
+            "two DOFs have one node and component",
+            f"line {table.lines[first]} holds it already; give inner DOFs nodes or labels of their own",
+        )
+
+
+def _require_one_place(table: _Table, rows: NDArray[np.int64], node: NDArray[np.int64], xyz: NDArray[np.float64]) -> None:
+    """Refuse a node that lies at two places."""
+    order = rows[np.argsort(node[rows], kind="stable")]
+    same = np.flatnonzero(np.diff(node[order]) == 0)
+    if not same.size:
+        return
+    apart = np.abs(xyz[order[same + 1]] - xyz[order[same]]).max(axis=1)
+    far = same[apart > ROUNDING * float(np.ptp(xyz, axis=0).max())]
+    if far.size:
+        first, second = int(order[far[0]]), int(order[far[0] + 1])
+        raise table.error(
+            second,
+            "node",
+            "one place for each node",
+            f"node {node[second]} at {_place(xyz[second])}",
+            "one node lies at two places",
+            f"line {table.lines[first]} says {_place(xyz[first])}",
+        )
+
+
+def _place(point: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{value:.9g}" for value in point) + ")"
 
 
 def read_points(path: Path) -> PointTable:
-    """Read named points, such as bolts: columns ``name, x, y, z``; names must differ.
+    """Read named points, such as bolts: columns ``name, x, y, z``; names and places must differ.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing, a value is wrong or a name is double.
+        With the line number, if a column is missing or unknown, a value is wrong, or a name or place is double.
     """
     table = _read(path, ("name", "x", "y", "z"))
     names = table.text("name")
@@ -131,24 +213,39 @@ def read_points(path: Path) -> PointTable:
         if not name:
             raise table.error(index, "name", "a name", name)
     table.require_distinct("name", names)
-    return PointTable(name=tuple(names), xyz=table.floats("x", "y", "z"))
+    xyz = table.floats("x", "y", "z")
+    near = min(cKDTree(xyz).query_pairs(ONE_PLACE), default=None)
+    if near is not None:
+        first, second = near
+        raise table.error(
+            second,
+            "name",
+            "points at places of their own",
+            f"{names[second]} at {_place(xyz[second])}",
+            "two points lie at one place",
+            f"line {table.lines[first]} puts {names[first]} there already; remove one, or correct its coordinates",
+        )
+    return PointTable(name=tuple(names), xyz=xyz)
 
 
-def read_dof_list(path: Path) -> NDArray[np.int64]:
-    """Read DOFs (0-based) from the column ``dof`` of a table, in its order.
+def read_dof_list(path: Path) -> DofList:
+    """Read the DOFs of terms, in the table's order: column ``dof`` (0-based) and, where wanted, ``parameter`` and ``x, y, z``.
 
     Raises
     ------
     DataError
-        With the line number, if the column is missing, or a value is wrong or double.
+        With the line number, if the column is missing or another unknown, or a value is wrong or double.
     """
-    table = _read(path, ("dof",))
+    table = _read(path, ("dof",), ("parameter", "x", "y", "z"))
     dof = table.integers("dof")
     for index, value in enumerate(dof.tolist()):
         if value < 0:
             raise table.error(index, "dof", "0 or more", value, "a DOF is out of range")
     table.require_distinct("dof", dof.tolist())
-    return dof
+    axes = [axis for axis in "xyz" if axis in table.columns]
+    if axes and len(axes) < 3:
+        raise DataError("coordinates need three columns", file=path, expected="x, y and z, or none of them", found=listing(axes))
+    return DofList(dof, table.names("parameter"), table.floats("x", "y", "z") if axes else None)
 
 
 def read_positions(path: Path) -> Positions:
@@ -157,19 +254,13 @@ def read_positions(path: Path) -> Positions:
     Raises
     ------
     DataError
-        With the line number, if a column is missing or a value is wrong.
+        With the line number, if a column is missing or unknown, or a value is wrong.
     """
-    table = _read(path, ("x", "y", "z"))
-    parameter = None
-    if "parameter" in table.columns:
-        parameter = tuple(table.text("parameter"))
-        for index, name in enumerate(parameter):
-            if not name:
-                raise table.error(index, "parameter", "a name or number in every line", name)
-    return Positions(xyz=table.floats("x", "y", "z"), parameter=parameter)
+    table = _read(path, ("x", "y", "z"), ("parameter",))
+    return Positions(xyz=table.floats("x", "y", "z"), parameter=table.names("parameter"))
 
 
-def _read(path: Path, needed: Sequence[str]) -> _Table:
+def _read(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -> _Table:
     require_file(path)
     numbered = [(number, line) for number, line in enumerate(read_lines(path), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not numbered:
@@ -193,6 +284,16 @@ def _read(path: Path, needed: Sequence[str]) -> _Table:
             place=place,
             expected=f"a header with {listing(list(needed))}",
             found=listing([repr(cell) for cell in header]),
+        )
+    unknown = [name for name in header if name not in (*needed, *further)]
+    if unknown:
+        raise DataError(
+            f"the column{'s' if len(unknown) > 1 else ''} {listing([repr(cell) for cell in unknown])} would not be used",
+            file=path,
+            place=place,
+            expected=listing([*needed, *further]),
+            found=listing([repr(cell) for cell in header]),
+            hint="correct the name, or remove the column; comments go into lines that begin with #",
         )
     rows, lines = [], []
     for number, line in numbered[1:]:

@@ -19,6 +19,12 @@ def decode(content: bytes) -> str:
         return content.decode("cp1252", "replace")
 
 
+def unfinished(content: bytes) -> bool:
+    """Whether the last line of a text has no end: so it is with a file that was cut, and with some that were written by hand."""
+    # UTF-16 fills the line end up with a zero.
+    return bool(content) and not content.rstrip(b"\0").endswith((b"\n", b"\r"))
+
+
 def read_lines(path: Path) -> list[str]:
     """Lines of a text file without their ends.
 

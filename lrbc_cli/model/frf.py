@@ -57,8 +57,11 @@ class FrfSet:
     records : tuple of FrfRecord
     notes : tuple of str
         What the reader assumed or repaired, for ``lrbc check``.
+    warnings : tuple of str
+        What may be wrong with the file, for every command.
     """
 
     source: str
     records: tuple[FrfRecord, ...]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()

@@ -72,7 +72,7 @@ def exported(folder: Folder, *args: str, out: str = "model.h5") -> dict[str, Any
 def simulated(folder: Folder, *args: str) -> tuple[np.ndarray, np.ndarray]:
     """S and (F, R) FRFs of ``lrbc simulate``."""
     path = folder.path / "simulated.h5"
-    result = folder.run("simulate", "--out", str(path), "--lines", LINES, *args)
+    result = folder.run("simulate", "--force", "--out", str(path), "--lines", LINES, *args)
     assert result.code == 0, result.stderr
     records = read_frf(path).records
     return 2j * np.pi * records[0].frequency_hz, np.stack([record.values for record in records], axis=1)
@@ -353,7 +353,7 @@ def test_the_soundbox(tmp_path: Path, value: str) -> None:
     result = lrbc("reduce", config, *common, "--export", out, "--state-space", "--set=left_edge.damping=2")
     assert result.code == 0, result.stderr
     simulation = tmp_path / "soundbox.h5"
-    done = lrbc("simulate", config, *common, "--set=left_edge.damping=2", "--out", simulation, "--lines", LINES)
+    done = lrbc("simulate", "--force", config, *common, "--set=left_edge.damping=2", "--out", simulation, "--lines", LINES)
     assert done.code == 0, done.stderr
     records = read_frf(simulation).records
     y = np.stack([record.values for record in records], axis=1)

@@ -18,7 +18,7 @@ ENDINGS = [".csv", ".uff", ".unv", ".h5", ".hdf5"]
 def frfs(folder: Folder, *args: str, out: str = "sim.h5") -> tuple[np.ndarray, np.ndarray]:
     """Frequencies and (F, R) FRFs of one call."""
     path = folder.path / out
-    result = folder.run("simulate", "--out", str(path), *args)
+    result = folder.run("simulate", "--force", "--out", str(path), *args)
     assert result.code == 0, result.stderr
     records = read_frf(path).records
     return records[0].frequency_hz, np.stack([record.values for record in records], axis=1)

@@ -249,6 +249,22 @@ def test_what_csv_cannot_hold(tmp_path):
         assert not (tmp_path / "x.csv").exists()
 
 
+def test_negative_magnitudes_are_refused(tmp_path):
+    text = "frequency_hz,a_mag,a_phase_deg\n10,0.5,30\n20,-0.4,40\n30,0,0\n"
+    with pytest.raises(DataError, match=r"line 3, column a_mag: a magnitude is negative(.|\n)*-0.4 \(1 such lines\)(.|\n)*db-phase"):
+        read(tmp_path, text.encode())
+    assert read(tmp_path, text.replace("-0.4", "0.4").encode()).warnings == ()
+    # dB may be negative.
+    in_db = read(tmp_path, text.replace("a_mag", "a_db").encode()).records[0]
+    assert in_db.values[1] == pytest.approx(10 ** (-0.02) * np.exp(1j * np.deg2rad(40)))
+
+
+def test_a_last_line_without_an_end_is_told(tmp_path):
+    text = "frequency_hz,a_real,a_imag\n10,0.5,30\n20,0.4,4"
+    (warning,) = read(tmp_path, text.encode()).warnings
+    assert "the last line has no end" in warning
+
+
 @settings(max_examples=100, deadline=None, suppress_health_check=REUSE_FOLDER)
 @given(data=st.data())
 def test_damage_gives_a_data_error_or_frfs(tmp_path, data):

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array, csc_array, csr_array, random_array, save_npz
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io import matrix_market
 from lrbc_cli.io.hdf5_tools import SEAL
 from lrbc_cli.io.matrices import FORMATS, detect_format, read_matrix, read_vectors, split_reference, write_matrix_hdf5
+from lrbc_cli.io.sparse import stored_triangle
 
 DATA = Path(__file__).parents[1] / "data"
 REUSE_FOLDER = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -175,22 +177,79 @@ def test_hermitian_array_and_duplicates(tmp_path):
     assert matrix[0, 0] == 3
 
 
-@pytest.mark.parametrize(("triangle", "i", "j"), [("lower", 2, 1), ("upper", 1, 2)])
-def test_half_stored_matrices_are_noted(tmp_path, triangle, i, j):
-    path = tmp_path / "k.mtx"
-    path.write_text(f"%%MatrixMarket matrix coordinate real general\n2 2 2\n1 1 2\n{i} {j} 3\n")
-    assert any(f"only the {triangle} triangle is stored though the banner says general" in note for note in read_matrix(path).notes)
-    half = csc_array(np.array([[2.0, 0], [3, 1]]) if triangle == "lower" else np.array([[2.0, 3], [0, 1]]))
-    write_matrix_hdf5(tmp_path / "k.h5", {"K": half})
-    assert any(f"only the {triangle} triangle is stored" in note for note in read_matrix(tmp_path / "k.h5").notes)
-    assert not read_vectors(tmp_path / "k.h5", "K").notes
+def test_triangles_are_told_field_by_field():
+    full = np.array([[2.0, 1, 0, 5], [1, 2, 0, 0], [0, 0, 3, 1], [0, 0, 1, 3]])
+    field = np.array([0, 0, 1, 1])
+    for matrix, plain, by_field in (
+        (full, None, None),
+        (np.triu(full), "upper", "upper"),
+        (np.tril(full), "lower", "lower"),
+        # Coupling alone is no half of anything; one field's half is, whatever the coupling.
+        (np.diag(np.diag(full)) + 5 * np.eye(4, k=3), "upper", None),
+        (full - np.tril(full, -1) + np.eye(4, k=-1) * [1, 0, 0, 0], None, "upper"),
+        (np.diag(np.diag(full)), None, None),
+    ):
+        found = csc_array(matrix)
+        assert stored_triangle(found) == plain
+        assert stored_triangle(found, field) == by_field
+    order = np.array([2, 0, 3, 1])
+    assert stored_triangle(csc_array(np.tril(full)[np.ix_(order, order)]), field[order]) is not None
 
 
-def test_full_matrix_under_a_symmetric_banner_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        ("1 1 2\n2 1 3\n1 2 3\n", "both triangles"),
+        # Some pairs only: no longer the half of all entries.
+        ("1 1 2\n2 1 3\n1 2 3\n3 1 4\n3 2 5\n", "both triangles(.|\n)*row 2, column 1"),
+        ("1 1 2\n2 1 3\n3 1 4\n2 1 3\n", "row 2, column 1: an entry stands twice"),
+        ("1 1 2\n2 1 3\n1 1 2\n", "row 1, column 1: an entry stands twice"),
+    ],
+)
+@pytest.mark.parametrize("symmetry", ["symmetric", "hermitian"])
+def test_entries_that_would_count_twice_are_refused(tmp_path, symmetry, entries, said):
     path = tmp_path / "k.mtx"
-    path.write_text("%%MatrixMarket matrix coordinate real symmetric\n2 2 3\n1 1 2\n2 1 3\n1 2 3\n")
-    with pytest.raises(DataError, match="both triangles"):
+    path.write_text(f"%%MatrixMarket matrix coordinate real {symmetry}\n3 3 {len(entries.splitlines())}\n{entries}")
+    with pytest.raises(DataError, match=said):
         read_matrix(path)
+
+
+def test_one_triangle_or_the_other_entry_by_entry(tmp_path):
+    path = tmp_path / "k.mtx"
+    path.write_text("%%MatrixMarket matrix coordinate real symmetric\n3 3 3\n1 1 2\n2 1 3\n1 3 4\n")
+    np.testing.assert_array_equal(read_matrix(path).matrix.toarray(), [[2, 3, 4], [3, 0, 0], [4, 0, 0]])
+
+
+def test_doubles_of_a_general_file_are_told(tmp_path):
+    path = tmp_path / "k.mtx"
+    path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 5\n1 1 1\n1 1 2\n1 2 1\n1 2 -1\n2 2 0\n")
+    (warning,) = read_matrix(path).warnings
+    assert warning.startswith("k.mtx: 2 of 5 entries have the place of an earlier one")
+    path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 3\n1 1 1\n1 2 0\n2 1 4\n")
+    assert read_matrix(path).warnings == ()
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 2**24])
+def test_an_entry_has_a_line_of_its_own(tmp_path, monkeypatch, chunk):
+    monkeypatch.setattr(matrix_market, "_CHUNK", chunk)
+    path = tmp_path / "k.mtx"
+    banner = "%%MatrixMarket matrix coordinate real general\n2 2 3\n"
+    path.write_text(banner + " 1 1 2.0 \n\n\t2  1 3\r\n2 2 4\n")
+    np.testing.assert_array_equal(read_matrix(path).matrix.toarray(), [[2, 0], [3, 4]])
+    # A number lost and one too many elsewhere: as many as there should be.
+    for entries, line in (("1 1 2\n2 1\n1 2 2 4\n", 4), ("1 1 2 2 1 3\n2 2 4\n", 3), ("1 1\n2\n2 1 3\n2 2 4\n", 3)):
+        path.write_text(banner + entries)
+        with pytest.raises(DataError, match=f"line {line}: an entry cannot be read"):
+            read_matrix(path)
+
+
+def test_a_last_line_without_an_end_is_told(tmp_path):
+    path = tmp_path / "k.mtx"
+    path.write_text("%%MatrixMarket matrix coordinate real general\n1 1 1\n1 1 2.5")
+    (warning,) = read_matrix(path).warnings
+    assert "the last line has no end" in warning
+    path.with_suffix(".gz").write_bytes(gzip.compress(path.read_bytes()))
+    assert read_matrix(path.with_suffix(".gz")).warnings == ()
 
 
 def test_hdf5_layouts(tmp_path):

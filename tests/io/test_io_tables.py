@@ -32,7 +32,7 @@ def write(tmp_path, text):
         DOFS.replace(",", " , "),
         "\ufeff" + DOFS.upper(),
         "# a comment\n\n" + DOFS + "\n# the end\n",
-        "z,component,dof,extra,x,y,node\n3,PRES,2,a,1,2,12\n0.3,UX,0,b,0.1,0.2,11\n.3,ROTY,1,c,1e-1,2E-1,11\n",
+        "z,component,dof,x,y,node\n3,PRES,2,1,2,12\n0.3,UX,0,0.1,0.2,11\n.3,ROTY,1,1e-1,2E-1,11\n",
         'dof,node,component,x,y,z,,\n0,11,"UX",0.1,0.2,0.3,,\n1,11,ROTY,0.1,0.2,0.3\n2,12.0,PRES,1,2,3,\n',
     ],
 )
@@ -60,6 +60,12 @@ def test_any_order_of_lines_and_columns(tmp_path, order, columns):
         ("\n\n", "the table is empty"),
         ("dof,node\n", "component, x, y, z are missing"),
         ("dof,node,component,x,y\n0,1,UX,0,0\n", "the column z is missing"),
+        (
+            DOFS.replace("z\n", "z,cs\n").replace("3\n", "3,0\n"),
+            "line 1: the column 'cs' would not be used(.|\n)*dof, node, component, x, y, z",
+        ),
+        (DOFS.replace("roty", "ux"), "line 3, column 'component': two DOFs have one node and component(.|\n)*UX at node 11(.|\n)*line 2"),
+        (DOFS.replace("roty,0.1", "roty,0.11"), "line 3, column 'node': one node lies at two places(.|\n)*line 2 says"),
         ("dof,dof,node,component,x,y,z\n", "header twice"),
         ("dof,node,component,x,y,z\n", "no lines"),
         (DOFS.replace("0.2", "0,2", 1), "line 2: the line does not fit the header"),
@@ -96,9 +102,43 @@ def test_points(tmp_path):
         read_points(write(tmp_path, "name,x,y,z\n,0,0.5,1\n"))
 
 
+@pytest.mark.parametrize("offset", [0.0, 1e-8])
+def test_two_points_at_one_place(tmp_path, offset):
+    text = f"name,x,y,z\nB1,0,0.5,1\nB2,1,2,3\nB3,{offset!r},0.5,1\n"
+    with pytest.raises(DataError, match=r"line 4, column 'name': two points lie at one place(.|\n)*line 2 puts B1"):
+        read_points(write(tmp_path, text))
+    assert len(read_points(write(tmp_path, text.replace(f"B3,{offset!r}", "B3,1e-3"))).name) == 3
+
+
+def test_fields_may_be_numbered_apart(tmp_path):
+    table = read_dof_table(write(tmp_path, DOFS.replace("2,12,", "2,11,")))
+    assert table.node.tolist() == [11, 11, 11]
+    # Rounding of an exporter is no other place.
+    assert read_dof_table(write(tmp_path, DOFS.replace("roty,0.1", "roty,0.1000001"))).size == 3
+
+
+@pytest.mark.parametrize(
+    ("reader", "text", "known"),
+    [
+        (read_points, "name,x,y,z,torque\nB1,0,0,0,1\n", "name, x, y, z"),
+        (read_dof_list, "name,dof\na,5\nb,3\n", "dof, parameter, x, y, z"),
+        (read_positions, "x,y,z,,parameter\n0,0,0,1,a\n", "x, y, z, parameter"),
+        (read_positions, "x,y,z,Parameters\n0,0,0,a\n", "x, y, z, parameter"),
+    ],
+)
+def test_columns_that_would_not_be_used_are_refused(tmp_path, reader, text, known):
+    with pytest.raises(DataError, match=f"would not be used(.|\n)*expected: {known}\n"):
+        reader(write(tmp_path, text))
+
+
 def test_dof_list(tmp_path):
-    assert read_dof_list(write(tmp_path, "dof\n5\n3\n")).tolist() == [5, 3]
-    assert read_dof_list(write(tmp_path, "name,dof\na,5\nb,3\n")).tolist() == [5, 3]
+    found = read_dof_list(write(tmp_path, "dof\n5\n3\n"))
+    assert (found.dof.tolist(), found.parameter, found.xyz) == ([5, 3], None, None)
+    found = read_dof_list(write(tmp_path, "parameter,dof,x,y,z\na,5,1,2,3\na,3,4,5,6\n"))
+    assert (found.dof.tolist(), found.parameter, found.xyz.tolist()) == ([5, 3], ("a", "a"), [[1, 2, 3], [4, 5, 6]])
+    for text, message in (("dof,x,y\n1,2,3\n", "three columns"), ("dof,parameter\n1,a\n2,\n", "line 3, column 'parameter'")):
+        with pytest.raises(DataError, match=message):
+            read_dof_list(write(tmp_path, text))
     for text, message in (("dof\n-1\n", "line 2"), ("dof\n1\n1\n", "line 3"), ("node\n1\n", "'node'")):
         with pytest.raises(DataError, match=message):
             read_dof_list(write(tmp_path, text))

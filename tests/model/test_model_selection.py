@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import along, arc_length, at_node, in_box, nearest, spacing, unit_columns
+from lrbc_cli.model.selection import along, arc_length, at_node, in_box, jumps, nearest, spacing, unit_columns
 
 
 def table(xyz, components=("UZ", "ROTY")):
@@ -88,3 +88,61 @@ def test_arc_length_follows_the_corner():
 
 def test_unit_columns():
     np.testing.assert_array_equal(unit_columns([3, 1], 4, -2.0).toarray(), -2.0 * np.eye(4)[:, [3, 1]])
+
+
+def ring(width, height, step):
+    """Nodes round a rectangle, its corners left out, as exporters of clamped corners leave them."""
+    x, y = np.arange(step, width - step / 2, step), np.arange(step, height - step / 2, step)
+    sides = [
+        np.column_stack([x, 0 * x]),
+        np.column_stack([0 * y + width, y]),
+        np.column_stack([x, 0 * x + height]),
+        np.column_stack([0 * y, y]),
+    ]
+    return np.column_stack([np.vstack(sides), np.zeros(2 * (x.size + y.size))])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_along_goes_round_a_ring(seed):
+    xyz = np.random.default_rng(seed).permutation(ring(1.0, 0.5, 0.05))
+    order = along(xyz)
+    assert sorted(order) == list(range(len(xyz)))
+    steps = np.linalg.norm(np.diff(xyz[order], axis=0), axis=1)
+    # Steps along the sides and round three corners: the whole way but the one that would close it.
+    assert steps.max() == pytest.approx(0.05 * np.sqrt(2))
+    assert steps.sum() <= 3.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_along_follows_a_hook_from_an_end(seed):
+    at = 0.1 * np.arange(12)
+    hook = np.vstack(
+        [np.column_stack([at, 0 * at]), [[1.1, 0.1], [1.1, 0.2], [1.1, 0.3], [1.1, 0.4]], np.column_stack([at[::-1], 0 * at + 0.5])]
+    )
+    xyz = np.random.default_rng(seed).permutation(np.column_stack([hook, np.zeros(len(hook))]))
+    steps = np.linalg.norm(np.diff(xyz[along(xyz)], axis=0), axis=1)
+    np.testing.assert_allclose(steps, 0.1, rtol=1e-9)
+
+
+def line(*x):
+    return np.column_stack([x, np.zeros((len(x), 2))])
+
+
+@pytest.mark.parametrize(
+    ("xyz", "expected"),
+    [
+        (line(0, 1, 2, 3, 4), []),
+        # One or two nodes are missing; then a whole piece is.
+        (line(0, 1, 3, 4, 7, 8), []),
+        (line(0, 1, 2, 6, 7, 8), [2]),
+        # Graded: the step is large, but so is the next.
+        (line(0, 1, 2, 12, 22, 32), []),
+        (line(0, 10, 1, 11, 2, 12), [0, 1, 2, 3, 4]),
+        # Two components of each node.
+        (line(0, 0, 1, 1, 2, 2, 9, 9, 10, 10), [5]),
+        (line(0, 9), []),
+        (np.zeros((4, 3)), []),
+    ],
+)
+def test_jumps(xyz, expected):
+    assert jumps(xyz).tolist() == expected

@@ -1,0 +1,59 @@
+"""What may be wrong with a model although it can be used: said by every command that reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.config.structure import GroupConfig
+from lrbc_cli.model.fem import FeModel
+
+
+class Group(Protocol):
+    """Terms of one parameter group."""
+
+    @property
+    def name(self) -> str:
+        """Of the group."""
+
+    @property
+    def config(self) -> GroupConfig:
+        """What the campaign file says."""
+
+    @property
+    def terms(self) -> NDArray[np.int64]:
+        """Columns of the model's terms."""
+
+
+def doubts(model: FeModel, groups: Iterable[Group]) -> list[str]:
+    """Warnings about the matrices and the terms, in words."""
+    m, found = model, []
+    if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
+        found.append("the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix")
+    diagonal = np.abs(m.K.diagonal())
+    empty = int(((diagonal == 0) & (np.abs(m.M).sum(axis=0) == 0) & (np.abs(m.K).sum(axis=0) == 0)).sum())
+    if empty:
+        found.append(f"{empty} DOFs have neither stiffness nor mass (fixed or orphan nodes): remove them from the export")
+    structure = diagonal[~m.is_acoustic]
+    penalty = int((structure > 1e8 * max(float(np.median(structure)), 1e-300)).sum()) if structure.size else 0
+    if penalty:
+        found.append(
+            f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
+        )
+    for group in groups:
+        if group.config.baseline > 0 and group.config.kind == "stiffness":
+            left, right = m.terms.left[:, group.terms], m.terms.right[:, group.terms]
+            share = np.asarray((left.multiply(m.K.real @ right)).sum(axis=0)).ravel()
+            norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
+            if np.any(share < group.config.baseline * norm * (1 - 1e-9)):
+                stated = f"parameters {group.name}: the baseline {group.config.baseline:g}"
+                found.append(f"{stated} is more than the stiffness matrix holds there")
+    return found
+
+
+def loss_factor(model: FeModel) -> float:
+    """Of a complex stiffness matrix, from its diagonal."""
+    return float(model.K.imag.diagonal().sum() / model.K.real.diagonal().sum())

@@ -1,0 +1,102 @@
+"""Whether points lie where the model is, and whether its coordinates are metres."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.dofs import DofTable
+
+Floats = NDArray[np.float64]
+
+#: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
+#: that of the material. A thousand times the speed in air, or in a thin plate, lies above.
+FASTEST = 2e5
+
+MILLIMETRES = 1e-3
+
+
+def extents(xyz: Floats) -> str:
+    """The box of points in words."""
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + " m"
+
+
+def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: Path, place: str | None = None, known: bool = True) -> None:
+    """Refuse a point outside the model's box by more than the box is large.
+
+    Parameters
+    ----------
+    points : (m, 3) float array
+    names : sequence of str
+        What they are.
+    model : (n, 3) float array
+        Points of the model [m]; without an extent they tell nothing.
+    file, place
+        Where the points are given.
+    known : bool
+        Whether ``model`` is all of it. Of a part, points may lie far away: then all of them must, and fit in millimetres.
+
+    Raises
+    ------
+    DataError
+        With the likely cause.
+    """
+    low, high = model.min(axis=0), model.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    if size == 0.0 or not points.size:
+        return
+
+    def away(scale: float) -> Floats:
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - scale * points, scale * points - high), 0.0), axis=1))
+
+    distance = away(1.0)
+    far = np.flatnonzero(distance > size)
+    if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(MILLIMETRES) > size)))):
+        return
+    worst = int(far[np.argmax(distance[far])])
+    hint = "correct the coordinates: order and direction of the axes, origin"
+    if away(MILLIMETRES).max() <= size:
+        hint = "are these millimetres? divided by 1000 they fit the model; coordinates are in metres"
+    elif away(1.0 / MILLIMETRES).max() <= size:
+        hint = "are the coordinates of the DOF table millimetres? these points fit them times 1000; coordinates are in metres"
+    raise DataError(
+        f"{names[worst]} lies outside the model by more than its size",
+        file=file,
+        place=place,
+        expected=f"coordinates in metres; the model spans {size:.3g} m ({extents(model)})",
+        found="(" + ", ".join(f"{value:g}" for value in points[worst]) + f"), {distance[worst]:.3g} m away from it",
+        hint=hint,
+    )
+
+
+def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path) -> None:
+    """Refuse coordinates in which waves would be faster than any are.
+
+    Raises
+    ------
+    DataError
+        Where the spacing of the nodes does not fit stiffness over mass: millimetres, or matrices in t, mm and s.
+    """
+    stiffness, mass = np.abs(K.diagonal()), np.real(M.diagonal())
+    for field, what in ((dofs.is_acoustic, "air"), (np.isin(dofs.component, ("UX", "UY", "UZ")), "structure")):
+        places = np.unique(dofs.xyz[field], axis=0)
+        if places.shape[0] < 2 or mass[field].mean() <= 0.0:
+            continue
+        spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+        # Means of the mass and medians of the stiffness: neither massless nodes nor penalties count.
+        speed = spacing * float(np.sqrt(np.median(stiffness[field]) / mass[field].mean()))
+        if speed > FASTEST:
+            raise DataError(
+                f"the coordinates do not fit the matrices: waves in the {what} would travel at about {speed:.1g} m/s",
+                file=file,
+                expected=f"coordinates in metres, matrices in SI: below {FASTEST:.0e} m/s",
+                found=f"nodes {spacing:.3g} apart, a model of {extents(dofs.xyz)}",
+                hint="are the coordinates millimetres, or the matrices in t, mm and s? export model and coordinates in SI units",
+            )

@@ -1,0 +1,152 @@
+"""No command writes to a file that is an input: the one guard that all of them ask."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from lrbc_cli.config import Campaign
+from lrbc_cli.errors import ConfigError
+
+#: What commands write under the output folder: ``update``, ``calibrate``, ``reduce``, ``plan`` and ``report``; into a job's folder; into
+#: that of the calibration. A test compares it with what they leave.
+IN_OUTPUT = (
+    "campaign.csv",
+    "campaign.json",
+    "reduction.json",
+    "calibration.json",
+    "plan.json",
+    "plan.csv",
+    "plan.png",
+    "verdicts.png",
+    "report.html",
+)
+IN_JOB = (
+    "result.json",
+    "result.previous.json",
+    "frf.csv",
+    "profile.csv",
+    "fdac.csv",
+    "profile.png",
+    "map.png",
+    "fdac.png",
+    "l-curve.png",
+    "frf-*.png",
+)
+IN_CALIBRATION = ("frf.csv",)
+
+Keys = tuple[str | int, ...]
+
+
+def input_files(campaign: Campaign) -> list[tuple[Path, Keys]]:
+    """Every file that the campaign names as an input, with its keys; the campaign file itself has none."""
+    found: list[tuple[Path, Keys]] = [(campaign.path, ())]
+    found += [(path, keys) for path, keys in _paths(campaign, ()) if keys != ("output",)]
+    return found
+
+
+def _paths(value: object, keys: Keys) -> Iterator[tuple[Path, Keys]]:
+    if isinstance(value, Path):
+        yield value, keys
+    elif isinstance(value, BaseModel):
+        for name, field in type(value).model_fields.items():
+            yield from _paths(getattr(value, name), (*keys, field.alias or name))
+    elif isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _paths(item, (*keys, name))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _paths(item, (*keys, index))
+
+
+def same_file(a: Path, b: Path) -> bool:
+    """Whether two paths name one file: links resolved, case folded where the file system does; files need not exist."""
+    try:
+        if a.exists() and b.exists():
+            return a.samefile(b)
+    except OSError:
+        pass  # out of reach: the names decide
+    first, second = os.path.realpath(a), os.path.realpath(b)
+    return first == second or (first.casefold() == second.casefold() and folds_case(Path(first).parent))
+
+
+def folds_case(folder: Path) -> bool:
+    """Whether the file system of a folder takes names in capitals and small letters for one, as far as it can be told."""
+    for at in (folder, *folder.parents):
+        other = at.with_name(at.name.swapcase())
+        if at.exists() and other != at:
+            try:
+                return at.samefile(other)
+            except OSError:
+                return False
+    return False
+
+
+def require_inputs_apart(campaign: Campaign) -> None:
+    """Refuse a campaign whose results would replace one of its inputs.
+
+    Raises
+    ------
+    ConfigError
+        Naming the key of the input, and the file of the results that it is.
+    """
+    places = [(campaign.output, IN_OUTPUT), (campaign.output / "calibration", IN_CALIBRATION)]
+    places += [(campaign.output / name, IN_JOB) for name in campaign.jobs]
+    for path, keys in input_files(campaign):
+        for folder, names in places:
+            written = _written(path, folder, names)
+            if written is not None:
+                raise _collision(campaign, path, keys, written)
+
+
+def _written(path: Path, folder: Path, names: tuple[str, ...]) -> Path | None:
+    """The file of the results in a folder that an input is."""
+    if not folder.is_dir() and path.parent != folder and path.parent.as_posix().casefold() != folder.as_posix().casefold():
+        return None  # what is not there cannot be a link
+    for name in names:
+        # A pattern can only hit a file of that name.
+        file = folder / (path.name if "*" in name and fnmatchcase(path.name.casefold(), name) else name)
+        if "*" not in file.name and same_file(file, path):
+            return file
+    return None
+
+
+def _collision(campaign: Campaign, path: Path, keys: Keys, written: Path) -> ConfigError:
+    problem = "the results would replace this input"
+    expected, hint = "inputs outside the results", "move the file elsewhere, or choose another `output`"
+    found = f"{path}, which is {written.relative_to(campaign.output.parent)} of the results"
+    if not keys:
+        return ConfigError(problem, file=campaign.path, place="output", expected=expected, found=found, hint=hint)
+    return campaign.error(problem, *keys, expected=expected, found=found, hint=hint)
+
+
+def require_no_input(file: Path, campaign: Campaign, option: str) -> None:
+    """Refuse to write to an input of the campaign; one that is not there yet may be made.
+
+    Raises
+    ------
+    ConfigError
+        Naming the key of the input.
+    """
+    for path, keys in input_files(campaign) if os.path.lexists(file) else ():
+        if same_file(file, path):
+            named = campaign.place(*keys) if keys else "the campaign file"
+            raise ConfigError(
+                "this is an input of the campaign", file=file, place=option, expected="a file of its own", found=f"{path} ({named})"
+            )
+
+
+def require_new(file: Path, option: str, agreed: str) -> None:
+    """Refuse to replace a file unasked.
+
+    Raises
+    ------
+    ConfigError
+        Where it exists; ``agreed`` is the option that replaces it.
+    """
+    if os.path.lexists(file):
+        raise ConfigError("this file exists already", file=file, place=option, expected="a new file", hint=f"{agreed} replaces it")

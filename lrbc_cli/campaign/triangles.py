@@ -1,0 +1,79 @@
+"""Matrices of which a file holds one triangle: completed where the campaign says so, refused elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.config.fields import OperatorRef
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.sparse import stored_triangle
+from lrbc_cli.model.coupling import asymmetry
+
+#: Relative asymmetry that rounding in a file may leave: six digits are the fewest that exporters write.
+ROUNDING = 1e-6
+
+
+def whole(matrix: sp.csc_array, ref: OperatorRef, what: str, acoustic: NDArray[np.bool_] | None) -> tuple[sp.csc_array, str | None]:
+    """The whole matrix, and what was done to it in words.
+
+    Parameters
+    ----------
+    matrix : (n, n) csc_array
+        As stored.
+    ref : OperatorRef
+        Its ``symmetric`` says what one triangle means.
+    what : str
+        Name of the operator.
+    acoustic : (n,) bool array or None
+        Pressures; coupling blocks may lie in one triangle.
+
+    Raises
+    ------
+    DataError
+        Where one triangle is stored and the campaign does not say what that means, or what it says cannot be.
+    """
+    triangle = stored_triangle(matrix, acoustic)
+    if ref.symmetric is None and triangle:
+        raise DataError(
+            f"only the {triangle} triangle of the {what} matrix is stored",
+            file=ref.path,
+            place=ref.group,
+            expected="both triangles, or in a Matrix Market file a banner that says 'symmetric'",
+            found=f"no entry {'above' if triangle == 'lower' else 'below'} the diagonal" + _of_field(acoustic),
+            hint="export the whole matrix; or {file: ..., symmetric: true} where the other triangle is its mirror image "
+            "(symmetric: false where it is meant as it stands)",
+        )
+    if not ref.symmetric:
+        return matrix, f"{what}: one triangle, as it stands (symmetric: false)" if triangle else None
+    if acoustic is not None and acoustic.any() and not acoustic.all() and not what.startswith("damping"):
+        column = np.repeat(acoustic, np.diff(matrix.indptr))
+        if np.any(acoustic[matrix.indices] != column):
+            raise DataError(
+                f"the {what} matrix couples pressures with the structure, so it is not symmetric",
+                file=ref.path,
+                place=ref.group,
+                expected="no symmetric: true",
+                hint="export the whole matrix: the coupling of pressures and displacements lies on one side in K and on the other in M",
+            )
+    if stored_triangle(matrix):
+        diagonal = sp.diags_array(matrix.diagonal(), format="csc")
+        completed = sp.csc_array(matrix + matrix.T - diagonal)
+        completed.eliminate_zeros()
+        completed.sort_indices()
+        return completed, f"{what}: the other triangle was filled in (symmetric: true)"
+    if asymmetry(matrix) > ROUNDING:
+        raise DataError(
+            f"the {what} matrix is not symmetric",
+            file=ref.path,
+            place=ref.group,
+            expected="a symmetric matrix or one triangle of it (symmetric: true)",
+            found=f"a relative asymmetry of {asymmetry(matrix):.1e}",
+            hint="export it again, or remove symmetric: true",
+        )
+    return matrix, None
+
+
+def _of_field(acoustic: NDArray[np.bool_] | None) -> str:
+    return "" if acoustic is None or not acoustic.any() or acoustic.all() else " in the block of one field"
