@@ -198,8 +198,8 @@ atexit.register(_stop)
 
 def serve() -> None:
     """Answer requests until the caller ends; called in the other process."""
-    # The terminal sends Ctrl-C to both; the caller decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The terminal sends Ctrl-C to both processes: ended by the system, inside the library too, so that no thread of the caller waits on.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     replies = os.fdopen(os.dup(1), "wb")
     # What a library prints is no reply.
     os.dup2(2, 1)
@@ -214,7 +214,7 @@ def serve() -> None:
             reader, folder, arguments, seconds = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        # For the case that the caller was killed meanwhile: this timer needs no lock of Python's.
+        # Where the caller was killed meanwhile: this timer needs no lock of Python's.
         faulthandler.dump_traceback_later(seconds + 10.0, exit=True)
         with contextlib.suppress(OSError):
             os.chdir(folder)
