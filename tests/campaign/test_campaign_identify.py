@@ -179,7 +179,7 @@ def test_unused_responses_do_not_enter(box: Folder) -> None:
     assert tree["misfit_db"]["final"] < 1e-6
     assert tree["misfit_db"]["held_out_final"] > 3.0
     # But then the model does not explain the measurement: no verdict.
-    tree = identify(box, few, status="unexplained")
+    tree = identify(box, few, status="unexplained", says="mic3")
     np.testing.assert_allclose(values(tree), MILD, atol=1e-6)
     assert {bolt["verdict"] for bolt in tree["bolts"]} == {"undecided"}
 
