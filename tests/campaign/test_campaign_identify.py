@@ -34,12 +34,14 @@ def measure(folder: Folder, D: np.ndarray, job: str = "loose") -> None:
     write_frf(folder.data / f"{job}.uff", FrfSet(job, tuple(records)))
 
 
-def identify(folder: Folder, *overrides: str, job: str = "loose", status: str = "converged") -> Any:
+def identify(folder: Folder, *overrides: str, job: str = "loose", status: str = "converged", says: str = "does not reach the data") -> Any:
     """Result of one job."""
     args = [word for text in overrides for word in ("--override", text)]
     outcome = folder.run("update", "--json", *args)
     assert outcome.code == 0, outcome.stderr
-    assert outcome.stderr == ""
+    # Settings that hold the fit away from the data say so, and another job may lie outside what they can explain.
+    lines = [line for line in outcome.stderr.splitlines() if says not in line]
+    assert not [line for line in lines if f"job {job}:" in line or not line.startswith("warning: job ")]
     tree = outcome.json["results"][job]
     assert tree["status"] == status
     return tree
@@ -172,12 +174,12 @@ def test_unused_responses_do_not_enter(box: Folder) -> None:
     records[2] = FrfRecord("mic3", FREQUENCY, 3.0 * np.roll(records[2].values, 7), "pressure")
     write_frf(path, FrfSet("loose", tuple(records)))
     few = "update.responses=[mic1, mic2, acc1]"
-    tree = identify(box, few, "update.largest_misfit=100")
+    tree = identify(box, few, "update.largest_misfit=100", says="mic3: measured over computed +8.77 dB")
     np.testing.assert_allclose(values(tree), MILD, atol=1e-6)
     assert tree["misfit_db"]["final"] < 1e-6
     assert tree["misfit_db"]["held_out_final"] > 3.0
     # But then the model does not explain the measurement: no verdict.
-    tree = identify(box, few, status="unexplained")
+    tree = identify(box, few, status="unexplained", says="mic3")
     np.testing.assert_allclose(values(tree), MILD, atol=1e-6)
     assert {bolt["verdict"] for bolt in tree["bolts"]} == {"undecided"}
 
