@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.io.store import read_store, write_store
 from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
@@ -137,7 +138,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     nearest: list[str] | None = None
     for other in folder.glob("*/key.json"):
         try:
-            stored = json.loads(other.read_text(encoding="utf-8"))
+            stored = parse_json(read_json_text(other))
         except (OSError, ValueError):
             continue
         if isinstance(stored, dict):
@@ -163,7 +164,7 @@ def _is_model(tree: dict[str, Any], key: str) -> bool:
 def _missed(path: Path) -> str:
     """What the note beside a model tells of a tolerance that it does not reach."""
     try:
-        stored = json.loads(path.with_name("key.json").read_text(encoding="utf-8"))
+        stored = parse_json(read_json_text(path.with_name("key.json")))
     except (OSError, ValueError):
         return ""
     note = stored.get("missed") if isinstance(stored, dict) else None

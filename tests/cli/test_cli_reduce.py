@@ -286,7 +286,7 @@ def test_port_frfs_of_a_replaced_model_are_removed(box: Folder) -> None:
 
 
 def test_damaged_keys_do_not_matter(box: Folder) -> None:
-    for content in ("{", "[]", "null", '{"operators": 3}'):
+    for content in ("{", "[]", "null", '{"operators": 3}', "[" * 200_000):
         for path in box.cache.glob("*/key.json"):
             path.write_text(content)
         assert box.run("reduce", "--json").json["cache"]["hit"] is True
