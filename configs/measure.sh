@@ -7,7 +7,8 @@
 # (or .csv, .h5), whatever file its `frf:` names; jobs without a file there keep theirs. Files of other names are left alone.
 # The script looks into the folder every two seconds until it is interrupted, or goes through it once. Gone through once, it
 # exits with 5 where a file gave no result, else with 6 where a bolt is loose, else with 7 where not every bolt that can be
-# seen is judged tight in every job, or nothing but the tight state was measured, else with 0: all bolts are tight.
+# seen is judged tight in every job, a file has no job's name, the calibration failed, or nothing but the tight state was
+# measured, else with 0: all bolts are tight.
 # lrbc keeps what is finished, so nothing is computed twice and the script may be stopped and started at any time.
 set -u
 config=${1:?usage: measure.sh CONFIG FOLDER [--once]}
@@ -61,7 +62,8 @@ while :; do
         seen="$seen$stamp "
         case $job in *" "*) known=no ;; *) case $jobs in *" $job "*) known=yes ;; *) known=no ;; esac ;; esac
         if [ $known = no ]; then
-            echo "$name: no job of this campaign has this name; left alone"
+            echo "$name: no job of this campaign has this name; left alone, so it clears nothing"
+            worse 7
             continue
         fi
 
@@ -74,12 +76,17 @@ while :; do
             case $jobs in *" $earlier "*) set -- "$@" --override "$(frf_of "$earlier" "$other")" ;; esac
         done
         # Again only where the tight state was measured anew.
-        [ -z "$tight" ] || lrbc calibrate "$config" "$@" || echo "not calibrated, see the message above"
+        calibrated=yes
+        [ -z "$tight" ] || lrbc calibrate "$config" "$@" || { echo "not calibrated, see the message above"; calibrated=no; worse 7; }
         found=$(lrbc update "$config" --job "$job" "$@" --fail-on-loose --json)
         code=$?
         said=$(printf '%s' "$found" | json 'tree.get("findings", {}).get(word, "no result")' "$job") || exit 2
         case $code in
-            0)   echo "$job: all bolts tight, go on ($said)"; clear=yes ;;
+            0)   if [ $calibrated = yes ]; then
+                     echo "$job: all bolts tight, go on ($said)"; clear=yes
+                 else
+                     echo "$job: NO ALL-CLEAR: $said, but with a model that is not calibrated"
+                 fi ;;
             6)   echo "$job: A BOLT IS LOOSE: $said"; worse 6 ;;
             7)   # A tight state is nothing to clear; all else that is open is.
                  open=$(printf '%s' "$found" |

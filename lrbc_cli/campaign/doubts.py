@@ -25,6 +25,9 @@ FAR_ABOVE_NOISE = 3.0
 #: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it [dB].
 LARGE_MISFIT = 1.0
 
+#: Share of the band in which a constant factor can be told from errors of the model.
+LEAST_BAND = 0.5
+
 #: Misfits are shown to two decimals: less is no difference [dB].
 SHOWN = 0.01
 
@@ -38,7 +41,15 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     measurement : Measurement
     states : sequence of (F, R) complex arrays
         On all its lines.
+
+    Returns
+    -------
+    tuple of Offset
+        None where the lines cover less than half of the band: over a resonance or two errors of the model look like a factor.
     """
+    low, high = inputs.campaign.reduction.band
+    if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
+        return ()
     return offsets_of(measurement.frequency_hz, measurement.values, states, _quantities(inputs))
 
 
@@ -112,7 +123,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[st
 def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
     """Whether a constant factor explains the misfit, in a clause."""
     if not offsets:
-        return "too few lines to look for a constant factor"
+        return "too few lines, or too little of the band, to look for a constant factor"
     groups = grouped(offsets, _quantities(inputs))
     if groups:
         worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset

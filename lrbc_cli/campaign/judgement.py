@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.records import MIN_LINES
 from lrbc_cli.config import UpdateConfig
+from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.updating.confidence import Band, Rule, band, weigh
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.verdicts import BoltVerdict, Edge, judge
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A rise of the stiffness by this many standard deviations of the prior is an error of the model.
 IMPLAUSIBLE = 2.5
@@ -27,6 +30,9 @@ BASELINE, DOUBTFUL = "a baseline, taken as tight", "a baseline, taken as tight, 
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
+
+#: Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+COPIED = 1e-6
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -100,7 +106,8 @@ def validity(inputs: Inputs, result: Identification) -> Validity:
     Where there are none, the channels used must stay below it, which is necessary and shows nothing: they were fitted.
     """
     limit = inputs.campaign.update.largest_misfit
-    for at, compared in ((inputs.held_out, VALIDATION), (inputs.used, USED)):
+    independent, why = validation_channels(result.measurement.values, inputs.used, inputs.held_out)
+    for at, compared in ((independent, VALIDATION), (inputs.used, USED)):
         values = result.misfit_final[at]
         values = values[np.isfinite(values)]
         if values.size:
@@ -109,9 +116,53 @@ def validity(inputs: Inputs, result: Identification) -> Validity:
             text = f"mean misfit of the {compared} {misfit:.2f} dB, {'within' if within else 'above'} the limit of {limit:g} dB"
             if compared == VALIDATION or not within:
                 return Validity(within, compared, misfit, limit, text)
-            why = "the validation channels have no values" if inputs.held_out.size else "there are no validation channels"
             return Validity(None, compared, misfit, limit, f"not validated: {why}; {text}")
     return Validity(False, None, None, limit, "no response can be compared")
+
+
+def repeated(valid: Validity, result: Identification, job: JobConfig, reference: Mapping[str, Any] | None) -> Validity:
+    """Not validated where the file is that of the reference job: a measurement that was not exchanged tells nothing of the bolts."""
+    own = result.measurement.hashes.get(job.frf.as_posix())
+    if reference is None or own is None or own not in reference["provenance"]["inputs"].values():
+        return valid
+    reason = f"not validated: {job.frf.name} holds the measurement of {reference['job']} once more; was another file meant?"
+    return replace(valid, passed=None if valid.passed else valid.passed, reason=reason if valid.explained else valid.reason)
+
+
+def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+    """Responses that can test an identification which did not see them, and why there is none.
+
+    Parameters
+    ----------
+    values : (F, R) complex array
+        As measured; NaN where there is no value.
+    used, held_out : int arrays
+
+    Returns
+    -------
+    int array, str
+        Those of the held-out ones with values on most lines that are no copy of a response used.
+    """
+    if not held_out.size:
+        return held_out, "there are no validation channels"
+    finite = np.isfinite(values)
+    share = finite[:, held_out].mean(axis=0)
+    if not share.any():
+        return held_out[:0], "the validation channels have no values"
+    told = held_out[share >= MIN_LINES]
+    if not told.size:
+        return told, f"the validation channels have values on {share.max():.0%} of the lines only"
+
+    def copied(i: int, j: int) -> bool:
+        """Whether a record is another one but for a constant factor: two sensors never are."""
+        both = finite[:, i] & finite[:, j] & (values[:, j] != 0)
+        if not both.any():
+            return False
+        ratio = values[both, i] / values[both, j]
+        return bool(np.all(np.abs(ratio - ratio[0]) <= COPIED * abs(ratio[0])))
+
+    own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
+    return own, "" if own.size else "the validation channels are records that were fitted too"
 
 
 def scatter_of(baselines: Iterable[Mapping[str, Any]]) -> float:

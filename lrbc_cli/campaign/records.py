@@ -295,9 +295,10 @@ def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> li
             f"{job.frf.name}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
             f"from {low:g} to {high:g} Hz; is the file complete?"
         )
-    for i in inputs.used:
+    # Validation channels too: what they do not hold they cannot test.
+    for i in range(values.shape[1]):
         finite = np.isfinite(values[:, i])
-        if finite.mean() < MIN_LINES:
+        if finite.any() and finite.mean() < MIN_LINES:
             own = axis[finite]
             found.append(
                 f"{job.frf.name}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "

@@ -24,6 +24,7 @@ from lrbc_cli.campaign.judgement import (
     doubtful,
     effective,
     remarks,
+    repeated,
     rises,
     states_removed,
     validity,
@@ -133,7 +134,7 @@ def result_tree(
     names = [r.name for r in inputs.responses]
     held_out = inputs.held_out
     removed = campaign.jobs[result.name].removed
-    valid = validity(inputs, result)
+    valid = repeated(validity(inputs, result), result, campaign.jobs[result.name], reference)
     found = verdicts(inputs, result, reference, scatter, valid)
     misfit = _mean(result.misfit_initial[used]), _mean(result.misfit_final[used])
     doubted, compared = doubts(inputs, result, reference, None if valid.explained else valid.reason, misfit)

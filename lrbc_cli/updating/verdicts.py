@@ -172,7 +172,10 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
         away = np.abs(edge.arc_length - at)
         # A single bolt has no pitch: the terms on both sides of it count.
         half = 0.5 * pitch if pitch else float(np.median(np.diff(edge.arc_length))) if edge.arc_length.size > 1 else np.inf
-        beside = distance if pitch and distance > (least[e] + pitch) * (1 + 1e-9) else None
+        # What holds an edge stands by it: the nearest bolt up to two pitches aside (a wide flange, two rows), the others one further; a
+        # single bolt up to the length of the edge.
+        most = 2 * pitch or float(edge.arc_length[-1]) or np.inf
+        beside = distance if distance > (min(least[e], most) + pitch) * (1 + 1e-9) else None
         return Place(e, at, np.flatnonzero(away <= half * (1 + 1e-9)), float(away.min()), beside)
 
     found = []

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from campaigns import Folder, box
 
+from lrbc_cli.campaign.judgement import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 
@@ -126,3 +127,32 @@ def test_validation_channels(tmp_path: Path) -> None:
         assert valid["held_out_db"] == valid["misfit_db"] == pytest.approx(result["misfit_db"]["responses"]["mic3"]["final"])
         assert "validation channels" in valid["reason"]
     assert "not validated" not in page(folder)
+
+
+def test_what_can_validate() -> None:
+    """Values on most lines, and a sensor of its own: the rest of the held-out responses test nothing."""
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(50, 4)) + 1j * rng.normal(size=(50, 4))
+    used, held_out = np.array([0, 1]), np.array([2, 3])
+    assert validation_channels(values, used, held_out) == (pytest.approx([2, 3]), "")
+    values[2:, 3] = np.nan
+    assert validation_channels(values, used, held_out) == (pytest.approx([2]), "")
+    # The record of the first response in other units, and noise of a millionth's tenth.
+    values[:, 2] = -9.81 * values[:, 0] * (1 + 1e-8 * rng.normal(size=50))
+    found, why = validation_channels(values, used, held_out)
+    assert found.size == 0
+    assert why == "the validation channels are records that were fitted too"
+    assert validation_channels(values, used, held_out[1:])[1] == "the validation channels have values on 4% of the lines only"
+    assert validation_channels(values, used, held_out[:0])[1] == "there are no validation channels"
+
+
+def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:
+    """The classic slip of a campaign: the file of the next state is the last one's."""
+    folder = box(tmp_path / "box")
+    (folder.data / "loose.uff").write_bytes((folder.data / "tight.uff").read_bytes())
+    done = folder.run("update", "--fail-on-loose")
+    assert done.code == 7, done.stderr
+    validity = folder.result("loose")["validity"]
+    assert validity["passed"] is None
+    assert validity["reason"] == "not validated: loose.uff holds the measurement of tight once more; was another file meant?"
+    assert any("once more" in note for note in folder.result("loose")["notes"])

@@ -79,7 +79,14 @@ def test_go_on_is_said_only_of_what_is_clear(tmp_path: Path) -> None:
     assert nothing.returncode == 7, nothing.stderr
 
     shutil.copy(waiting / "tight.csv", new)
-    shutil.copy(waiting / "tight.csv", new / "loose-all.csv")
+    # A second measurement of the tight state: the same file once more would tell nothing.
+    again = [line.split(",") for line in (waiting / "tight.csv").read_text().splitlines()]
+    shaken = [[row[0], *(repr(1.002 * float(cell)) for cell in row[1:])] for row in again[1:]]
+    (new / "loose-all.csv").write_text("\n".join(",".join(row) for row in [again[0], *shaken]) + "\n")
+    misnamed = new / "Loose-2.csv"
+    shutil.copy(waiting / "loose-2.csv", misnamed)
+    assert measure(folder, str(folder.config), str(new), "--once").returncode == 7
+    misnamed.unlink()
     clear = measure(folder, str(folder.config), str(new), "--once")
     assert clear.returncode == 0, clear.stderr
     assert "loose-all: all bolts tight, go on (no loose bolt found: 6 tight)" in clear.stdout

@@ -133,8 +133,14 @@ class TestPlaces:
         assert "620 mm beside the edge" in found[9].note
 
     def test_two_rows_of_bolts_and_a_wide_flange(self):
-        rows = np.vstack([BOLTS, BOLTS - np.array([0.04, 0, 0])]) - np.array([0.3, 0, 0])
+        aside = 0.7 * float(np.diff(BOLTS[:2, 1])[0])
+        rows = np.vstack([BOLTS, BOLTS - np.array([0.04, 0, 0])]) - np.array([aside, 0, 0])
         assert verdicts([edge(profile(2.0), profile(4.5))], rows) == ["loose"] * 18
+
+    def test_a_whole_table_of_bolts_far_aside_is_outside(self):
+        """Bolts of another edge alone, or in other coordinates: terms that none of them holds say nothing of them."""
+        for bolts in (BOLTS + np.array([0.45, 0, 0]), BOLTS[4:5] + np.array([0, 0, 0.7])):
+            assert set(verdicts([edge(profile(4.5), profile(4.5))], bolts)) == {"outside"}
 
     def test_just_beyond_the_end_still_feels_its_last_terms(self):
         bolts = np.vstack([BOLTS, [[-0.02, 0.52, 0.0]]])
