@@ -330,10 +330,9 @@ class TestCampaignFile:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stiffness", [0.95, 1.05])
-def test_soundbox_from_afar(tmp_path: Path, stiffness: float) -> None:
-    """5 % of stiffness and a factor of 2 in all damping, from noisy FRFs of the model itself."""
-    config, file = ROOT / "configs" / "soundbox.yaml", tmp_path / "tight.csv"
+def test_soundbox_from_afar(tmp_path: Path) -> None:
+    """5 % of stiffness and a factor of 2 in all damping, from noisy FRFs of the model itself; from both sides on small models elsewhere."""
+    config, file, stiffness = ROOT / "configs" / "soundbox.yaml", tmp_path / "tight.csv", 1.05
     common = ("--override", f"output={(tmp_path / 'out').as_posix()}")
     measure = ("simulate", config, "--cache", reduced_cache("soundbox"), *common, "--set", "left_edge=2.6", "--out", file)
     assert lrbc(*measure).code == 0

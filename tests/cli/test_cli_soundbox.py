@@ -5,14 +5,16 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import ROOT, command, environment
+from shared import shared
 
 from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
 
@@ -43,17 +45,21 @@ class Run:
         return json.loads((self.out / job / "result.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    folder = tmp_path_factory.mktemp("soundbox")
+def make(folder: Path) -> None:
+    """The campaign from an empty folder to its report."""
     empty = Run(folder / "out", folder / "cache", None, "")
-    update = empty.lrbc("update", "--json")
-    assert update.returncode == 0, update.stderr
-    assert update.stderr == ""
-    report = empty.lrbc("report")
-    assert report.returncode == 0, report.stderr
-    assert report.stderr == ""
-    return Run(empty.out, empty.cache, json.loads(update.stdout), report.stdout)
+    for name, args in (("update", ["--json"]), ("report", [])):
+        done = empty.lrbc(name, *args)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+        (folder / name).write_text(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    """Read only."""
+    folder = shared("soundbox-campaign", make)
+    return Run(folder / "out", folder / "cache", json.loads((folder / "update").read_text()), (folder / "report").read_text())
 
 
 def test_all_jobs_are_done(run: Run) -> None:
@@ -208,7 +214,8 @@ def test_the_page_stands_alone(run: Run) -> None:
     assert all(job in run.page for job in REMOVED)
 
 
-def test_the_second_run_keeps_everything(run: Run) -> None:
+def test_the_second_run_keeps_everything(run: Run, tmp_path: Path) -> None:
+    run = replace(run, out=Path(shutil.copytree(run.out, tmp_path / "out")))
     before = {path: path.stat().st_mtime_ns for path in run.out.glob("*/*")}
     reduced = run.lrbc("reduce", "--json")
     assert reduced.returncode == 0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaigns import lrbc
-from samples import sample
+from samples import reduced_cache, sample
 from systems import csc
 
 import rehearse as command
@@ -106,9 +106,10 @@ def test_drift_and_faults_change_the_measurement(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_warm_air_of_a_coupled_model(tmp_path: Path) -> None:
+def test_warm_air_of_a_coupled_model() -> None:
     inputs = sample("soundbox")
-    model = Rehearsal(inputs, EXACT, 1, tmp_path, np.arange(20.0, 401.0), lambda _: None).model(Drift(kelvin=5.0))
+    cache = reduced_cache("soundbox")
+    model = Rehearsal(inputs, EXACT, 1, cache, np.arange(20.0, 401.0), lambda _: None).model(Drift(kelvin=5.0))
     field, factor = inputs.model.is_acoustic, 1 + 5 / 293.15
     air = np.ix_(field, field)
     assert abs(model.K[air] - factor * inputs.model.K[air]).max() <= 1e-12 * abs(inputs.model.K[air]).max()
