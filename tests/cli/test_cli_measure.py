@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from campaigns import ROOT, Folder, command, environment, frame
+from campaigns import ROOT, Folder, command, environment, frame, measure_again
 
 pytestmark = [
     pytest.mark.skipif(sys.platform == "win32", reason="a POSIX shell script"),
@@ -80,9 +80,7 @@ def test_go_on_is_said_only_of_what_is_clear(tmp_path: Path) -> None:
 
     shutil.copy(waiting / "tight.csv", new)
     # A second measurement of the tight state: the same file once more would tell nothing.
-    again = [line.split(",") for line in (waiting / "tight.csv").read_text().splitlines()]
-    shaken = [[row[0], *(repr(1.002 * float(cell)) for cell in row[1:])] for row in again[1:]]
-    (new / "loose-all.csv").write_text("\n".join(",".join(row) for row in [again[0], *shaken]) + "\n")
+    measure_again(waiting / "tight.csv", new / "loose-all.csv")
     misnamed = new / "Loose-2.csv"
     shutil.copy(waiting / "loose-2.csv", misnamed)
     assert measure(folder, str(folder.config), str(new), "--once").returncode == 7

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import BOX_TRUTH, Folder, frame, lrbc
+from campaigns import BOX_TRUTH, Folder, frame, lrbc, measure_again
 from campaigns import box as make_box
 
 from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
@@ -491,7 +491,7 @@ def test_fail_on_loose(frame: Folder) -> None:
 
 def with_a_tight_job(folder: Folder) -> Folder:
     """Instead of the loose ones: the tight state measured again."""
-    (folder.data / "frf" / "again.csv").write_bytes((folder.data / "frf" / "tight.csv").read_bytes())
+    measure_again(folder.data / "frf" / "tight.csv", folder.data / "frf" / "again.csv")
     tree = folder.tree()
     tree["jobs"] = {"tight": tree["jobs"]["tight"], "again": {"frf": "data/frf/again.csv"}}
     folder.write(tree)
