@@ -21,6 +21,9 @@ FASTEST = 2e5
 
 MILLIMETRES = 1e-3
 
+#: Sizes of the model beyond which no slip but that of the unit is likely.
+EVIDENT = 20.0
+
 
 def extents(xyz: Floats) -> str:
     """The box of points in words."""
@@ -62,7 +65,8 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
         return
     worst = int(far[np.argmax(distance[far])])
     hint = "correct the coordinates: order and direction of the axes, origin"
-    if away(MILLIMETRES).max() <= size:
+    # Any point near fits when it is divided: millimetres lie hundreds of sizes away.
+    if distance[worst] > EVIDENT * size and away(MILLIMETRES).max() <= size:
         hint = "are these millimetres? divided by 1000 they fit the model; coordinates are in metres"
     elif away(1.0 / MILLIMETRES).max() <= size:
         hint = "are the coordinates of the DOF table millimetres? these points fit them times 1000; coordinates are in metres"

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.model.selection import JUMP
+
 Floats = NDArray[np.float64]
 
 #: Verdict on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
@@ -147,7 +149,7 @@ def foot(edge: Edge, point: Floats) -> tuple[float, float]:
 
 
 def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
-    """Edge of every bolt, and what of it lies within half a pitch.
+    """Edge of every bolt, and what of it lies within half a pitch, or on both sides of a bolt between two terms.
 
     That is the nearest edge; where nothing of it reaches the bolt, another one with terms nearer to the bolt that do.
 
@@ -176,7 +178,8 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
         # single bolt up to the length of the edge.
         most = 2 * pitch or float(edge.arc_length[-1]) or np.inf
         beside = distance if distance > (min(least[e], most) + pitch) * (1 + 1e-9) else None
-        return Place(e, at, np.flatnonzero(away <= half * (1 + 1e-9)), float(away.min()), beside)
+        near = np.flatnonzero(away <= half * (1 + 1e-9))
+        return Place(e, at, near if near.size else _between(edge.arc_length, at), float(away.min()), beside)
 
     found = []
     for b, bolt in enumerate(bolts):
@@ -188,6 +191,18 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
             own = next((other for other in others if other.reached), own)
         found.append(own)
     return found
+
+
+def _between(arc_length: Floats, at: float) -> NDArray[np.int64]:
+    """The terms on both sides of a place between them, which feel it whatever the pitch; none beyond the ends or in a gap of the edge."""
+    after = int(np.searchsorted(arc_length, at))
+    if not 0 < after < arc_length.size:
+        return np.zeros(0, dtype=np.int64)
+    steps = np.diff(arc_length)
+    # As far apart as no terms of one edge are, see ``model.selection.jumps``.
+    if steps[after - 1] > JUMP * float(np.median(steps)):
+        return np.zeros(0, dtype=np.int64)
+    return np.array([after - 1, after], dtype=np.int64)
 
 
 def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: bool) -> list[BoltVerdict]:

@@ -132,6 +132,18 @@ class TestPlaces:
         assert [v.verdict for v in found] == ["tight"] * 3 + ["loose"] + ["tight"] * 5 + ["outside"] * 18
         assert "620 mm beside the edge" in found[9].note
 
+    def test_uneven_and_paired_bolts_between_terms(self):
+        """Half of a close pair's pitch reaches no term, but the terms on both sides of a bolt feel it: a loose one must not be outside."""
+        coarse = Edge(XYZ[::5], Y[::5], profile(2.0)[::5], 5.0, profile(4.5)[::5])
+        step = float(Y[5] - Y[0])
+        at = np.array([1.5, 1.6, 4.5, 4.6, 7.5, 7.6, 3.5]) * step + Y[0]
+        bolts = np.column_stack([np.full(at.size, XYZ[0, 0] - 0.01), XYZ[0, 1] - Y[0] + at, np.zeros(at.size)])
+        assert verdicts([coarse], bolts) == ["loose"] * 7
+        # In a gap of the edge no term feels it.
+        kept = np.array([0, 1, 2, 3, 7, 8, 9, 10])
+        gapped = Edge(coarse.xyz[kept], coarse.arc_length[kept], coarse.log10[kept], 5.0, coarse.reference[kept])
+        assert verdicts([gapped], np.vstack([bolts[:2], bolts[:1] * [1, 0, 1] + [0, XYZ[0, 1] + 5 * step, 0]]))[2] == "outside"
+
     def test_two_rows_of_bolts_and_a_wide_flange(self):
         aside = 0.7 * float(np.diff(BOLTS[:2, 1])[0])
         rows = np.vstack([BOLTS, BOLTS - np.array([0.04, 0, 0])]) - np.array([aside, 0, 0])
