@@ -26,7 +26,7 @@ from lrbc_cli.updating.clearance import not_clear
 log = logging.getLogger(__name__)
 
 #: Increased whenever the same input would be identified differently.
-IDENTIFICATION_VERSION = 15
+IDENTIFICATION_VERSION = 16
 
 
 @dataclass(frozen=True)
