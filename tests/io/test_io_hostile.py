@@ -89,7 +89,7 @@ def test_a_file_that_hangs_the_library_has_a_deadline(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal")
 def test_ctrl_c_comes_through(tmp_path):
-    child = start(READ, 10 * NET, hanging(tmp_path / "k.h5"))
+    child = start(READ, 2 * NET, hanging(tmp_path / "k.h5"))
     assert child.stdout.readline() == "begins\n"
     # Long enough to be inside the library; sooner, the answer is the same.
     time.sleep(2.0)
