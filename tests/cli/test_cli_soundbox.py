@@ -51,7 +51,10 @@ def make(folder: Path) -> None:
     for name, args in (("update", ["--json"]), ("report", [])):
         done = empty.lrbc(name, *args)
         assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
+        # The model is not calibrated: its intervals say less than they seem to, and it says so.
+        said = done.stderr.splitlines()
+        assert all(line.startswith("warning: job bolts-") and "the fit does not reach the data" in line for line in said), said
+        assert bool(said) == (name == "update")
         (folder / name).write_text(done.stdout)
 
 

@@ -225,11 +225,9 @@ class TestSafety:
 
     def test_statistics_count_every_call(self, backend):
         Z = DynamicStiffness(*structure(), backend=backend)
-        factorisation = Z.factor(100j)
-        factorisation.solve(np.ones(60))
-        factorisation.solve(np.ones((60, 4)))
-        assert len(Z.factor_seconds) == 1
-        assert [count for count, _ in Z.solve_seconds] == [1, 4]
+        Z.factor(100j)
+        Z.factor(200j)
+        assert len(Z.factor_seconds) == 2
         assert Z.nonzeros >= 60
 
 
