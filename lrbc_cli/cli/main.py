@@ -193,8 +193,9 @@ def _reader_has_gone() -> bool:
 
 def _stop(error: BaseException, *, at_once: bool = False) -> NoReturn:
     """Say what happened, once, and exit; at once: whatever threads do."""
-    if isinstance(error, click.Abort) and isinstance(error.__cause__, EOFError):
-        error = error.__cause__
+    # Some versions of click name it as the cause, others do not.
+    if isinstance(error, click.Abort) and isinstance(error.__cause__ or error.__context__, EOFError):
+        error = error.__cause__ or error.__context__ or error
     if isinstance(error, LrbcError):
         message, code = error.message, error.exit_code
     elif isinstance(error, click.ClickException):

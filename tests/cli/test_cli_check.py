@@ -170,7 +170,7 @@ def test_what_is_called_symmetric_must_be(tmp_path: Path) -> None:
 def test_triangles_of_a_coupled_model(tmp_path: Path) -> None:
     """The coupling lies in one triangle of K and in the other of M; lumped masses leave nothing else there."""
     folder = box(tmp_path / "new")
-    whole = {name: scipy.io.mmread(folder.data / f"{name}.mtx").toarray() for name in "KM"}
+    whole = {name: scipy.io.mmread(folder.data / f"{name}.mtx", spmatrix=False).toarray() for name in "KM"}
 
     def lumped(matrices: Matrices) -> None:
         for field in (slice(0, 8), slice(8, None)):

@@ -121,6 +121,8 @@ def test_one_process_reads_all_files_wherever_the_caller_is(tmp_path, monkeypatc
 
 
 def test_without_a_second_process_files_are_still_read(tmp_path, monkeypatch, caplog):
+    # A command that was run before may have made the log quiet.
+    caplog.set_level("WARNING", logger="lrbc_cli")
     monkeypatch.setattr(reader_process, "_reader", None)
     monkeypatch.setattr(reader_process, "_told", [])
     monkeypatch.setattr(sys, "executable", str(tmp_path / "nothing"))

@@ -492,6 +492,8 @@ def test_files_written_by_pyuff_are_read(tmp_path):
 
 
 def test_frequencies_beyond_six_digits(tmp_path, caplog):
+    # A command that was run before may have made the log quiet.
+    caplog.set_level("WARNING", logger="lrbc_cli")
     write_frf(tmp_path / "a.uff", FrfSet("x", (record(frequency=[123.4567891, 150.0, 200.0]),)))
     assert "rounded to the six digits" in caplog.text
     np.testing.assert_allclose(read_frf(tmp_path / "a.uff").records[0].frequency_hz, [123.457, 150, 200], rtol=1e-12)
