@@ -8,6 +8,7 @@ import shutil
 import tempfile
 
 import pytest
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 # The test processes share the cores: more threads only wait for each other. Here before NumPy is loaded, and inherited by every
@@ -15,6 +16,11 @@ from threadpoolctl import threadpool_limits
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ[_variable] = "1"
 threadpool_limits(1)
+
+# One commit, one result: what a random search finds is for whoever runs the tests by hand.
+settings.register_profile("reproducible", derandomize=True, deadline=None)
+if os.environ.get("CI"):
+    settings.load_profile("reproducible")
 
 SHARED = "LRBC_TESTS_SHARED"
 

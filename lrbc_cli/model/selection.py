@@ -64,7 +64,9 @@ def along(xyz: Floats) -> Integers:
     if stop.size:
         # It began inside: what it came to first is an end.
         chain = _chain(xyz, int(chain[stop[0]]))
-    return order if jumps(xyz[chain]).size else chain
+    # An uneven straight edge has steps that look like jumps too; there the projection is the shortest way.
+    shorter = arc_length(xyz[chain])[-1] < arc_length(xyz[order])[-1] * (1.0 - 1e-9)
+    return chain if shorter and not jumps(xyz[chain]).size else order
 
 
 def _chain(xyz: Floats, start: int) -> Integers:
