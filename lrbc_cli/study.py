@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import apply_calibration
+from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs, read_inputs
-from lrbc_cli.campaign.judgement import validity, verdicts
+from lrbc_cli.campaign.judging import role_of, rule_of
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
@@ -30,7 +31,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
-from lrbc_cli.updating.verdicts import BoltVerdict
+from lrbc_cli.updating.decide import BoltVerdict, judge
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -229,7 +230,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        return Identified(job, found, result_tree(inputs, self._stage, found, "", before))
+        return Identified(job, found, result_tree(inputs, self._stage, found, before))
 
     def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -247,7 +248,8 @@ class Study:
         campaign = inputs.campaign
         update = type(campaign.update).model_validate(campaign.update.model_dump(by_alias=True) | rule)
         inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
-        return verdicts(inputs, found.identification, reference.record, 0.0, validity(inputs, found.identification))
+        evidence = evidence_of(inputs, found.identification, reference.record)
+        return list(judge(evidence, rule_of(update), role_of(update, found.name)).bolts)
 
     def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
         """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""

@@ -57,7 +57,7 @@ class Study:
         return identification.identify(self.inputs, self.source, self.other, reference)
 
     def tree(self, result: Any, reference: dict[str, Any] | None) -> dict[str, Any]:
-        return result_tree(self.inputs, self.stage, result, "x", reference)
+        return result_tree(self.inputs, self.stage, result, reference)
 
 
 #: A tight frame where the FRFs feel the edge, and its damping exponent.
