@@ -19,7 +19,7 @@ from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping

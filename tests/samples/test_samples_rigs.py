@@ -13,7 +13,7 @@ pytest.importorskip("skfem", reason="extra `samples`")
 from lrbc_cli.campaign.inputs import read_inputs
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.io.matrices import read_matrix
+from lrbc_cli.io.matrices.read import read_matrix
 from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.design import Design, Foundation, Mesh
 from rigs.designs import DESIGNS, SINGLE, SOUNDBOX
