@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 from lrbc_cli.campaign.cache import cache_folder
-from lrbc_cli.campaign.inputs import read_inputs
+from lrbc_cli.campaign.inputs import read_as_exported
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError, LrbcError
@@ -69,7 +69,7 @@ def main() -> int:
         scatter=Scatter(given.kelvin, given.hammer, given.gain),
     )
     try:
-        inputs = read_inputs(load_campaign(given.config, given.override))
+        inputs = read_as_exported(load_campaign(given.config, given.override))
         band = inputs.campaign.reduction.band
         lines = parse_lines(given.lines, band)
         if lines[0] < band[0] * (1 - 1e-9) or lines[-1] > band[1] * (1 + 1e-9):

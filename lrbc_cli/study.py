@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.campaign.cache import cache_folder
-from lrbc_cli.campaign.calibration import apply_calibration
+from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.judgement import validity, verdicts
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
@@ -355,7 +355,7 @@ def load(
     >>> study.responses
     ['acc1', 'acc2', 'acc3', 'acc4']
     """
-    inputs = apply_calibration(read_inputs(load_campaign(Path(config), tuple(overrides))), calibration)
+    inputs = read_inputs(load_campaign(Path(config), tuple(overrides)), calibration=calibration)
     return Study(inputs, None if cache is None else Path(cache), progress)
 
 

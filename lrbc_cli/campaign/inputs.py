@@ -113,7 +113,7 @@ class Inputs:
     shifts : (n_in, 2) int array or None
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
-        Whether ``model`` contains the factors of a stored calibration; None where none was looked for, or there is none.
+        Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
     """
 
     campaign: Campaign
@@ -291,8 +291,8 @@ class _Reader(ModelReader):
         return group, left, right
 
 
-def read_inputs(campaign: Campaign) -> Inputs:
-    """Read model, terms, loads, outputs and bolts.
+def read_as_exported(campaign: Campaign) -> Inputs:
+    """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
 
     Parameters
     ----------
@@ -397,4 +397,4 @@ def read_inputs(campaign: Campaign) -> Inputs:
     )
 
 
-__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_inputs"]
+__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

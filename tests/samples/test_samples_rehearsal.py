@@ -12,7 +12,7 @@ from samples import reduced_cache, sample
 from systems import csc
 
 import rehearse as command
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.frf import read_frf
@@ -26,7 +26,7 @@ LINES = np.arange(30.0, 500.0, 7.0)
 
 
 def rehearsal(path: Path, settings: Settings, *overrides: str, seed: int = 1) -> Rehearsal:
-    inputs = read_inputs(load_campaign(FRAME, overrides))
+    inputs = read_as_exported(load_campaign(FRAME, overrides))
     return Rehearsal(inputs, settings, seed, path / "cache", LINES, lambda _: None)
 
 
@@ -149,7 +149,7 @@ def test_campaign_file_keeps_the_model(tmp_path: Path) -> None:
     again = load_campaign(tmp_path / "out" / "campaign.yaml")
     for part in ("model", "excitation", "responses", "parameters", "bolts", "reduction"):
         assert again.model_dump(mode="json")[part] == done.inputs.campaign.model_dump(mode="json")[part]
-    assert campaign_tree(read_inputs(again), jobs)["jobs"] == {
+    assert campaign_tree(read_as_exported(again), jobs)["jobs"] == {
         "tight": {"frf": "frf/tight.uff"},
         "loose-B1": {"frf": "frf/loose-B1.uff", "removed": ["B1"]},
     }
