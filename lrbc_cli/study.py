@@ -22,6 +22,7 @@ from lrbc_cli.campaign.judgement import validity, verdicts
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
+from lrbc_cli.campaign.simulate import require_in_band
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
@@ -289,9 +290,7 @@ class Study:
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = np.atleast_1d(np.asarray(hz, dtype=float))
-        low, high = self.inputs.campaign.reduction.band
-        if lines.size == 0 or not np.all((lines >= low * (1 - 1e-9)) & (lines <= high * (1 + 1e-9))):
-            raise ConfigError("the reduced model does not hold outside its band", expected=f"lines from {low:g} to {high:g} Hz")
+        require_in_band(lines, self.inputs.campaign.reduction.band)
         return np.asarray(2j * np.pi * lines)
 
     def _with_job(self, job: str, measured: bool) -> Inputs:

@@ -24,10 +24,11 @@ ALLOWED = {
     "updating": {"errors", "model", "reduction"},
     "report": {"errors", "model", "io", "config", "reduction", "updating"},
     "campaign": {"errors", "model", "io", "config", "reduction", "updating"},
+    "virtual": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
     "guide": {"config"},
     "matrices": {"errors", "model", "reduction", "updating"},
     "study": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
-    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "report", "guide"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "virtual", "report", "guide"},
     "__main__": {"cli"},
 }
 
@@ -41,6 +42,7 @@ FORBIDDEN = {
     "io": {"yaml", "click", "matplotlib", "pydantic"},
     "config": {"h5py", "click", "matplotlib", "scipy"},
     "campaign": {"yaml", "click", "matplotlib"},
+    "virtual": {"yaml", "h5py", "click", "matplotlib", "pydantic"},
     "report": {"yaml", "h5py", "click", "pydantic"},
     "guide": NO_FILES | {"numpy", "scipy"},
     "matrices": NO_FILES,

@@ -14,10 +14,10 @@ from lrbc_cli.campaign.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.matrices.read import read_matrix
+from lrbc_cli.virtual.drift import Drift, Scatter
 from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.design import Design, Foundation, Mesh
 from rigs.designs import DESIGNS, SINGLE, SOUNDBOX
-from rigs.drift import Drift, Scatter
 from rigs.measure import FREQUENCIES, Laboratory
 from rigs.nominal import bolt_table, build
 from rigs.reduced import Basis
