@@ -106,7 +106,9 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     assert outcome.json["kept"] == ["tight", "loose-2", "loose-all"]
 
 
-@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "profile.csv", "frf.csv", "evidence.json", "result.json", "campaign.csv"])
+@pytest.mark.parametrize(
+    "file", ["campaign.json", "reduction.json", "profile.csv", "frf.csv", "evidence.json", "result.json", "campaign.csv"]
+)
 def test_update(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     folder = frame(tmp_path / "frame")
     assert folder.run("calibrate").code == 0
