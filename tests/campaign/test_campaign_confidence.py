@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -286,23 +287,28 @@ def test_without_the_reference(with_baselines: Folder) -> None:
     assert {b["verdict"] for b in folder.result("loose")["bolts"]} == {"undecided"}
 
 
-def plans(folder: Folder, *words: str) -> dict[str, bool]:
+def plans(folder: Folder, *words: str, what: str = "run") -> dict[str, Any]:
     outcome = folder.run("update", "--dry-run", "--json", *[part for word in words for part in ("--override", word)])
     assert outcome.code == 0, outcome.stderr
-    return {name: job["run"] for name, job in outcome.json["jobs"].items()}
+    return {name: job[what] for name, job in outcome.json["jobs"].items()}
 
 
 def test_what_results_rest_on(with_baselines: Folder) -> None:
     folder = with_baselines
     assert folder.run("update").code == 0
     assert not any(plans(folder).values())
-    # Another baseline: those judged by it, but neither the reference nor the other baseline.
+    # Another baseline: those judged by it are judged anew, but neither the reference nor the other baseline.
     noisy(folder, "tight.uff", "again-1", 9)
-    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": True}
+    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": False}
+    assert plans(folder, what="reason")["loose"] == "unless again-1, which runs before it, comes out otherwise"
     noisy(folder, "tight.uff", "again-1", 1)
     assert all(plans(folder, "update.nuisances.gain=0.3").values())
-    assert all(plans(folder, "update.confidence=0.9").values())
-    assert plans(folder, "update.baselines=[again-2]")["loose"]
+    for words, anew in (
+        ("update.confidence=0.9", {"tight", "again-1", "again-2", "loose"}),
+        ("update.baselines=[again-2]", {"again-1", "loose"}),
+    ):
+        assert not any(plans(folder, words).values())
+        assert {name for name, judged in plans(folder, words, what="judge").items() if judged} == anew
 
 
 def test_the_gate(box: Folder) -> None:
