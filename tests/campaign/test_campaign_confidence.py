@@ -11,7 +11,6 @@ import pytest
 from campaigns import BOX_TRUTH, Folder, box, frame
 
 import lrbc_cli.campaign.identify as identification
-from lrbc_cli.campaign import sampling
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
@@ -20,8 +19,10 @@ from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.shapes import bolt_shapes
+from lrbc_cli.updating.statistics import STATISTICS
 
 AUTO = "update.regularisation=auto"
 
@@ -192,9 +193,9 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("loose", [None, 2])
 def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
-    # The model is exact.
-    monkeypatch.setattr(sampling, "COARSENING", 1.0)
     study = Study(plane_box(tmp_path / "box"), monkeypatch, f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
+    # The model is exact.
+    study.inputs = replace(study.inputs, statistics=replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0)))
     tight = BOX_TRUTH["tight"]
     study.measure(study.tight, study.model.frf(tight), 0.005)
     reference = study.reference()

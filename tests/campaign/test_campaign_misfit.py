@@ -47,7 +47,6 @@ def with_repeats(folder: Folder, names: list[str]) -> None:
         ("update.residual=log-complex", "update.loss=soft", "update.loss_scale=1.0", "update.floor=30.0"),
         ("update.loss=soft",),
         ("update.floor=40.0",),
-        ("update.lines=resonances-both",),
         ("update.residual=complex", "parameters.springs.initial=4.4"),
     ],
     ids=" ".join,
@@ -88,7 +87,7 @@ def test_the_scatter_of_repeats_is_a_weight(box: Folder) -> None:
     assert sigma is not None
     assert measurement.sigma_db is not None
     np.testing.assert_array_equal(sigma, measurement.sigma_db[np.ix_(selected, inputs.used)])
-    weights = noise_weights(sigma)
+    weights = noise_weights(sigma, inputs.statistics.errors.first_discrepancy_db)
     assert weights.min() < 0.5 < weights.max() < 1.0
     alone = inputs.campaign.jobs["loose"].model_copy(update={"repeats": ()})
     with pytest.raises(DataError, match="need repeated measurements"):
@@ -167,15 +166,6 @@ def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
     for words in (("update.regularisation=auto", "jobs.loose.averages=1"), ("update.regularisation=10",)):
         inputs = box.inputs(*words)
         assert line_sigma(inputs, measurement, inputs.campaign.jobs["loose"], selected)[0] is None
-
-
-def test_resonances_of_the_model_too(frame: Folder) -> None:
-    own = identify(frame, job="loose-all")["lines"]["frequency_hz"]
-    both = identify(frame, "update.lines=resonances-both", job="loose-all")["lines"]["frequency_hz"]
-    assert set(own) < set(both)
-    # The clamped start has its resonances elsewhere.
-    listing = frame.run("check", "--override", "update.lines=resonances-both").stdout
-    assert f"{len(own)} selected and the model's resonances" in listing
 
 
 def test_l_curve(frame: Folder) -> None:
