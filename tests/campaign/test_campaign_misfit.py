@@ -15,7 +15,6 @@ from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.updating.levels import DRAWS_KEPT
 from lrbc_cli.updating.residuals import coherence_sigma, noise_weights
 
 
@@ -232,13 +231,13 @@ def test_starts_are_listed(frame: Folder) -> None:
     tree = identify(frame, "update.regularisation=10", job="loose-2")
     starts = tree["optimiser"]["starts"]
     # Two basins of a uniform change, and the lowest changes drawn from the prior.
-    assert len(starts) == 2 + DRAWS_KEPT
+    assert len(starts) == 2 + 3
     assert tree["l_curve"] is None
     (kept,) = [start for start in starts if start["kept"]]
     assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
     assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
     described = [start["description"] for start in starts]
-    assert sum("drawn from the prior" in text for text in described) == DRAWS_KEPT
+    assert sum("drawn from the prior" in text for text in described) == 3
     assert any(text.startswith("uniform change of log10 by ") for text in described)
     # The reference job has no prior but its start values: uniform values.
     starts = frame.result("tight")["optimiser"]["starts"]
