@@ -175,7 +175,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
-        chosen = f"{selected.size} selected" + (" and the model's resonances" if inputs.campaign.update.lines == "resonances-both" else "")
+        chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.notes[0]}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
         lines += [f"  {note}" for note in (*_packed(measurement.notes[1:]), *(measurement.records if detailed else ()))]

@@ -12,12 +12,13 @@ from campaigns import BOX_TRUTH, Folder, box, frame
 
 import lrbc_cli
 from lrbc_cli import Measurement
-from lrbc_cli.campaign import sampling
 from lrbc_cli.campaign.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.shapes import bolt_shapes
+from lrbc_cli.updating.statistics import STATISTICS
 
 AUTO = "update.regularisation=auto"
 
@@ -172,9 +173,10 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("loose", [None, 2])
 def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
-    # The model is exact.
-    monkeypatch.setattr(sampling, "COARSENING", 1.0)
     made = Made(plane_box(tmp_path / "box"), f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
+    # The model is exact.
+    exact = replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0))
+    made.study.inputs = replace(made.study.inputs, statistics=exact)
     tight = BOX_TRUTH["tight"]
     reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.005))
     z = np.zeros(made.shapes.std.size)
