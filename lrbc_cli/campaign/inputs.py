@@ -19,7 +19,7 @@ from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
@@ -27,6 +27,7 @@ from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
+from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +114,8 @@ class Inputs:
     shifts : (n_in, 2) int array or None
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
-        Whether ``model`` contains the factors of a stored calibration; None where none was looked for, or there is none.
+        Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
+    statistics : StatisticalModel
     """
 
     campaign: Campaign
@@ -130,6 +132,7 @@ class Inputs:
     recipe: Recipe = field(repr=False)
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
+    statistics: StatisticalModel = STATISTICS
 
     @property
     def input_of(self) -> NDArray[np.int64]:
@@ -291,8 +294,8 @@ class _Reader(ModelReader):
         return group, left, right
 
 
-def read_inputs(campaign: Campaign) -> Inputs:
-    """Read model, terms, loads, outputs and bolts.
+def read_as_exported(campaign: Campaign) -> Inputs:
+    """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
 
     Parameters
     ----------
@@ -397,4 +400,4 @@ def read_inputs(campaign: Campaign) -> Inputs:
     )
 
 
-__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_inputs"]
+__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

@@ -115,13 +115,13 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     assert outcome.json["kept"] == JOBS
 
 
-@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "fdac.csv", "result.json", "campaign.csv"])
+@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "evidence.json", "result.json", "campaign.csv"])
 def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     folder = calibrated
     kill(folder, file, "update")
     assert_whole(folder)
     for path in folder.out.glob("*/result.json"):
-        assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv"}
+        assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv", "evidence.json"}
     outcome = folder.run("update", "--json")
     assert outcome.code == 0, outcome.stderr
     assert set(outcome.json["kept"]) == (set(JOBS) if file == "campaign.csv" else set())
