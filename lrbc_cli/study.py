@@ -30,6 +30,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
+from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
@@ -249,8 +250,8 @@ class Study:
         inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
         return verdicts(inputs, found.identification, reference.record, 0.0, validity(inputs, found.identification))
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
-        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
+    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> PlanRecord:
+        """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``."""
         return make_plan(self.inputs, self._folder, Request(state, noise_db), progress=self._progress)
 
     def read(self, job: str) -> Measurement:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
-from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
 from lrbc_cli.campaign.doubts import doubts
 from lrbc_cli.campaign.drift import drift_tree
 from lrbc_cli.campaign.identification import Identification
@@ -35,6 +34,10 @@ from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
+from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.model import CampaignRecord, ReductionRecord
+from lrbc_cli.results.store import read_job, versions, write
+from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
 from lrbc_cli.updating.verdicts import BoltVerdict
@@ -84,8 +87,9 @@ def write_result(
         "frf.csv": write_csv(folder / "frf.csv", *frf_rows(inputs, result)),
         "fdac.csv": write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation)),
     }
-    write_json(folder / "result.json", tree)
-    return tree
+    record = JobRecord.checked(tree)
+    write(folder / "result.json", record)
+    return record.tree()
 
 
 def result_tree(
@@ -157,8 +161,6 @@ def result_tree(
             "reached": stage.reduction.reached,
         }
     return {
-        "format": RESULT_FORMAT,
-        "version": RESULT_VERSION,
         "job": result.name,
         "status": solution.status if valid.explained else UNEXPLAINED,
         "reason": solution.reason if valid.explained else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason}); {compared}",
@@ -348,20 +350,18 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
     """Record a job that failed; an earlier success is kept as ``result.previous.json``, its tables and figures stay."""
     path = output / name / "result.json"
     try:
-        before = read_json(path, RESULT_FORMAT)
+        before = read_job(output, name)
     except DataError:
         before = None
-    if before is not None and before["status"] != "failed":
+    if isinstance(before, JobRecord):
         path.replace(path.with_name("result.previous.json"))
     tree = {
-        "format": RESULT_FORMAT,
-        "version": RESULT_VERSION,
         "job": name,
         "status": "failed",
         "reason": reason,
         "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
     }
-    write_json(path, tree)
+    write(path, FailedJob.checked(tree))
     return tree
 
 
@@ -369,11 +369,8 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
     """Write ``campaign.json``: what the report needs to know of the campaign."""
     campaign = inputs.campaign
     bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
-    write_json(
-        output / "campaign.json",
+    record = CampaignRecord.checked(
         {
-            "format": "lrbc-campaign",
-            "version": 1,
             "campaign": campaign.name,
             "reference": campaign.update.reference,
             "jobs": list(campaign.jobs),
@@ -385,8 +382,9 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             # Empty: the jobs rest on the model as exported although there is a calibration.
             "calibration": None if inputs.calibration is None else (inputs.calibration.key if inputs.calibration.used else ""),
             "tool": {"name": "lrbc", "version": __version__},
-        },
+        }
     )
+    write(output / "campaign.json", record)
 
 
 def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict[str, Any]:
@@ -395,8 +393,6 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
     seconds = dict(r.seconds)
     seconds["full_lines_worth"] = seconds["total"] / seconds["full_line"]
     tree = {
-        "format": "lrbc-reduction",
-        "version": 1,
         "size": r.model.size,
         "size_structure": r.model.structure,
         "size_acoustic": r.model.size - r.model.structure,
@@ -436,5 +432,6 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
         "cache": {"key": stage.decision.key, "hit": stage.decision.hit, "reason": stage.decision.reason},
         "versions": versions(),
     }
-    write_json(output / "reduction.json", tree)
-    return tree
+    record = ReductionRecord.checked(tree)
+    write(output / "reduction.json", record)
+    return record.tree()

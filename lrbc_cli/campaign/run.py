@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
+from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.judgement import scatter_of
@@ -160,12 +160,12 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
             own = cache._digest(own, *[identity(inputs, parts, other) for other in tight])[:32]
         plans[name] = JobPlan(name, True, "no result yet", own)
         try:
-            tree = read_json(output / name / "result.json", RESULT_FORMAT)
+            tree = read_tree(output, name)
         except DataError as error:
             plans[name] = replace(plans[name], reason=f"the earlier result is unusable ({error.problem})")
             continue
         if tree is not None:
-            reason = _outdated(tree, name, own, output / name) or ("--force" if force else None)
+            reason = _outdated(tree, own, output / name) or ("--force" if force else None)
             plans[name] = replace(plans[name], run=reason is not None, reason=reason or "nothing changed", tree=None if reason else tree)
         if plans[name].run or not tight:
             continue
@@ -178,10 +178,8 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
     return list(plans.values())
 
 
-def _outdated(tree: dict[str, Any], name: str, own: str, folder: Path) -> str | None:
+def _outdated(tree: dict[str, Any], own: str, folder: Path) -> str | None:
     """Why a stored result does not count any more by itself."""
-    if tree["job"] != name:
-        return f"the earlier result is unusable (it is that of job {tree['job']})"
     if tree["status"] == "failed":
         return "it failed before"
     if not tree["provenance"].get("files"):
@@ -357,7 +355,7 @@ def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: Reducti
     if reference in outcome.results:
         return outcome.results[reference]
     try:
-        before = read_json(inputs.campaign.output / reference / "result.previous.json", RESULT_FORMAT)
+        before = read_tree(inputs.campaign.output, reference, "result.previous.json")
     except DataError:
         return None
     # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
