@@ -284,8 +284,8 @@ class Certificate(Record):
 
     key: str
     size: int
-    worst: Gap
     tolerance: float | None = None
+    worst: Gap
     reached: bool | None = None
 
 

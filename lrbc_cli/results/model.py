@@ -53,6 +53,11 @@ class CampaignRecord(Document):
     calibration: str | None = None
     tool: Tool
 
+    @property
+    def bolt_names(self) -> tuple[str, ...]:
+        """Names of the bolts, in the order of their file."""
+        return tuple(bolt.name for bolt in self.bolts)
+
     def response(self, name: str) -> ResponseRecord:
         """Return a response by name; one that the campaign does not list is unknown and unused."""
         unknown = ResponseRecord(name=name, quantity="response", unit="1/N", used=False)

@@ -123,6 +123,37 @@ def read_fdac(file: Path) -> Fdac | None:
     return Fdac(frequency, initial.reshape(size, size), updated.reshape(size, size))
 
 
+def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
+    """Refuse tables that are not those which were written with the result beside them: two runs would be shown as one.
+
+    Parameters
+    ----------
+    folder
+        Of the job.
+    hashes
+        SHA-256 by file name, as the result has them.
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, or another.
+    """
+    hint = "two runs are mixed, or the file was changed: run `lrbc update`, which identifies this job again"
+    for name, digest in hashes.items():
+        file = folder / name
+        if Path(name).name != name or name in ("", ".", ".."):
+            raise DataError("this result file is damaged", file=folder / "result.json", place="provenance.files", found=name, hint=HINT)
+        try:
+            found = hashlib.sha256(file.read_bytes()).hexdigest()
+        except FileNotFoundError:
+            raise DataError("this result file is missing", file=file, hint=HINT) from None
+        except OSError as error:
+            raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+        if found != digest:
+            problem = "this file was not written with the result.json beside it"
+            raise DataError(problem, file=file, expected=f"SHA-256 {digest}", found=f"SHA-256 {found}", hint=hint)
+
+
 def _read(file: Path) -> dict[str, Floats]:
     """Columns of a file of numbers with a header line; empty cells become NaN."""
     try:

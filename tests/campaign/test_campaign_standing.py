@@ -13,7 +13,7 @@ from campaigns import Folder, environment
 from campaigns import frame as new_frame
 
 from lrbc_cli.campaign.standing import TightStates, content_of, finding_of, other_rests
-from lrbc_cli.report.results import read_job
+from lrbc_cli.results.store import read_job
 from lrbc_cli.results.fields import plain
 
 OTHERS = ["loose-2", "loose-all"]
