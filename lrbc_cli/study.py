@@ -32,6 +32,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
+from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import BoltVerdict, judge
 
 Floats = NDArray[np.float64]
@@ -261,8 +262,8 @@ class Study:
         evidence = evidence_of(inputs, found.identification, reference.record)
         return list(judge(evidence, rule_of(update), role_of(update, found.name)).bolts)
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
-        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
+    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> PlanRecord:
+        """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``."""
         return make_plan(self.inputs, self._folder, Request(state, noise_db), progress=self._progress)
 
     def read(self, job: str) -> Measurement:
