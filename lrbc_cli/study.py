@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.campaign.documents import plain
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.judgement import validity, verdicts
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.rehearsal import DRAWS
 from lrbc_cli.campaign.results import result_tree
-from lrbc_cli.campaign.simulate import require_in_band
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
@@ -31,6 +32,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
+from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
@@ -47,7 +49,7 @@ class Identified:
     identification : Identification
         Values, posterior, FRFs before and after.
     record : mapping
-        What ``result.json`` would hold, see ``lrbc guide results``.
+        What ``result.json`` would hold, in plain values: see ``lrbc guide results``.
     """
 
     name: str
@@ -239,7 +241,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        return Identified(job, found, result_tree(inputs, self.stage, found, "", before))
+        return Identified(job, found, plain(result_tree(inputs, self.stage, found, "", before)))
 
     def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -259,9 +261,19 @@ class Study:
         inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
         return verdicts(inputs, found.identification, reference.record, 0.0, validity(inputs, found.identification))
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
-        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
-        return make_plan(self.inputs, self._folder, Request(state, noise_db), progress=self._progress)
+    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> dict[str, Any]:
+        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``.
+
+        Parameters
+        ----------
+        state : str or None
+            ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's stored result, else ``initial``.
+        noise_db : float or None
+            Standard deviation of a line [dB]; None: what the reference job tells.
+        draws : int
+            Rehearsals of each bolt; 0 gives linearised figures only.
+        """
+        return make_plan(self.inputs, self._folder, Request(state, noise_db, draws=draws), progress=self._progress)
 
     def read(self, job: str) -> Measurement:
         """The measurement of a job, in SI units on the lines of the band."""
@@ -299,7 +311,7 @@ class Study:
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = np.atleast_1d(np.asarray(hz, dtype=float))
-        require_in_band(lines, self.inputs.campaign.reduction.band)
+        require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
         return np.asarray(2j * np.pi * lines)
 
     def _with_job(self, job: str, measured: bool) -> Inputs:
