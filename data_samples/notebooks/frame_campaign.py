@@ -55,8 +55,8 @@ for name, verdict in loose.verdicts.items():
 # Another decision rule judges what was identified; nothing is identified again.
 
 # %%
-cautious = study.judge(loose, tight, confidence=0.9999, loose_change=-0.5)
-print([bolt.verdict for bolt in cautious])
+cautious = study.judge(loose, confidence=0.9999, loose_change=-0.5)
+print([bolt.verdict for bolt in cautious.bolts])
 
 # %% [markdown]
 # ## A measurement at hand

@@ -34,9 +34,6 @@ log = logging.getLogger(__name__)
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
-#: Reduced models at most: each is built at the factors found on the one before.
-MAX_ROUNDS = 4
-
 
 @dataclass(frozen=True)
 class Round:
@@ -162,10 +159,12 @@ def require_calibration(inputs: Inputs) -> Any:
     return settings
 
 
-def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None) -> Outcome:
+def calibrate(
+    inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None, most: int = 4
+) -> Outcome:
     """Find the factors, measure the error of the reduced model at them, and go on with a new one where it is too large.
 
-    See ``run_calibration``.
+    Each reduced model is built at the factors found on the one before, ``most`` of them. See ``run_calibration``.
     """
     settings = require_calibration(inputs)
     campaign, clock = inputs.campaign, time.perf_counter()
@@ -204,6 +203,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
             residual_options(campaign.update),
             sigma,
             tuple(extra for extra in drift_extras(now, campaign.update.nuisances) if extra.kind == "shift"),
+            inputs.statistics,
         )
 
     problem = problem_on(inputs, stage, {})
@@ -227,7 +227,7 @@ def calibrate(inputs: Inputs, folder: Path, *, accept: bool = False, progress: C
         lap("certificate")
         progress(f"round {len(rounds)}: misfit {misfit:.2f} dB, error of the reduced model at these factors {rounds[-1].error:.1e}")
         reached = rounds[-1].error <= campaign.reduction.tolerance
-        if reached or len(rounds) == MAX_ROUNDS or (len(rounds) > 1 and rounds[-1].error >= rounds[-2].error):
+        if reached or len(rounds) == most or (len(rounds) > 1 and rounds[-1].error >= rounds[-2].error):
             break
         now = replace(inputs, model=at[0], recipe=at[1])
         stage = obtain_reduction(now, folder, accept=accept, progress=progress)

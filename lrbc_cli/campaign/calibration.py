@@ -59,29 +59,29 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
     files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
     return {
-        "model": cache._digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
-        "terms": cache._digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
-        "band": cache._digest(reduced["band"], reduced["tolerance"]),
-        "measurement": cache._digest(
+        "model": cache.digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
+        "terms": cache.digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
+        "band": cache.digest(reduced["band"], reduced["tolerance"]),
+        "measurement": cache.digest(
             [file_hash(file) for file in files],
             about,
             {name: value.get("record") for name, value in resolved["responses"].items()},
             [[response.name, response.quantity] for response in inputs.responses],
         ),
-        "settings": cache._digest(
+        "settings": cache.digest(
             {name: resolved["update"][name] for name in SETTINGS},
             resolved["update"]["nuisances"]["hammer"],
             sorted(calibration.names),
             calibration.boundary,
             calibration.job,
         ),
-        "version": cache._digest(CALIBRATION_VERSION),
+        "version": cache.digest(CALIBRATION_VERSION),
     }
 
 
 def key_of(parts: Mapping[str, str]) -> str:
     """One key from its parts."""
-    return cache._digest(sorted(parts.items()))[:32]
+    return cache.digest(sorted(parts.items()))[:32]
 
 
 def read_calibration(path: Path) -> dict[str, Any] | None:

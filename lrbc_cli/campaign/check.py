@@ -11,10 +11,10 @@ import numpy as np
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.jobs import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.memory import GB, limit_of, reduction_cost
 from lrbc_cli.campaign.model_doubts import loss_factor
 from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
@@ -86,7 +86,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
         "reduction": out.predicted,
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
-        "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in out.jobs},
+        "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in out.jobs},
         "errors": {name: error.message for name, error in out.errors.items()},
         "warnings": out.warnings,
         "text": out.sections,
@@ -175,7 +175,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
-        chosen = f"{selected.size} selected" + (" and the model's resonances" if inputs.campaign.update.lines == "resonances-both" else "")
+        chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.notes[0]}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
         lines += [f"  {note}" for note in (*_packed(measurement.notes[1:]), *(measurement.records if detailed else ()))]
@@ -183,7 +183,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
     except OSError:
         out.jobs = []
-    lines += [f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})" for p in out.jobs]
+    lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
 
 

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Bounds lie this many standard deviations away.
-REACH = 6.0
-
 KELVIN = 273.15
 
 
@@ -51,9 +48,10 @@ def check_air(campaign: Campaign, acoustic: bool) -> None:
 def drift_extras(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Extra, ...]:
     """The unknowns that the settings ask for, for these responses (those used where None)."""
     found: list[Extra] = []
+    reach = inputs.statistics.values.nuisance_reach
 
     def add(kind: str, name: str, index: int, std: float) -> None:
-        found.append(Extra(kind, name, index, 0.0, std, (-REACH * std, REACH * std)))
+        found.append(Extra(kind, name, index, 0.0, std, (-reach * std, reach * std)))
 
     speed = speed_std(nuisances)
     if speed is not None and SOUND_SPEED in inputs.recipe.names:

@@ -24,9 +24,9 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
 from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.fit import LEAST_VARIANCE, Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
+from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import DRAWS, Level, descend, gauss_newton_by_levels, prior_draws
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
@@ -36,19 +36,6 @@ log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
-FIRST_VARIANCE = 4.0
-
-#: Descent with what drifted: its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations, stop rule,
-#: and change of the noise variance that needs no further round.
-DRIFT_ROUNDS, DRIFT_ITERATIONS, DRIFT_TOLERANCE, DRIFT_NOISE = 3, 12, 1e-3, 0.15
-
-#: Standard deviation of the stiffness of a state that is compared with nothing about its start values [decades].
-LEVEL_STD = 0.5
-
-#: A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
-MOST_CORRECTION_DB = 6.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +64,7 @@ class _Job:
         self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None, given: Mapping[str, Measurement]
     ) -> None:
         self.inputs, self.source, self.name, self._given = inputs, source, name, given
-        self.settings = inputs.campaign.update
+        self.settings, self.statistics = inputs.campaign.update, inputs.statistics
         begin = time.perf_counter()
         self.measurement = self._read(name)
         self.seconds_read = time.perf_counter() - begin
@@ -93,9 +80,7 @@ class _Job:
         self.against_reference = before is not None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
-        self.selected = select_lines(
-            inputs, self.measurement, name, lambda: source.model(self.s, self.parameters, responses=inputs.used).frf(self.prior)
-        )
+        self.selected = select_lines(inputs, self.measurement, name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         self.error = self._change_error(reference)
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
@@ -134,7 +119,7 @@ class _Job:
         lacks = max(float(reference["noise"]["sigma_db"]), float(reference["misfit_db"]["final"]))
         most = float(np.sqrt(2.0)) * lacks
         lines = self.measurement.frequency_hz[self.selected]
-        return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size)
+        return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size, self.statistics.errors)
 
     def _shapes(self) -> Shapes:
         settings, bolts = self.settings, self.inputs.bolts
@@ -142,7 +127,7 @@ class _Job:
         plain = settings.penalty == PenaltyConfig()
         wanted = settings.unknowns == "bolts" or (settings.unknowns == "auto" and plain)
         if wanted and self.against_reference and bolts is not None:
-            found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std)
+            found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std, self.statistics.values.damping_std)
             if (found.bolts >= 0).any():
                 return self._scaled(found)
         return self._scaled(node_shapes(self.parameters, settings.prior_std))
@@ -160,7 +145,7 @@ class _Job:
             return self.shapes.penalty()
         if automatic and not self.against_reference and about == PenaltyConfig():
             # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
-            return penalty_rows(self.parameters, LEVEL_STD**-2, settings.prior_std**-2)
+            return penalty_rows(self.parameters, self.statistics.values.level_std**-2, settings.prior_std**-2)
         rows = penalty_rows(self.parameters, about.value, about.slope, about.curvature)
         return rows / settings.prior_std if automatic else rows
 
@@ -192,22 +177,29 @@ class _Job:
         valid = np.isfinite(known) & (np.abs(known) > 0)
         ratio = np.where(valid, self._tight_frf() / np.where(valid, known, 1.0), np.nan)
         level = 20.0 * np.log10(np.abs(ratio))
-        limited = ratio * 10.0 ** ((np.clip(level, -MOST_CORRECTION_DB, MOST_CORRECTION_DB) - level) / 20.0)
+        most = self.statistics.errors.most_correction_db
+        limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
         return self.measured() * limited
 
-    def fit(self, measured: Complexes, relative: bool) -> _Fit:
+    def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
         """Minimise; the weight of the prior by the settings; what drifted with it."""
         settings, bounds = self.settings, self.parameters.bounds
         automatic = settings.regularisation == "auto"
-        eta = FIRST_VARIANCE if automatic else 0.0 if settings.regularisation == "l-curve" else float(settings.regularisation)
+        eta = (
+            self.statistics.values.first_variance
+            if automatic
+            else 0.0
+            if settings.regularisation == "l-curve"
+            else float(settings.regularisation)
+        )
         misfit = self._misfit(measured, eta, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
-        curve, draws = None, 0
+        curve, drawings = None, 0
         further: dict[str, Floats] = {}
         begin = self.prior if span is not None else self.start
         if settings.regularisation == "l-curve":
-            drawn = {} if span is None else prior_draws(misfit, self.shapes, bounds)
-            draws += DRAWS if drawn else 0
+            drawn = {} if span is None else prior_draws(misfit, self.shapes, bounds, draws=draws)
+            drawings += draws if drawn else 0
             curve = l_curve(misfit, begin, bounds, span=span, further=drawn)
             misfit = misfit.with_eta(curve.chosen)
             further = {"end of the L-curve": curve.nearest}
@@ -216,8 +208,8 @@ class _Job:
         else:
             tolerance = settings.tolerance or 1e-4
             if span is not None:
-                further |= prior_draws(misfit, self.shapes, bounds)
-                draws += DRAWS
+                further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
+                drawings += draws
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=tolerance, max_iterations=settings.max_iterations, further=further, span=span
             )
@@ -232,7 +224,7 @@ class _Job:
         found = _Fit(
             measured, relative, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0)
         )
-        return found.after(draws)
+        return found.after(drawings)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -241,7 +233,7 @@ class _Job:
         if parts:
             unknown = np.all([np.isnan(part) for part in parts], axis=0)
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), sigma)
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), sigma, self.statistics.errors)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent by the method of the settings; the Jacobian of its evaluation is to z."""
@@ -270,8 +262,12 @@ class _Job:
         model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
         return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(extra.name, 0.0) for extra in extras]]))
 
-    def drifted(self, fit: _Fit) -> _Fit:
-        """The same with what may have drifted since the reference job, from here and from the reference state."""
+    def drifted(self, fit: _Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> _Fit:
+        """The same with what may have drifted since the reference job, from here and from the reference state.
+
+        Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
+        the noise variance that needs no further round.
+        """
         extras = self._extras()
         if not extras:
             return fit
@@ -279,7 +275,7 @@ class _Job:
         assert self.source.stage is not None
         affine = affine_model(self.inputs, self.source.stage)
         model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
-        noise = fit.knowledge.noise
+        noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
         T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
         T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
         T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
@@ -289,27 +285,25 @@ class _Job:
 
         def onwards(z: Floats, iterations: int) -> Solution:
             limit = min(iterations, self.settings.max_iterations)
-            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=DRIFT_TOLERANCE, max_iterations=limit)
+            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
 
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
         first = np.concatenate([fit.knowledge.z, np.zeros(len(extras))])
         begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
         evaluations = fit.evaluations + sum(found.evaluations for found in begun)
         found = min(begun, key=lambda end: end.evaluation.total)
-        for _ in range(DRIFT_ROUNDS):
-            found = onwards(found.theta, DRIFT_ITERATIONS)
+        for _ in range(rounds):
+            found = onwards(found.theta, steps)
             evaluations += found.evaluations
             now = noise_of(misfit, found.evaluation, self.selected)
-            settled = abs(now.variance - noise.variance) < DRIFT_NOISE * max(noise.variance, LEAST_VARIANCE)
+            settled = abs(now.variance - noise.variance) < change * max(noise.variance, least)
             if self.settings.regularisation != "auto" or settled:
                 break
             base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
             noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
-            misfit = extended_misfit(
-                fit.misfit.weighted_as(base).with_eta(max(noise.variance, LEAST_VARIANCE)), model, extras, noise.variance
-            )
+            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, extras, noise.variance)
             level = Level(misfit, misfit.prior, T)
-        best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, DRIFT_ITERATIONS))
+        best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, steps))
         evaluations += best.evaluations - found.evaluations
         found = replace(best, theta=level.theta(best.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)

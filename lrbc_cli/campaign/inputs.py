@@ -27,6 +27,7 @@ from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
+from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
 Floats = NDArray[np.float64]
 
@@ -114,6 +115,7 @@ class Inputs:
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
         Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
+    statistics : StatisticalModel
     """
 
     campaign: Campaign
@@ -130,6 +132,7 @@ class Inputs:
     recipe: Recipe = field(repr=False)
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
+    statistics: StatisticalModel = STATISTICS
 
     @property
     def input_of(self) -> NDArray[np.int64]:

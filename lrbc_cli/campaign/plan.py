@@ -193,7 +193,9 @@ def _lines(inputs: Inputs, grid: Floats, y: NDArray[np.complexfloating[Any, Any]
     lines = inputs.campaign.update.lines
     if isinstance(lines, EveryLine):
         return np.arange(0, grid.size, lines.every)
-    return np.arange(grid.size) if isinstance(lines, ListedLines) or lines == "all" else resonance_lines(grid, y)
+    return (
+        np.arange(grid.size) if isinstance(lines, ListedLines) or lines == "all" else resonance_lines(grid, y, inputs.statistics.resonances)
+    )
 
 
 def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tuple[str, Floats, Noise, str]:
@@ -240,9 +242,9 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
-    std = inputs.campaign.update.prior_std
+    std, damping_std = inputs.campaign.update.prior_std, inputs.statistics.values.damping_std
     if by != "values" and inputs.bolts is not None:
-        found = bolt_shapes(parameters, inputs.bolts.xyz, std)
+        found = bolt_shapes(parameters, inputs.bolts.xyz, std, damping_std)
         if (found.bolts >= 0).any():
             return found, "bolts"
     if by == "bolts":

@@ -19,23 +19,23 @@ from scipy.optimize import brentq
 
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judgement import scatter_of, validity, verdicts
+from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_trees
 from lrbc_cli.campaign.records import GivenJob, Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
-from lrbc_cli.campaign.sampling import COARSENING
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.decide import judge
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.misfit import SHIFT_ERROR, SLOPE_STEP, ChangeError, reduced_model
-from lrbc_cli.updating.mixture import TIGHT_STD
+from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
 from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.residuals import CHANGE_ERROR, DB, coherence_sigma, decibel
+from lrbc_cli.updating.residuals import DB, coherence_sigma, decibel
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
@@ -154,7 +154,7 @@ class Rehearsal:
         step = SLOPE_STEP * float(grid[-1])
         nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
         # How wrong it may be is known with the result of the tight state.
-        self._error = ChangeError(0.0, self.model.frf, nearby.frf, grid, step, self.parameters.size)
+        self._error = ChangeError(0.0, self.model.frf, nearby.frf, grid, step, self.parameters.size, inputs.statistics.errors)
         self.extras = drift_extras(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
         self._tight = self.model.frf(self.theta)
         self._floor = self._noise_floor()
@@ -169,7 +169,7 @@ class Rehearsal:
             return np.broadcast_to(assumed, known.shape)
         told = np.where(measured.coherence > 0.0, measured.coherence, np.nan)
         averages = self.inputs.campaign.jobs[name].averages * measured.files
-        sigma = coherence_sigma(told, averages) if measured.sigma_db is None else measured.sigma_db
+        sigma = coherence_sigma(told, averages, self.inputs.statistics.errors) if measured.sigma_db is None else measured.sigma_db
         # Half of a complex deviation lies along the FRF.
         floor = np.sqrt(2.0) * sigma / DB * np.abs(measured.values)
         return np.asarray(np.where(np.isfinite(floor), floor, assumed))
@@ -191,7 +191,7 @@ class Rehearsal:
         lines would be forgiven altogether, and rehearsals on models that are off by 0.5 to 2 % in stiffness say that it is not.
         """
         used = self.inputs.used
-        lines = resonance_lines(self.frequency, self._tight[:, used])
+        lines = resonance_lines(self.frequency, self._tight[:, used], self.inputs.statistics.resonances)
 
         def lacks(share: float) -> float:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -223,7 +223,7 @@ class Rehearsal:
         update = campaign.update.model_copy(update={"reference": TIGHT, "baselines": ()})
         campaign = campaign.model_copy(update={"jobs": {TIGHT: GivenJob.of(measurement)}, "update": update})
         inputs = replace(self.inputs, campaign=campaign)
-        return inputs, detuned, result_tree(inputs, self.source.stage, identify(inputs, self.source, TIGHT), "", None)
+        return inputs, detuned, result_tree(inputs, self.source.stage, identify(inputs, self.source, TIGHT), None)
 
     def loosened(self, column: int, bolt: int, draw: int, tight: tuple[Inputs, float, Mapping[str, Any]]) -> Draw:
         """Loosen one bolt, measure, identify and judge.
@@ -236,7 +236,7 @@ class Rehearsal:
         shapes = self.setting.shapes
         z = np.zeros(shapes.T.shape[1])
         bolts = np.unique(shapes.bolts[shapes.bolts >= 0])
-        z[bolts] = TIGHT_STD * rng.standard_normal(bolts.size)
+        z[bolts] = inputs.statistics.bolts.tight_std * rng.standard_normal(bolts.size)
         z[column] = self.setting.change
         theta = np.clip(self.theta + shapes.T @ z, *self.parameters.bounds.T)
         drift = np.array([extra.std * rng.standard_normal() for extra in self.extras]) if self.extras else None
@@ -244,9 +244,9 @@ class Rehearsal:
         # The reference job explains itself so well: a change can be no more wrong than two states are.
         most = np.sqrt(2.0) * max(float(reference["noise"]["sigma_db"]), float(reference["misfit_db"]["final"]))
         change, patterns = replace(self._error, most=most)(self.theta, theta)
-        wrong = CHANGE_ERROR * np.abs(change)
+        wrong = inputs.statistics.errors.change_error * np.abs(change)
         wrong = np.divide(wrong * most, np.hypot(wrong, most), out=np.zeros_like(wrong), where=wrong > 0)
-        error = wrong * _along(rng, wrong.shape, COARSENING) + patterns @ rng.standard_normal(patterns.shape[2])
+        error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
         job = GivenJob.of(self._measure(y * np.exp(error / DB), rng))
         campaign = inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, LOOSENED: job}})
         inputs = replace(inputs, campaign=campaign)
@@ -254,7 +254,9 @@ class Rehearsal:
             result = identify(inputs, self.source, LOOSENED, reference)
         except NumericalError:
             return Draw("undecided", float("nan"), float("nan"), ())
-        found = verdicts(inputs, result, reference, self.scatter, validity(inputs, result))
+        update = inputs.campaign.update
+        evidence = evidence_of(inputs, result, reference)
+        found = judge(evidence, rule_of(update), role_of(update, LOOSENED), self.scatter).bolts
         assert inputs.bolts is not None
         own = found[bolt]
         return Draw(
@@ -309,6 +311,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
         Where the noise is from.
     """
     setting, update = rehearsal.setting, rehearsal.inputs.campaign.update
+    errors, tight_std = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts.tight_std
     told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
@@ -322,11 +325,11 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
         f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "
         f"{100 * update.confidence:g} %",
         f"a bolt alone loses {abs(setting.change):g} decades through its own shape, which reaches to its neighbours; tight ones scatter by "
-        f"{TIGHT_STD:g}",
+        f"{tight_std:g}",
         f"model discrepancy {setting.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
         f"{100 * rehearsal.detuned:.2g} % beside the model's",
-        f"errors of the changes that the model predicts: {100 * SHIFT_ERROR:g} % of the shift of a resonance, {100 * CHANGE_ERROR:g} % of "
-        "the change of a level",
+        f"errors of the changes that the model predicts: {100 * errors.shift_error:g} % of the shift of a resonance, "
+        f"{100 * errors.change_error:g} % of the change of a level",
         f"noise of the measurement: {chain}",
         f"drift between the jobs, as update.nuisances allows: {drifts}"
         if drifts
@@ -356,7 +359,7 @@ def _scatter(inputs: Inputs) -> float:
         except DataError:
             continue
         trees += [] if tree is None else [tree]
-    return scatter_of(trees)
+    return scatter_of_trees(trees)
 
 
 def _along(rng: np.random.Generator, shape: tuple[int, ...], factor: float) -> Floats:

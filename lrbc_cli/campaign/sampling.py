@@ -16,18 +16,16 @@ from lrbc_cli.updating.shapes import neighbours
 
 Floats = NDArray[np.float64]
 
-#: Directions of the reference state's covariance below this share of its largest say nothing.
-LEAST_SHARE = 1e-10
-
-#: How many residuals tell as much as one would if the model were exact: the errors that are left are shared by lines and responses.
-COARSENING = 4.0
-
-#: Least variance of the residuals [dB²]: below it errors of the reference state and changes cannot be told apart in double precision.
-LEAST_VARIANCE = 1e-6
-
 
 def changes_of(
-    inputs: Inputs, plain: Misfit, knowledge: Posterior, jacobian: Floats, state: Floats | None, error: ChangeError | None = None
+    inputs: Inputs,
+    plain: Misfit,
+    knowledge: Posterior,
+    jacobian: Floats,
+    state: Floats | None,
+    error: ChangeError | None = None,
+    *,
+    least: float = 1e-10,
 ) -> ChangeSamples | None:
     """Sample the changes at the bolts of a job whose prior is a mixture, or a Gaussian and a mixture.
 
@@ -44,6 +42,8 @@ def changes_of(
         Covariance of the reference state; None where the comparison is free of its error.
     error : ChangeError or None
         How wrong predicted changes may be: the tight state predicts none, so nothing of it is forgiven there.
+    least : float
+        Directions of the reference state's covariance below this share of its largest say nothing.
 
     Returns
     -------
@@ -63,13 +63,13 @@ def changes_of(
     mean = [extra.mean - float(at) for extra, at in zip(knowledge.extras, knowledge.values, strict=True)]
     if state is not None:
         variances, directions = np.linalg.eigh(state)
-        kept = variances > LEAST_SHARE * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)
+        kept = variances > least * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)
         # An error of the reference state moves the model whatever the changes are.
         columns.append(value.jacobian[:rows, : parameters.size] @ (directions[:, kept] * np.sqrt(variances[kept])))
         mean += [0.0] * int(kept.sum())
         std += [1.0] * int(kept.sum())
     further = np.hstack(columns)
-    variance = max(COARSENING * knowledge.noise.variance, LEAST_VARIANCE)
+    variance = max(plain.errors.coarsening * knowledge.noise.variance, plain.errors.least_variance)
 
     def data_by(level: Level, further: Floats) -> Callable[[Floats], tuple[Floats, Floats]]:
         def data(z: Floats) -> tuple[Floats, Floats]:
@@ -101,4 +101,4 @@ def changes_of(
         np.concatenate([shapes.std, std]),
         None if error is None else about,
     )
-    return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]))
+    return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]), inputs.statistics.bolts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,6 @@ from lrbc_cli.updating.saturation import Saturation, saturation
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
-#: Terms up to which saturation is sought on all lines of the band.
-SATURATION_TERMS = 120
-
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
     """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s, once for all jobs that have them.
@@ -41,7 +38,8 @@ def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Param
     return found
 
 
-def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
+def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 120) -> tuple[Parameterisation, dict[str, Saturation]]:
+    """Saturation is sought on all lines up to so many terms."""
     model = inputs.model
     scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
     # Other groups stand at their start values, or at their local stiffness while those are unknown.
@@ -57,10 +55,10 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Para
         if group.config.kind == "stiffness":
             empty = Parameterisation(())
             # Each evaluation costs the cube of the terms: with very many of them some lines tell as much.
-            lines = np.arange(0, s.size, max(1, round((model.terms.size / SATURATION_TERMS) ** 2)))
+            lines = np.arange(0, s.size, max(1, round((model.terms.size / terms) ** 2)))
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
-            limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline)
+            limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline, inputs.statistics.limits)
         groups.append(_group(group, limits))
     return Parameterisation(tuple(groups)), found
 
@@ -133,8 +131,8 @@ def stored_covariance(parameters: Parameterisation, tree: Mapping[str, Any] | No
     return found
 
 
-def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Callable[[], Complexes] | None = None) -> NDArray[np.int64]:
-    """Indices of the lines that enter the cost; for ``resonances-both`` the model gives its (F, U) FRFs at the prior.
+def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
+    """Indices of the lines that enter the cost.
 
     Raises
     ------
@@ -163,5 +161,4 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str, model: Cal
         return np.unique(nearest)
     if lines == "all":
         return np.arange(frequency.size)
-    both = model() if lines == "resonances-both" and model is not None else None
-    return resonance_lines(frequency, measurement.values[:, inputs.used], both)
+    return resonance_lines(frequency, measurement.values[:, inputs.used], inputs.statistics.resonances)

@@ -49,7 +49,7 @@ def line_sigma(
     if kind == "coherence":
         # Of no record at all some programs write 0, which no estimate is.
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
-        sigma = coherence_sigma(told, job.averages * measurement.files)
+        sigma = coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
     elif measurement.sigma_db is None:
         raise DataError("weights from scatter need repeated measurements", file=job.frf, expected="jobs.NAME.repeats")
     else:

@@ -67,7 +67,7 @@ def _lines_form(value: object) -> str:
 
 
 Lines = Annotated[
-    Annotated[Literal["resonances", "resonances-both", "all"], Tag("form:word")]
+    Annotated[Literal["resonances", "all"], Tag("form:word")]
     | Annotated[EveryLine, Tag("form:every")]
     | Annotated[ListedLines, Tag("form:list")],
     Discriminator(_lines_form),
@@ -80,10 +80,6 @@ class PenaltyConfig(Strict):
     value: float = Field(default=1.0, ge=0, description="Departures of the log10 parameters from the prior, as in eq. (29).")
     slope: float = Field(default=0.0, ge=0, description="First differences of the departures between neighbours along the edge.")
     curvature: float = Field(default=0.0, ge=0, description="Second differences of the departures along the edge.")
-
-
-#: Weight of the penalty where none is given: the paper's.
-DEFAULT_REGULARISATION = 0.04
 
 
 def _regularisation_form(value: object) -> str:
@@ -129,8 +125,7 @@ class UpdateConfig(Strict):
     )
     lines: Lines = Field(
         default="resonances",
-        description="Lines to fit: resonances (of the measurement), resonances-both (and of the model at its prior), all, {every: n} or "
-        "{list: [Hz, ...]}.",
+        description="Lines to fit: resonances (of the measurement), all, {every: n} or {list: [Hz, ...]}.",
     )
     residual: Literal["db", "log-complex", "complex"] = Field(
         default="db",

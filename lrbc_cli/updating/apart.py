@@ -7,19 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.updating.priors import CALIBRATION_PRIOR, CalibrationPrior
+
 Floats = NDArray[np.float64]
 
-#: From this correlation of their estimates on two factors are not told apart; of more than two, at as weak a direction.
-SAME = 0.98
 
-#: A factor belongs to a weak direction with at least this share of its largest entry.
-BELONGS = 0.3
-
-#: Where a direction keeps this much of its prior variance, the data say next to nothing of it.
-LEFT = 0.5
-
-
-def indistinguishable(names: Sequence[str], data: Floats, prior_std: Floats, others: Floats) -> list[tuple[tuple[str, ...], bool]]:
+def indistinguishable(
+    names: Sequence[str], data: Floats, prior_std: Floats, others: Floats, prior: CalibrationPrior = CALIBRATION_PRIOR
+) -> list[tuple[tuple[str, ...], bool]]:
     """Groups of factors of which the data determine but a combination.
 
     The information of the data on the factors is what is left of JᵀJ once all other unknowns are fitted. Scaled to a unit diagonal it is
@@ -35,6 +30,8 @@ def indistinguishable(names: Sequence[str], data: Floats, prior_std: Floats, oth
         Standard deviations of the factors in the prior.
     others : (m, m) float array
         Precision of the prior of the other unknowns.
+    prior : CalibrationPrior
+        Its ``same``, ``belongs`` and ``left``.
 
     Returns
     -------
@@ -58,17 +55,17 @@ def indistinguishable(names: Sequence[str], data: Floats, prior_std: Floats, oth
     posterior = np.linalg.inv(left + np.diag(prior_std[felt] ** -2.0))
     found: list[tuple[tuple[str, ...], bool]] = []
     for value, vector in zip(values, vectors.T, strict=True):
-        if value >= 1.0 - SAME:
+        if value >= 1.0 - prior.same:
             break
         share = np.abs(vector)
-        members = np.flatnonzero(share >= BELONGS * share.max())
+        members = np.flatnonzero(share >= prior.belongs * share.max())
         group = tuple(names[felt[i]] for i in members)
         direction = vector / scale
         # How far the prior would let them go along it, and how far they still can.
         normal = np.diag(prior_std[felt] ** -2.0) @ direction
         kept = float(normal @ posterior @ normal / (normal @ direction))
         if members.size > 1 and group not in [known for known, _ in found]:
-            found.append((group, kept >= LEFT))
+            found.append((group, kept >= prior.left))
     return found
 
 

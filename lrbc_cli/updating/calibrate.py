@@ -24,34 +24,12 @@ from lrbc_cli.updating.fit import no_worse, noise_of
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
+from lrbc_cli.updating.priors import CALIBRATION_PRIOR
 from lrbc_cli.updating.residuals import ResidualOptions
+from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: Standard deviations of the prior: ln of factors that move resonances, of those that damp; decades of the boundary, and of p_damp.
-STIFF_STD, DAMPING_STD, BOUNDARY_STD, EXPONENT_STD = 0.05, 1.0, 1.0, 1.0
-
-#: Bounds of ln of the factors.
-STIFF_BOUND, DAMPING_BOUND = 0.3, 2.5
-
-#: Widths sigma/(2 pi) of the continuation over the highest frequency: 5 % of stiffness move a resonance by 2.5 %.
-WIDTHS = (0.04, 0.01)
-
-#: Poisson's integral is taken where this much of its kernel lies on measured lines.
-COVERED = 0.8
-
-#: Standard deviation of the residuals while nothing is known of them, and the least that is assumed [dB].
-START_SIGMA, LEAST_SIGMA = 3.0, 0.05
-
-#: Differences well above it count by their size only once the fit is close: a line in the noise can be 10 dB off [dB].
-SOFT_SCALE = 1.0
-
-#: The weight of the priors follows the noise until it changes by less than this, or so many times.
-NOISE_CHANGE, NOISE_ROUNDS = 0.1, 4
-
-#: Ends of two starts whose costs differ by more than this share are told apart.
-SAME_END = 0.02
 
 
 def moves_resonances(recipe: Recipe, name: str) -> bool:
@@ -59,7 +37,9 @@ def moves_resonances(recipe: Recipe, name: str) -> bool:
     return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces for share in piece.shares)
 
 
-def smoothed(frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Floats) -> Complexes:
+def smoothed(
+    frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Floats, covered: float = CALIBRATION_PRIOR.covered
+) -> Complexes:
     """FRFs on the line ``s = 2 pi (width + i f)`` from those on the imaginary axis, by Poisson's integral.
 
     ``H(sigma + i omega) = 1/pi int sigma / (sigma² + (omega - nu)²) H(i nu) d nu`` for an H that is analytic and bounded in the right
@@ -73,11 +53,12 @@ def smoothed(frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Fl
     width_hz : float
         sigma / (2 pi).
     at_hz : (m,) float array
+    covered : float
 
     Returns
     -------
     (m, R) complex array
-        NaN where less than ``COVERED`` of the kernel lies on measured lines.
+        NaN where less than ``covered`` of the kernel lies on measured lines.
     """
     out = np.full((at_hz.size, values.shape[1]), np.nan + 0j)
     for r in range(values.shape[1]):
@@ -91,9 +72,9 @@ def smoothed(frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Fl
         span = 0.5 * (np.append(step, 0.0) + np.insert(step, 0, 0.0))
         direct = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] - f) ** 2)
         mirror = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] + f) ** 2)
-        covered = (direct + mirror).sum(axis=1)
-        keep = covered >= COVERED
-        out[keep, r] = (direct @ h + mirror @ h.conj())[keep] / covered[keep]
+        share = (direct + mirror).sum(axis=1)
+        keep = share >= covered
+        out[keep, r] = (direct @ h + mirror @ h.conj())[keep] / share[keep]
     return out
 
 
@@ -122,6 +103,7 @@ class FactorProblem:
         Standard deviation of the measured magnitudes [dB].
     further : tuple of Extra
         Unknowns of the job that are no factors, such as where the hammer hit.
+    statistics : StatisticalModel
     """
 
     model: AffineModel
@@ -136,14 +118,16 @@ class FactorProblem:
     options: ResidualOptions | None = None
     sigma: Floats | None = field(default=None, repr=False)
     further: tuple[Extra, ...] = ()
+    statistics: StatisticalModel = STATISTICS
 
     @property
     def extras(self) -> tuple[Extra, ...]:
         """The unknown factors, as logarithms relative to what the model contains; then what else is unknown."""
-        out = []
+        out, prior = [], self.statistics.calibration
+        stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
-            std, bound = (STIFF_STD, STIFF_BOUND) if moves_resonances(self.model.recipe, name) else (DAMPING_STD, DAMPING_BOUND)
+            std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
             out.append(Extra("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
         return (*out, *self.further)
 
@@ -162,8 +146,9 @@ class FactorProblem:
 
     def rows(self) -> Floats:
         """Rows of the penalty in standard deviations of the prior."""
-        P, extras = self.parameters, self.extras
-        diagonal = np.concatenate([np.where(P.is_damping, 1.0 / EXPONENT_STD, 1.0 / BOUNDARY_STD), [1.0 / extra.std for extra in extras]])
+        P, prior = self.parameters, self.statistics.calibration
+        own = np.where(P.is_damping, 1.0 / prior.exponent_std, 1.0 / prior.boundary_std)
+        diagonal = np.concatenate([own, [1.0 / extra.std for extra in self.extras]])
         return np.diag(diagonal)
 
     def frf(self, s: Complexes, responses: NDArray[np.int64] | None = None) -> ExtendedFrf:
@@ -175,19 +160,19 @@ class FactorProblem:
         model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
         options = ResidualOptions() if self.options is None else self.options
         if soft and options.loss_scale is None:
-            options = replace(options, loss_scale=SOFT_SCALE)
-        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.sigma)
+            options = replace(options, loss_scale=self.statistics.calibration.soft_scale_db)
+        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.sigma, self.statistics.errors)
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
         """Cost between smoothed spectra; None where the lines lie too far apart for that."""
         low, high = self.frequency_hz[0], self.frequency_hz[-1]
         at = np.linspace(low, high, max(int(np.ceil((high - low) / width_hz)), 2) + 1)
-        target = smoothed(self.frequency_hz, self.measured, width_hz, at)
+        target = smoothed(self.frequency_hz, self.measured, width_hz, at, self.statistics.calibration.covered)
         keep = np.isfinite(target).any(axis=1)
         if keep.sum() < 0.5 * at.size:
             return None
         model = self.frf(2 * np.pi * (width_hz + 1j * at[keep]))
-        return Misfit(model, target[keep], self.start, variance, self.rows())
+        return Misfit(model, target[keep], self.start, variance, self.rows(), errors=self.statistics.errors)
 
 
 @dataclass(frozen=True)
@@ -270,9 +255,9 @@ def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float
 
 
 def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[Solution, list[Stage]]:
-    stages = []
-    variance = START_SIGMA**2
-    for share in WIDTHS if far else ():
+    stages, prior = [], problem.statistics.calibration
+    variance = prior.first_sigma_db**2
+    for share in prior.widths if far else ():
         width = share * float(problem.frequency_hz[-1])
         misfit = problem.smoothed_misfit(width, variance)
         if misfit is None:
@@ -285,7 +270,16 @@ def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[
     return solution, [*stages, stage]
 
 
-def fit_factors(problem: FactorProblem, start: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100) -> FactorFit:
+def fit_factors(
+    problem: FactorProblem,
+    start: Floats | None = None,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 100,
+    change: float = 0.1,
+    rounds: int = 4,
+    same: float = 0.02,
+) -> FactorFit:
     """Identify the factors.
 
     Parameters
@@ -297,6 +291,10 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
         Stop rule of the last descent.
     max_iterations : int
         Of each descent at the measured lines.
+    change, rounds : float, int
+        The weight of the priors follows the noise until it changes by a smaller share, or so many times.
+    same : float
+        Ends of two starts whose costs differ by more than this share are told apart.
 
     Returns
     -------
@@ -304,11 +302,12 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
         Its solution has the status ``failed`` where the cost is not finite at the start.
     """
     notes: list[str] = []
+    first, least = problem.statistics.calibration.first_sigma_db, problem.statistics.calibration.least_sigma_db
     solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
     places = [problem.start if start is None else start]
     if start is None:
         # Roughly first: an end far above the other is not worth more.
-        other, stage = _descend(problem, problem.misfit(START_SIGMA**2), problem.start, 0.0, 1e-2, max_iterations)
+        other, stage = _descend(problem, problem.misfit(first**2), problem.start, 0.0, 1e-2, max_iterations)
         stages.append(stage)
         if other.evaluation.total < 2.0 * solution.evaluation.total:
             other, more = _fit(problem, other.theta, False, max_iterations)
@@ -316,7 +315,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
         better = solution.status == "failed" or (
             other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
         )
-        if abs(other.evaluation.total / solution.evaluation.total - 1.0) > SAME_END:
+        if abs(other.evaluation.total / solution.evaluation.total - 1.0) > same:
             notes.append(
                 f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
                 f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
@@ -324,12 +323,12 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
         places += [solution.theta, other.theta]
         solution = other if better else solution
     theta = solution.theta
-    noise = Noise(START_SIGMA, 1.0)
+    noise = Noise(first, 1.0)
     if solution.status != "failed":
-        misfit = problem.misfit(START_SIGMA**2, soft=True)
+        misfit = problem.misfit(first**2, soft=True)
         noise = noise_of(misfit, misfit(theta), problem.selected)
-        for _ in range(NOISE_ROUNDS):
-            before = max(noise.variance, LEAST_SIGMA**2)
+        for _ in range(rounds):
+            before = max(noise.variance, least**2)
             misfit = misfit.with_eta(before)
             places.append(theta)
             solution, stage = _descend(problem, misfit, theta, 0.0, tolerance, max_iterations)
@@ -338,7 +337,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
                 break
             theta = solution.theta
             noise = noise_of(misfit, solution.evaluation, problem.selected)
-            if abs(noise.variance / before - 1.0) < NOISE_CHANGE:
+            if abs(noise.variance / before - 1.0) < change:
                 break
         if solution.status != "failed":
             solution = no_worse(
@@ -349,7 +348,7 @@ def fit_factors(problem: FactorProblem, start: Floats | None = None, *, toleranc
             )
             theta = solution.theta
             noise = noise_of(misfit, solution.evaluation, problem.selected)
-        noise = Noise(max(noise.sigma, LEAST_SIGMA), noise.factor)
+        noise = Noise(max(noise.sigma, least), noise.factor)
     J = solution.evaluation.jacobian
     # What is held does not vary.
     low, high = problem.bounds.T
@@ -369,7 +368,7 @@ def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
     data = jacobian[: jacobian.shape[0] - rows.shape[0], [*range(size, size + count), *other]] / np.sqrt(noise.variance)
     std = np.array([extra.std for extra in problem.extras[:count]])
     precision = rows[:, other].T @ rows[:, other]
-    return apart_notes(indistinguishable(problem.names, data, std, precision))
+    return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration))
 
 
 def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:

@@ -16,20 +16,8 @@ from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
-#: The weight of the prior follows the noise until it changes by less than this, or so many times.
-NOISE_CHANGE, NOISE_ROUNDS = 0.05, 6
-
-#: A round that makes the mean misfit this much larger, in share and in dB, is not kept.
-RUNAWAY, LEAST_RUNAWAY = 1.5, 0.1
-
-#: Least variance of the noise [dB²].
-LEAST_VARIANCE = 1e-6
-
 #: Weight that stands for none where the rows of something else share it.
 LEAST_ETA = 1e-30
-
-#: Freedom of the Student t distribution of a sparse prior: one, of Cauchy.
-SPARSE_FREEDOM = 1.0
 
 
 @dataclass(frozen=True)
@@ -126,7 +114,7 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
     """Noise from the residuals of an evaluation."""
     rows = evaluation.residual.size - misfit.penalty.shape[0]
     line, response = residual_places(misfit, selected, rows)
-    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response)
+    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, misfit.errors)
 
 
 def weighed(
@@ -163,10 +151,10 @@ def weighed(
     return misfit.with_level(level), level**2 * noise.factor
 
 
-def sparse_weights(z: Floats, std: Floats) -> Floats:
+def sparse_weights(z: Floats, std: Floats, freedom: float = 1.0) -> Floats:
     """Factors on the rows of the penalty that turn squares into a Student t prior, at the present z (iteratively reweighted squares)."""
     relative = np.where(np.isfinite(std), z / np.where(np.isfinite(std), std, 1.0), 0.0)
-    return np.asarray(np.sqrt((SPARSE_FREEDOM + 1.0) / (SPARSE_FREEDOM + relative**2)))
+    return np.asarray(np.sqrt((freedom + 1.0) / (freedom + relative**2)))
 
 
 def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:
@@ -218,6 +206,9 @@ def follow_noise(
     sparse: bool,
     error: ChangeError | None = None,
     starts: Sequence[Floats] = (),
+    *,
+    change: float = 0.05,
+    rounds: int = 6,
 ) -> tuple[Misfit, Solution, Noise]:
     """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
 
@@ -237,16 +228,18 @@ def follow_noise(
         See ``weighed``.
     starts : sequence of (size,) float arrays
         Further places than the ends of the rounds to which the last end is compared, see ``no_worse``.
+    change, rounds : float, int
+        The weight follows the noise until its variance changes by a smaller share, or so many times.
 
     Returns
     -------
     Misfit, Solution, Noise
         With the last weight and the status of the last round; evaluations and history of all rounds.
     """
-    rows, places = misfit.rows, [*starts]
+    rows, places, errors = misfit.rows, [*starts], misfit.errors
     noise = noise_of(misfit, solution.evaluation, selected)
     history, iterations = list(solution.history), solution.iterations
-    for round_ in range(NOISE_ROUNDS):
+    for round_ in range(rounds):
         kept = misfit, solution, noise
         places.append(solution.theta)
         if sparse:
@@ -254,7 +247,7 @@ def follow_noise(
             # Unknowns without a prior have no row.
             misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
         misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error, round_ > 1)
-        misfit = misfit.with_eta(max(before, LEAST_VARIANCE))
+        misfit = misfit.with_eta(max(before, errors.least_variance))
         found = again(misfit, solution.theta)
         first = len(history)
         history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
@@ -267,7 +260,7 @@ def follow_noise(
             starts=solution.starts,
         )
         noise = noise_of(misfit, solution.evaluation, selected)
-        if misfit.weighted and solution.evaluation.misfit_db > RUNAWAY * kept[1].evaluation.misfit_db + LEAST_RUNAWAY:
+        if misfit.weighted and solution.evaluation.misfit_db > errors.runaway * kept[1].evaluation.misfit_db + errors.least_runaway_db:
             # Weights of a loosened state forgive the tight one: from there the noise would only grow.
             misfit, solution, noise = (
                 kept[0],
@@ -275,7 +268,7 @@ def follow_noise(
                 kept[2],
             )
             break
-        if round_ and abs(noise.variance - before) < NOISE_CHANGE * max(before, LEAST_VARIANCE):
+        if round_ and abs(noise.variance - before) < change * max(before, errors.least_variance):
             break
     best = no_worse(misfit, solution, places, lambda theta: again(misfit, theta))
     return misfit, best, noise if best.theta is solution.theta else noise_of(misfit, best.evaluation, selected)

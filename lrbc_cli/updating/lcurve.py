@@ -17,21 +17,6 @@ from lrbc_cli.updating.optimise import Solution
 
 Floats = NDArray[np.float64]
 
-#: Weights tried, over the natural one of ``natural_weight``.
-RELATIVE = np.logspace(-3.0, 3.0, 9)
-
-#: Iterations of a descent at a weight, and their stop rule.
-ITERATIONS, TOLERANCE = 8, 1e-3
-
-#: Another weight's end serves as a start where it costs less by this share.
-CHEAPER = 1e-9
-
-#: Least curvature of a corner [1/decade]: that of a circle of a radius of a decade, which is no corner any more.
-SHARPNESS = 1.0
-
-#: Bends shorter than this are smoothed away [decades along the curve]; points of the curve between two weights.
-WIDTH, BETWEEN = 0.2, 60
-
 
 @dataclass(frozen=True)
 class Corner:
@@ -99,6 +84,12 @@ def l_curve(
     fallback: float | None = None,
     span: Floats | None = None,
     further: Mapping[str, Floats] | None = None,
+    *,
+    decades: float = 3.0,
+    weights: int = 9,
+    tolerance: float = 1e-3,
+    iterations: int = 8,
+    cheaper: float = 1e-9,
 ) -> LCurve:
     """Try weights from the largest to the smallest and back, each from several starts, and look for the corner.
 
@@ -118,13 +109,19 @@ def l_curve(
         Unknowns, see ``descend``.
     further : mapping of str to (size,) float array
         Further starts at the smallest weight, see ``gauss_newton_by_levels``.
+    decades, weights : float, int
+        Weights tried, and how far they reach to both sides of the natural one of ``natural_weight``.
+    tolerance, iterations : float, int
+        Stop rule of a descent at a weight.
+    cheaper : float
+        Another weight's end serves as a start where it costs less by this share.
 
     Returns
     -------
     LCurve
     """
     natural = natural_weight(misfit, start)
-    etas = natural * RELATIVE
+    etas = natural * np.logspace(-decades, decades, weights)
     found: dict[int, Solution] = {}
     evaluations = 1
 
@@ -135,7 +132,7 @@ def l_curve(
             found[i] = solution
 
     def attempt(i: int, theta: Floats) -> None:
-        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=TOLERANCE, max_iterations=ITERATIONS))
+        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=tolerance, max_iterations=iterations))
 
     last = etas.size - 1
     for i in range(last, -1, -1):
@@ -143,7 +140,7 @@ def l_curve(
         if i < last:
             attempt(i, found[i + 1].theta)
     least = misfit.with_eta(float(etas[0]))
-    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=TOLERANCE, max_iterations=4 * ITERATIONS, further=further, span=span))
+    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations, further=further, span=span))
     # Back upwards a valley is kept as long as it is one.
     for i in range(1, etas.size):
         attempt(i, found[i - 1].theta)
@@ -152,7 +149,7 @@ def l_curve(
         penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
         totals = data + etas[:, None] * penalty
         cheapest = totals.argmin(axis=1)
-        worse = np.flatnonzero(totals.min(axis=1) < (1 - CHEAPER) * np.diag(totals))
+        worse = np.flatnonzero(totals.min(axis=1) < (1 - cheaper) * np.diag(totals))
         if not worse.size:
             break
         thetas = [found[int(j)].theta for j in cheapest]
@@ -163,17 +160,21 @@ def l_curve(
     return LCurve(etas, data, penalty, corner, chosen, evaluations, np.array([found[i].theta for i in range(etas.size)]))
 
 
-def curvature(eta: Floats, data: Floats, penalty: Floats) -> tuple[Floats, Floats]:
+def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2, between: int = 60) -> tuple[Floats, Floats]:
     """Curvature along the L-curve; positive at a corner.
 
     The curve goes through the points without overshoot (monotone cubics of log10 data and log10 penalty over log10 eta) and is then
-    smoothed over ``WIDTH``: at its steep ends many weights lie in one place, and the curvature of an unsmoothed curve is that of the
+    smoothed over ``width``: at its steep ends many weights lie in one place, and the curvature of an unsmoothed curve is that of the
     optimiser's stop rule.
 
     Parameters
     ----------
     eta, data, penalty : (n,) float arrays
         Positive, eta ascending.
+    width : float
+        Bends shorter than this are smoothed away [decades along the curve].
+    between : int
+        Points of the curve between two weights.
 
     Returns
     -------
@@ -182,27 +183,29 @@ def curvature(eta: Floats, data: Floats, penalty: Floats) -> tuple[Floats, Float
     kappa : (k,) float array
         [1/decade].
     """
-    t = np.linspace(np.log10(eta[0]), np.log10(eta[-1]), BETWEEN * (eta.size - 1) + 1)
+    t = np.linspace(np.log10(eta[0]), np.log10(eta[-1]), between * (eta.size - 1) + 1)
     x, y = (PchipInterpolator(np.log10(eta), np.log10(values))(t) for values in (data, penalty))
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if not along[-1] > 0.0:
         return np.column_stack([t, x, y]), np.zeros_like(t)
     # Where the curve stands still no place along it belongs to a weight of its own.
     moving = np.concatenate([[True], np.diff(along) > 1e-12 * along[-1]])
-    s = np.linspace(0.0, along[-1], max(int(40 * along[-1] / WIDTH), 8))
+    s = np.linspace(0.0, along[-1], max(int(40 * along[-1] / width), 8))
     step = s[1]
     x, y, t = (np.interp(s, along[moving], values[moving]) for values in (x, y, t))
-    dx, dy = (gaussian_filter1d(np.gradient(values, step), WIDTH / step, mode="nearest") for values in (x, y))
+    dx, dy = (gaussian_filter1d(np.gradient(values, step), width / step, mode="nearest") for values in (x, y))
     turn = np.unwrap(np.arctan2(dy, dx))
     return np.column_stack([t, x, y]), np.asarray(np.gradient(turn, step))
 
 
-def find_corner(eta: Floats, data: Floats, penalty: Floats) -> Corner | None:
-    """Where the curvature is largest, between the ends, and at least ``SHARPNESS``.
+def find_corner(eta: Floats, data: Floats, penalty: Floats, *, sharpness: float = 1.0) -> Corner | None:
+    """Where the curvature is largest, between the ends, and at least ``sharpness``.
 
     Parameters
     ----------
     eta, data, penalty : (n,) float arrays
+    sharpness : float
+        Least curvature of a corner [1/decade]: that of a circle of a radius of a decade, which is no corner any more.
 
     Returns
     -------
@@ -212,7 +215,7 @@ def find_corner(eta: Floats, data: Floats, penalty: Floats) -> Corner | None:
     if not (np.all(data > 0) and np.all(penalty > 0)):
         return None
     points, kappa = curvature(eta, data, penalty)
-    peaks, _ = find_peaks(kappa, height=SHARPNESS)
+    peaks, _ = find_peaks(kappa, height=sharpness)
     t = np.log10(eta)
     inner = [peak for peak in peaks if t[1] <= points[peak, 0] <= t[-2]]
     if not inner:

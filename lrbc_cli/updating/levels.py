@@ -19,23 +19,8 @@ from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
-#: Values along an edge at each level before the full one.
-KNOTS = (1, 3, 5, 9)
-
-#: Step between the uniform values tried on the first level [decades], and how many at the most.
-SCAN_STEP, SCAN_MOST = 0.25, 41
-
-#: Basins of the scan from which the levels are gone through, besides the given start; the lowest end is kept.
-STARTS = 2
-
 #: Totals, bounds and spans are told apart down to this share: round-off of their sums.
 ROUND_OFF = 1e-9
-
-#: Changes drawn from the prior, how many of them the last level is tried from, and the seed of the draws.
-DRAWS, DRAWS_KEPT, DRAW_SEED = 64, 3, 0
-
-#: Stop rule of the coarse levels.
-LEVEL_TOLERANCE, LEVEL_ITERATIONS = 1e-3, 25
 
 
 def hats(positions: Floats, knots: int) -> Floats:
@@ -92,10 +77,10 @@ class Level:
         return np.array([[low[column].max(), high[column].min()] for column in inside.T])
 
 
-def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats]:
+def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
     """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
 
-    Where there is no stiffness group all groups are moved.
+    Where there is no stiffness group all groups are moved; in steps of at most ``step`` decades, ``most`` values at the most.
     """
     parameters = misfit.model.parameters
     moved = np.zeros(parameters.size, dtype=bool)
@@ -104,7 +89,7 @@ def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats) -> list[Floats
     if not moved.any():
         moved = ~parameters.is_damping
     width = bounds[:, 1] - bounds[:, 0]
-    count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / SCAN_STEP) + 1, 2, SCAN_MOST))
+    count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / step) + 1, 2, most))
     return [np.where(moved, bounds[:, 0] + fraction * width, theta) for fraction in np.linspace(0.0, 1.0, count)]
 
 
@@ -117,6 +102,9 @@ def gauss_newton_by_levels(
     max_iterations: int = 100,
     further: Mapping[str, Floats] | None = None,
     span: Floats | None = None,
+    knots: Sequence[int] = (1, 3, 5, 9),
+    coarse_tolerance: float = 1e-3,
+    coarse_iterations: int = 25,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -132,6 +120,10 @@ def gauss_newton_by_levels(
         Described profiles from which the last level is tried too.
     span : (size, m) float array or None
         Unknowns of the last level, ``prior + span z``; every value where None. The scan then moves the prior as a whole.
+    knots : sequence of int
+        Values along an edge at each level before the full one.
+    coarse_tolerance, coarse_iterations
+        Stop rule of these levels.
 
     Returns
     -------
@@ -166,13 +158,13 @@ def gauss_newton_by_levels(
 
     for at in basins(totals):
         theta = trials[at]
-        for knots in KNOTS:
-            T = level_matrix(parameters, knots, damping=True)
+        for count in knots:
+            T = level_matrix(parameters, count, damping=True)
             if T.shape[1] >= unknowns:
                 break
             level = Level(seen, theta, T)
             coarse = gauss_newton(
-                level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=LEVEL_TOLERANCE, max_iterations=LEVEL_ITERATIONS
+                level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=coarse_tolerance, max_iterations=coarse_iterations
             )
             note(coarse.history)
             iterations += coarse.iterations
@@ -210,7 +202,7 @@ def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable
     return spanned
 
 
-def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats) -> dict[str, Floats]:
+def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:
     """The lowest of some changes drawn from the prior, as further starts.
 
     A uniform change does not tell one half of an edge from the other: on a structure that is nearly symmetric the mirror image of the
@@ -221,17 +213,19 @@ def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats) -> dict[str, Flo
     misfit : Misfit
     shapes : Shapes
     bounds : (size, 2) float array
+    draws, kept, seed : int
+        Draws, those of them to begin at, and the seed.
 
     Returns
     -------
     dict of str to (size,) float array
         The same for the same input.
     """
-    rng = np.random.default_rng(DRAW_SEED)
+    rng = np.random.default_rng(seed)
     std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
-    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(DRAWS, std.size))]
-    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:DRAWS_KEPT]
-    return {f"changes drawn from the prior, {k + 1} of {DRAWS}": thetas[k] for k in order}
+    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
+    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:kept]
+    return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
 
 
 def descend(
@@ -247,15 +241,15 @@ def descend(
     return replace(found, theta=level.theta(found.theta))
 
 
-def uniform_changes(misfit: Misfit, bounds: Floats) -> list[Floats]:
+def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
     """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
     parameters, prior = misfit.model.parameters, misfit.prior
     moved = np.zeros(parameters.size, dtype=bool)
     for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
         moved[values] = group.kind == "stiffness"
     low, high = (bounds - prior[:, None])[moved if moved.any() else ~parameters.is_damping].T
-    steps = np.arange(np.ceil(np.median(low) / SCAN_STEP), np.floor(np.median(high) / SCAN_STEP) + 1)[:SCAN_MOST]
-    return [np.clip(np.where(moved, prior + SCAN_STEP * step, prior), bounds[:, 0], bounds[:, 1]) for step in steps]
+    steps = np.arange(np.ceil(np.median(low) / step), np.floor(np.median(high) / step) + 1)[:most]
+    return [np.clip(np.where(moved, prior + step * count, prior), bounds[:, 0], bounds[:, 1]) for count in steps]
 
 
 def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Floats | None) -> str:
@@ -273,27 +267,26 @@ def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Fl
     return "uniform log10 " + ", ".join(moved)
 
 
-#: Ends this near in cost (log10) are as good as each other, and this far apart (rms, decades of stiffness) tell something else.
-TIE, APART = 0.05, 0.25
-
-
-def near_tie(parameters: Parameterisation, starts: Sequence[Start]) -> tuple[Start, Start, float] | None:
+def near_tie(
+    parameters: Parameterisation, starts: Sequence[Start], *, tie: float = 0.05, distance: float = 0.25
+) -> tuple[Start, Start, float] | None:
     """The two best ends where they are as good as each other and clearly different; and how different, in decades.
 
-    The difference is the rms over the terms of log10(W 10^p): what the smoothing hides does not count.
+    The difference is the rms over the terms of log10(W 10^p): what the smoothing hides does not count. As good are ends within ``tie`` in
+    cost (log10), different ones at least ``distance`` decades apart.
     """
     if len(starts) < 2:
         return None
     best, second = sorted(starts, key=lambda start: start.total)[:2]
     apart = float(np.sqrt(np.mean((np.log10(parameters.scales(best.theta)) - np.log10(parameters.scales(second.theta))) ** 2)))
-    return (best, second, apart) if second.cost - best.cost <= TIE and apart >= APART else None
+    return (best, second, apart) if second.cost - best.cost <= tie and apart >= distance else None
 
 
-def basins(totals: Sequence[float]) -> list[int]:
-    """Indices of the trials to start from: the lowest, the lowest of another basin, and trial 0, which is the given start.
+def basins(totals: Sequence[float], count: int = 2) -> list[int]:
+    """Indices of the trials to start from: the lowest of so many basins, and trial 0, which is the given start.
 
     The trials after the first stand in order of their values.
     """
     scan = np.array([np.inf, *totals[1:], np.inf])
     valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]
-    return [*sorted(valleys, key=lambda i: totals[i])[:STARTS], 0]
+    return [*sorted(valleys, key=lambda i: totals[i])[:count], 0]

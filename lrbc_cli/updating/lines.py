@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,41 +13,52 @@ from lrbc_cli.updating.misfit import decibel
 
 Floats = NDArray[np.float64]
 
-#: A resonance stands out of the mean spectrum by at least this [dB].
-PROMINENCE_DB = 2.0
 
-#: Lines within this of the peak belong to the resonance [dB] ...
-DEPTH_DB = 15.0
+@dataclass(frozen=True)
+class Resonances:
+    """Which lines belong to a resonance.
 
-#: ... as long as they are within this fraction of its frequency, or two lines.
-HALF_WIDTH = 0.06
+    Attributes
+    ----------
+    prominence_db : float
+        A resonance stands out of the mean spectrum by at least this [dB]. A choice: twice the first model discrepancy.
+    depth_db : float
+        Lines within this of the peak belong to it [dB] ... By trial on virtual rigs.
+    half_width : float
+        ... as long as they are within this fraction of its frequency, or two lines. By trial on virtual rigs.
+    """
+
+    prominence_db: float = 2.0
+    depth_db: float = 15.0
+    half_width: float = 0.06
+
+
+#: The default, for those who call a part alone.
+RESONANCES = Resonances()
 
 
 def resonance_lines(
-    frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]], model: NDArray[np.complexfloating[Any, Any]] | None = None
+    frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]], rule: Resonances = RESONANCES
 ) -> NDArray[np.int64]:
-    """Indices of the lines around the resonances of the measured FRFs, and of the model's where they are given.
+    """Indices of the lines around the resonances of FRFs.
 
     Parameters
     ----------
     frequency_hz : (F,) float array
     measured : (F, R) complex array
         NaN where a response was not measured.
-    model : (F, R) complex array or None
+    rule : Resonances
 
     Returns
     -------
     (m,) int array
         Sorted; all lines where no resonance stands out.
     """
-    keep = around_resonances(frequency_hz, measured)
-    if model is not None:
-        keep = keep | around_resonances(frequency_hz, model)
-    chosen = np.flatnonzero(keep)
+    chosen = np.flatnonzero(around_resonances(frequency_hz, measured, rule))
     return chosen if chosen.size else np.arange(frequency_hz.size)
 
 
-def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.bool_]:
+def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, Any]], rule: Resonances = RESONANCES) -> NDArray[np.bool_]:
     """(F,) whether a line belongs to a resonance of these (F, R) FRFs."""
     valid = np.isfinite(H) & (np.abs(H) > 0)
     level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
@@ -63,12 +75,12 @@ def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, A
         ]
     for spectrum in spectra:
         filled = np.where(np.isfinite(spectrum), spectrum, np.nanmin(spectrum[np.isfinite(spectrum)]))
-        peaks, _ = find_peaks(filled, prominence=PROMINENCE_DB)
+        peaks, _ = find_peaks(filled, prominence=rule.prominence_db)
         for peak in peaks:
             for direction in (-1, 1):
                 at = peak
-                while 0 <= at < filled.size and filled[at] > filled[peak] - DEPTH_DB:
-                    near = abs(frequency_hz[at] - frequency_hz[peak]) <= HALF_WIDTH * frequency_hz[peak] or abs(at - peak) <= 2
+                while 0 <= at < filled.size and filled[at] > filled[peak] - rule.depth_db:
+                    near = abs(frequency_hz[at] - frequency_hz[peak]) <= rule.half_width * frequency_hz[peak] or abs(at - peak) <= 2
                     if not near:
                         break
                     keep[at] = True

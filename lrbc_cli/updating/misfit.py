@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.noise import spent
-from lrbc_cli.updating.residuals import DB, SIGMA_DB, DataResidual, ResidualOptions, decibel
+from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -162,12 +163,8 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
     return np.vstack(rows) if rows else np.zeros((0, parameters.size))
 
 
-#: Standard deviation of the shift of a resonance that a model predicts, over that shift: 0.08 to 0.17 where bolts of virtual rigs are
-#: removed.
-SHIFT_ERROR = 0.12
-
-#: Distance of the knots between which such errors are interpolated, and of the lines between which a slope is taken, over the highest line.
-KNOTS, SLOPE_STEP = 0.02, 1e-4
+#: Distance of the lines between which a slope is taken, over the highest line.
+SLOPE_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -187,6 +184,7 @@ class ChangeError:
     step_hz : float
     size : int
         Of that theta; what drifted stands behind it.
+    errors : ErrorModel
     """
 
     most: float
@@ -195,6 +193,7 @@ class ChangeError:
     frequency_hz: Floats = field(repr=False)
     step_hz: float
     size: int
+    errors: ErrorModel = ERRORS
     _kept: dict[bytes, tuple[Complexes, Complexes]] = field(default_factory=dict, repr=False)
 
     def _sloped(self, theta: Floats) -> tuple[Complexes, Complexes]:
@@ -206,7 +205,7 @@ class ChangeError:
     def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes]:
         """(F, R) change of the levels from the prior to theta [dB], and (F, R, K) errors of one standard deviation."""
         f = self.frequency_hz
-        spacing = KNOTS * f.max()
+        spacing = self.errors.shift_knots * f.max()
         knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
         hats = np.column_stack([np.interp(f, knots, row) for row in np.eye(knots.size)])
         hats = hats[:, hats.any(axis=0)]
@@ -220,7 +219,7 @@ class ChangeError:
         slope, first, change = (np.where(np.isfinite(x), x, 0.0) for x in (slope, first, change))
         steep = 0.5 * (slope.real**2 + first.real**2)
         shift = np.sqrt((hats.T @ (change**2).sum(axis=1)) / np.maximum(hats.T @ steep.sum(axis=1), np.finfo(float).tiny))
-        return change, np.asarray(slope[:, :, None] * (SHIFT_ERROR * hats * shift)[:, None, :])
+        return change, np.asarray(slope[:, :, None] * (self.errors.shift_error * hats * shift)[:, None, :])
 
 
 class Misfit:
@@ -243,8 +242,7 @@ class Misfit:
         How data residuals are formed; as in (29) where None.
     sigma : (F, R) float array or None
         Standard deviation of the measured magnitude [dB], by which lines are weighted.
-    level : float
-        Standard deviation of what the model lacks [dB], against which that of the measurement counts.
+    errors : ErrorModel
 
     Raises
     ------
@@ -261,10 +259,10 @@ class Misfit:
         penalty: Floats | None = None,
         options: ResidualOptions | None = None,
         sigma: Floats | None = None,
-        level: float = SIGMA_DB,
+        errors: ErrorModel = ERRORS,
     ) -> None:
-        self.model = model
-        self._data = DataResidual(measured, options, sigma, level)
+        self.model, self.errors = model, errors
+        self._data = DataResidual(measured, options, sigma, errors)
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
         self.rows = rows[np.any(rows != 0.0, axis=1)]

@@ -17,81 +17,13 @@ from scipy.stats import norm
 
 from lrbc_cli.updating.misfit import Evaluation
 from lrbc_cli.updating.optimise import Solution, gauss_newton
+from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Changes of tight bolts [decades]: retorquing scatters by 30 %, 0.11 decades at a bolt's patch; its shape, wider than the patch, smears
-#: that.
-TIGHT_STD = 0.05
-
-#: Changes of loose bolts [decades]: from a patch that has lost half its stiffness to one that has lost nearly all, smeared alike.
-LOOSE_MEAN, LOOSE_STD = -0.6, 0.3
-
-#: The same between tight neighbours, which hold part of what it held.
-ALONE_MEAN, ALONE_STD = -0.5, 0.2
-
-#: Share of a loose bolt's change that a tight neighbour may show: 0.1 to 0.3 on virtual rigs.
-SMEARED = 0.3
-
-#: Share of loose bolts that is expected before anything is measured.
-LOOSE_SHARE = 0.1
-
-#: Sweeps over all bolts, those before them that are left out, and the seed: a result does not change when it is computed again.
-SWEEPS, BURN_IN, SEED = 700, 50, 0
-
-#: The linearisation follows the kinds at most so many times, by at most so many changes each, as long as they gain more than this
-#: [natural units of log evidence].
-ROUNDS, MOVES, LEAST_GAIN = 8, 3, 0.01
-
-#: Changes below this make a bolt loose at the second start [decades]; the first start has all bolts tight.
-START_CHANGE = -0.4
-
-#: Descent for given kinds, at last and while they are sought: its sum of squares is a few hundred to a few thousand; a tenth matters.
-DESCENT_TOLERANCE, DESCENT_ITERATIONS = 1e-4, 12
-SEARCH_TOLERANCE, SEARCH_ITERATIONS = 1e-3, 5
-
-#: Descents for given kinds, each with the covariance where the one before ended.
-COVARIANCE_ROUNDS = 2
-
-
-@dataclass(frozen=True)
-class MixturePrior:
-    """Prior of one bolt's change [decades].
-
-    Attributes
-    ----------
-    tight_std, loose_mean, loose_std : float
-        Of the two kinds; a tight bolt's change has mean zero.
-    loose_share : float
-        Probability of being loose.
-    alone_mean, alone_std : float
-        Of a loose bolt between tight ones, which hold what it held.
-    """
-
-    tight_std: float = TIGHT_STD
-    loose_mean: float = LOOSE_MEAN
-    loose_std: float = LOOSE_STD
-    loose_share: float = LOOSE_SHARE
-    alone_mean: float = ALONE_MEAN
-    alone_std: float = ALONE_STD
-
-    @property
-    def table(self) -> tuple[Floats, Floats]:
-        """(2, 2) precision and mean of a bolt's change, by its kind and whether a neighbour is loose."""
-        std = np.array([[self.tight_std] * 2, [self.alone_std, self.loose_std]])
-        return std**-2.0, np.array([[0.0, 0.0], [self.alone_mean, self.loose_mean]])
-
-    def of(self, loose: Bools, beside: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Precision and mean of each bolt's change, given the kinds and which bolts are neighbours, see ``adjacency``."""
-        kind, (precision, mean) = loose.astype(np.int64), self.table
-        gap = (beside @ kind > 0).astype(np.int64)
-        return precision[kind, gap], mean[kind, gap]
-
-    @property
-    def log_odds(self) -> float:
-        """Of being loose."""
-        return float(np.log(self.loose_share / (1.0 - self.loose_share)))
+#: Relative decrease of the cost at which a descent ends, and its most iterations.
+Stop = tuple[float, int]
 
 
 @dataclass(frozen=True)
@@ -144,6 +76,7 @@ class ChangeSamples:
         Loose bolts of the most probable state about which all was linearised.
     neighbours : sequence of (int, int)
         Pairs of positions that lie side by side.
+    prior : BoltPrior
     """
 
     bolts: NDArray[np.int64]
@@ -152,6 +85,7 @@ class ChangeSamples:
     stds: Floats = field(repr=False)
     kinds: Bools
     neighbours: Sequence[tuple[int, int]] = ()
+    prior: BoltPrior = BOLT_PRIOR
 
     @property
     def inclusion(self) -> Floats:
@@ -172,9 +106,9 @@ class ChangeSamples:
     @property
     def smeared(self) -> Floats:
         """(b,) changes that a tight bolt would show of its neighbours' [decades]: their shapes do not end where a gap does."""
-        mean, found = self.mean, np.zeros(self.bolts.size)
+        mean, found, share = self.mean, np.zeros(self.bolts.size), self.prior.leakage
         for i, j in self.neighbours:
-            found[i], found[j] = min(found[i], SMEARED * mean[j]), min(found[j], SMEARED * mean[i])
+            found[i], found[j] = min(found[i], share * mean[j]), min(found[j], share * mean[i])
         return found
 
     def below(self, limit: float | Floats, scatter: float | Floats = 0.0) -> Floats:
@@ -230,7 +164,7 @@ class KindScore:
     ----------
     A, b : (b, b) and (b,) float arrays
         Curvature and slope of the data's half sum of squares over the variance, all else marginalised.
-    prior : MixturePrior
+    prior : BoltPrior
     loose : (b,) bool array
         Kinds to begin with.
     neighbours : sequence of (int, int)
@@ -241,7 +175,7 @@ class KindScore:
         Of the changes given the kinds.
     """
 
-    def __init__(self, A: Floats, b: Floats, prior: MixturePrior, loose: Bools, neighbours: Sequence[tuple[int, int]] = ()) -> None:
+    def __init__(self, A: Floats, b: Floats, prior: BoltPrior, loose: Bools, neighbours: Sequence[tuple[int, int]] = ()) -> None:
         self._A, self._b, self._prior = A, b, prior
         self._beside = adjacency(b.size, neighbours)
         self._singles = _Moves([(i,) for i in range(b.size)], self._beside)
@@ -296,15 +230,15 @@ class KindScore:
         self._refresh()
 
 
-def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int) -> None:
-    """Flip, or swap neighbours of different kinds, for the better, at most so many times."""
+def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int, least_gain: float = 0.01) -> None:
+    """Flip, or swap neighbours of different kinds, at most so many times, while the log evidence gains more than ``least_gain``."""
     for _ in range(moves):
         gains = score.flips()[0]
         best: tuple[float, tuple[int, ...]] = (float(gains.max()), (int(gains.argmax()),))
         for (i, j), gain in zip(neighbours, score.swaps().tolist(), strict=True):
             if score.loose[i] != score.loose[j]:
                 best = max(best, (gain, (i, j)))
-        if best[0] <= LEAST_GAIN:
+        if best[0] <= least_gain:
             return
         score.flip(*best[1])
 
@@ -320,14 +254,14 @@ class _State:
     b: Floats = field(repr=False)
 
 
-def _priors(problem: MixtureProblem, prior: MixturePrior, kinds: Bools) -> tuple[Floats, Floats]:
+def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
     """(m,) precisions and means of all unknowns."""
     precision, mean = problem.std**-2.0, problem.mean.copy()
     precision[problem.bolts], mean[problem.bolts] = prior.of(kinds, adjacency(kinds.size, problem.neighbours))
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, tolerance: float, iterations: int) -> _State:
+def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop) -> _State:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
     scale, weight = problem.variance**-0.5, np.sqrt(precision)
@@ -339,7 +273,7 @@ def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Float
         jacobian = np.vstack([scale * J, np.diag(weight)])
         return Evaluation(float(np.log10(total)), total, float(r @ r), float(np.mean(np.abs(r))), residual, jacobian)
 
-    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=tolerance, max_iterations=iterations)
+    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=stop[0], max_iterations=stop[1])
     value, z = found.evaluation, found.theta
     rows = value.residual.size - z.size
     J, r = value.jacobian[:rows], value.residual[:rows]
@@ -356,39 +290,63 @@ def _settle(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Float
     return _State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
 
 
-def _settle_there(problem: MixtureProblem, prior: MixturePrior, kinds: Bools, z: Floats, tolerance: float, iterations: int) -> _State:
-    """The same, with the covariance of the residuals where it ends: a state answers for its own errors only."""
+def _settle_there(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, rounds: int = 2) -> _State:
+    """The same, with the covariance of the residuals where the descent before ended: a state answers for its own errors only."""
     if problem.about is None:
-        return _settle(problem, prior, kinds, z, tolerance, iterations)
-    for _ in range(COVARIANCE_ROUNDS):
+        return _settle(problem, prior, kinds, z, stop)
+    for _ in range(rounds):
         data, offset = problem.about(z)
-        state = _settle(replace(problem, data=data), prior, kinds, z, tolerance, iterations)
+        state = _settle(replace(problem, data=data), prior, kinds, z, stop)
         z = state.z
     return replace(state, evidence=state.evidence + offset)
 
 
-def best_state(problem: MixtureProblem, z: Floats, prior: MixturePrior) -> _State:
-    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z."""
+def best_state(
+    problem: MixtureProblem,
+    z: Floats,
+    prior: BoltPrior,
+    *,
+    large: float = -0.4,
+    rounds: int = 8,
+    moves: int = 3,
+    search: Stop = (1e-3, 5),
+    last: Stop = (1e-4, 12),
+) -> _State:
+    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    z : (m,) float array
+    prior : BoltPrior
+    large : float
+        Changes below it make a bolt loose at the second start [decades].
+    rounds, moves : int
+        The linearisation follows the kinds at most so many times, by at most so many changes each.
+    search, last : (float, int)
+        Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
+        few thousand; a tenth matters.
+    """
     best: _State | None = None
-    for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < START_CHANGE, z)):
+    for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < large, z)):
         seen: set[bytes] = set()
-        for _ in range(ROUNDS):
-            state = _settle_there(problem, prior, kinds, start, SEARCH_TOLERANCE, SEARCH_ITERATIONS)
+        for _ in range(rounds):
+            state = _settle_there(problem, prior, kinds, start, search)
             if best is None or state.evidence > best.evidence:
                 best = state
             seen.add(kinds.tobytes())
             score = KindScore(state.A, state.b, prior, kinds, problem.neighbours)
             # Few moves at a time: a linearisation does not carry far.
-            improve(score, problem.neighbours, MOVES)
+            improve(score, problem.neighbours, moves)
             if score.loose.tobytes() in seen:
                 break
             kinds, start = score.loose.copy(), state.z
     assert best is not None
-    return _settle_there(problem, prior, best.kinds, best.z, DESCENT_TOLERANCE, DESCENT_ITERATIONS)
+    return _settle_there(problem, prior, best.kinds, best.z, last)
 
 
 def sample_changes(
-    problem: MixtureProblem, z: Floats, prior: MixturePrior | None = None, sweeps: int = SWEEPS, seed: int = SEED
+    problem: MixtureProblem, z: Floats, prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
 ) -> ChangeSamples:
     """Sample which bolts are loose, on the problem linearised about the most probable state.
 
@@ -397,21 +355,20 @@ def sample_changes(
     problem : MixtureProblem
     z : (m,) float array
         A first estimate, such as that with a Gaussian prior.
-    prior : MixturePrior or None
-    sweeps, seed : int
-        The same seed gives the same result.
+    prior : BoltPrior
+    sweeps, burn_in, seed : int
+        Sweeps over all bolts, those before them that are left out; the same seed gives the same result.
 
     Returns
     -------
     ChangeSamples
     """
-    prior = MixturePrior() if prior is None else prior
     state = best_state(problem, z, prior)
     score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours)
     rng = np.random.default_rng(seed)
     count = problem.bolts.size
     loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
-    for sweep in range(-BURN_IN, sweeps):
+    for sweep in range(-burn_in, sweeps):
         chance = np.log(rng.random(count))
         gains, centres, spreads = score.flips()
         for turn, i in enumerate(rng.permutation(count).tolist()):
@@ -427,4 +384,4 @@ def sample_changes(
             if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
                 score.flip(i, j)
                 swaps = score.swaps()
-    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, problem.neighbours)
+    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, problem.neighbours, prior)

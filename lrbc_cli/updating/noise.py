@@ -7,13 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.updating.error_model import ERRORS, ErrorModel
+
 Floats = NDArray[np.float64]
-
-#: Correlations are followed over at most so many lines, and no further than where they fall below this.
-MOST_LAGS, LEAST_CORRELATION = 20, 0.05
-
-#: Fewer pairs of lines than this say nothing about a lag.
-LEAST_PAIRS = 10
 
 
 @dataclass(frozen=True)
@@ -37,7 +33,9 @@ class Noise:
         return self.sigma**2 * self.factor
 
 
-def correlation_factor(residual: Floats, jacobian: Floats, line: NDArray[np.int64], response: NDArray[np.int64]) -> float:
+def correlation_factor(
+    residual: Floats, jacobian: Floats, line: NDArray[np.int64], response: NDArray[np.int64], errors: ErrorModel = ERRORS
+) -> float:
     """Inflation of the variance of the estimates by residuals that neighbouring lines share.
 
     ``1 + 2 sum_k rho_r(k) rho_J(k)`` over the lags k: residuals that are correlated harm where the sensitivities are correlated over
@@ -50,6 +48,7 @@ def correlation_factor(residual: Floats, jacobian: Floats, line: NDArray[np.int6
         Of the same residuals.
     line, response : (m,) int arrays
         Index of the measured line, and of the response (or part of it), of each residual.
+    errors : ErrorModel
 
     Returns
     -------
@@ -67,13 +66,13 @@ def correlation_factor(residual: Floats, jacobian: Floats, line: NDArray[np.int6
     if power == 0.0 or strength == 0.0:
         return 1.0
     factor = 1.0
-    for lag in range(1, min(MOST_LAGS, count - 1) + 1):
+    for lag in range(1, min(errors.most_lags, count - 1) + 1):
         both = (at[:, :-lag] >= 0) & (at[:, lag:] >= 0)
         first, second = at[:, :-lag][both], at[:, lag:][both]
-        if first.size < LEAST_PAIRS:
+        if first.size < errors.least_pairs:
             break
         rho = float(np.mean(residual[first] * residual[second])) / power
-        if rho < LEAST_CORRELATION:
+        if rho < errors.least_correlation:
             break
         along = float(np.sum(jacobian[first] * jacobian[second])) / first.size / strength
         factor += 2.0 * rho * along * first.size / residual.size
@@ -92,7 +91,14 @@ def spent(jacobian: Floats, penalty: Floats) -> float:
     return float(np.trace(np.linalg.lstsq(normal + penalty.T @ penalty, normal, rcond=1e-12)[0]))
 
 
-def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: NDArray[np.int64], response: NDArray[np.int64]) -> Noise:
+def estimate_noise(
+    residual: Floats,
+    jacobian: Floats,
+    penalty: Floats,
+    line: NDArray[np.int64],
+    response: NDArray[np.int64],
+    errors: ErrorModel = ERRORS,
+) -> Noise:
     """Scatter of the data residuals at an optimum.
 
     Parameters
@@ -103,6 +109,7 @@ def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: ND
         Jacobian of the penalty, weighted: it takes freedom from the unknowns.
     line, response : (m,) int arrays
         See ``correlation_factor``.
+    errors : ErrorModel
 
     Returns
     -------
@@ -110,4 +117,4 @@ def estimate_noise(residual: Floats, jacobian: Floats, penalty: Floats, line: ND
     """
     freedom = max(residual.size - spent(jacobian, penalty), 1.0)
     sigma = float(np.sqrt(residual @ residual / freedom))
-    return Noise(sigma, correlation_factor(residual, jacobian, line, response))
+    return Noise(sigma, correlation_factor(residual, jacobian, line, response, errors))

@@ -11,25 +11,13 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.updating.error_model import ERRORS, ErrorModel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: d(20 log10 x)/d ln x.
 DB = 20.0 / float(np.log(10.0))
-
-#: Standard deviation at which a line loses half of its weight in the sum of squares [dB].
-SIGMA_DB = 1.0
-
-#: Least and largest standard deviation of what a model lacks [dB].
-LEAST_LEVEL, MOST_LEVEL = 0.01, 100.0
-
-#: Standard deviation of the change of a level that a model predicts, over that change: 0.1 to 0.35 (rms over the lines) where single bolts
-#: of virtual rigs are removed.
-CHANGE_ERROR = 0.25
-
-#: Coherences below this say no more than that there is nothing but noise.
-LEAST_COHERENCE = 1e-4
 
 
 def decibel(H: Complexes | Floats) -> Floats:
@@ -92,8 +80,8 @@ class DataResidual:
     options : ResidualOptions
     sigma : (F, R) float array or None
         Standard deviation of the measured magnitude [dB], NaN where unknown; lines are weighted by it, see ``noise_weights``.
-    level : float
-        Standard deviation of what the model lacks [dB].
+    errors : ErrorModel
+        Its model discrepancy is the first one.
 
     Attributes
     ----------
@@ -101,6 +89,7 @@ class DataResidual:
     target : (F, R) float array
         Measurement in dB, zero where not valid.
     level : float
+        Standard deviation of what the model lacks [dB].
 
     Raises
     ------
@@ -109,8 +98,9 @@ class DataResidual:
     """
 
     def __init__(
-        self, measured: Complexes, options: ResidualOptions | None = None, sigma: Floats | None = None, level: float = SIGMA_DB
+        self, measured: Complexes, options: ResidualOptions | None = None, sigma: Floats | None = None, errors: ErrorModel = ERRORS
     ) -> None:
+        self.errors = errors
         self.options = ResidualOptions() if options is None else options
         self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
         if not self.valid.any():
@@ -133,7 +123,7 @@ class DataResidual:
                 self._sigma = self._sigma * np.abs(self._measured) / self._rms
         self._noise = self._sigma
         self._patterns: Floats | None = None
-        self._weigh(level)
+        self._weigh(errors.first_discrepancy_db)
 
     def _weigh(self, level: float) -> None:
         self.level = level
@@ -182,7 +172,7 @@ class DataResidual:
         DataResidual
         """
         other = copy(self)
-        wrong = CHANGE_ERROR * np.abs(change[self.valid])
+        wrong = self.errors.change_error * np.abs(change[self.valid])
         both = np.hypot(wrong, most)
         # Nothing is wrong with a model that explains its reference state exactly.
         wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
@@ -231,7 +221,7 @@ class DataResidual:
         Returns
         -------
         float
-            At least ``LEAST_LEVEL``; the present one where nothing is known of the noise.
+            At least the least discrepancy of the error model; the present one where nothing is known of the noise.
         """
         if not self.weighted:
             return self.level
@@ -244,10 +234,11 @@ class DataResidual:
             own = other._whiten(other._own_weights(residual.size) * residual)
             return float(own @ own) / level**2 / freedom - 1.0
 
-        low, high = np.log(LEAST_LEVEL), np.log(MOST_LEVEL)
+        least, most = self.errors.least_discrepancy_db, self.errors.most_discrepancy_db
+        low, high = np.log(least), np.log(most)
         if excess(low) <= 0.0:
-            return LEAST_LEVEL
-        return MOST_LEVEL if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
+            return least
+        return most if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
 
     def _whiten(self, columns: Floats) -> Floats:
         return columns if self._shared is None else self._shared(columns)
@@ -333,7 +324,7 @@ def soft(residual: Floats | Complexes, jacobian: Floats | Complexes, scale: floa
     return factor * residual, factor[:, None] * jacobian - (residual * factor / (2.0 * u * (1.0 + u)))[:, None] * along
 
 
-def coherence_sigma(coherence: Floats, averages: Floats | int) -> Floats:
+def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorModel = ERRORS) -> Floats:
     """Standard deviation of the magnitude of an averaged FRF [dB].
 
     ``20/ln10 sqrt((1 - g²)/(2 n g²))``, the random error of a frequency response in Bendat and Piersol, *Random Data*, chapter 9.
@@ -344,17 +335,18 @@ def coherence_sigma(coherence: Floats, averages: Floats | int) -> Floats:
         Ordinary coherence g²; NaN where unknown.
     averages : int or float array
         n.
+    errors : ErrorModel
 
     Returns
     -------
     float array
         NaN where the coherence is unknown.
     """
-    g2 = np.clip(coherence, LEAST_COHERENCE, 1.0)
+    g2 = np.clip(coherence, errors.least_coherence, 1.0)
     return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
 
 
-def noise_weights(sigma: Floats, level: float = SIGMA_DB) -> Floats:
+def noise_weights(sigma: Floats, level: float) -> Floats:
     """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 where sigma is NaN.
 
     Below the level the errors of a model outweigh those of a measurement: such lines keep about their weight.

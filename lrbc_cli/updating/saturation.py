@@ -13,17 +13,28 @@ from lrbc_cli.updating.misfit import decibel
 
 Floats = NDArray[np.float64]
 
-#: Mean distance in dB from the clamped limit at the start value and at the upper bound, and from the free limit at the lower bound.
-START_DB, BOUND_DB = 0.3, 0.02
 
-#: Decades below and above the local stiffness between which the limits are sought.
-SEARCH = (8.0, 6.0)
+@dataclass(frozen=True)
+class Limits:
+    """Where FRFs count as free or clamped.
 
-#: Halvings of a range of at most 14 decades: a thousandth of a decade.
-STEPS = 14
+    Attributes
+    ----------
+    start_db : float
+        Mean distance from the clamped limit at the start value [dB]. A choice: below the plateau, where the gradient leads somewhere.
+    bound_db : float
+        The same at the upper bound, and from the free limit at the lower bound [dB]. A choice: no measurement tells less apart.
+    fallback : (float, float, float)
+        Lower bound, start and upper bound where the FRFs reach no limit, in decades from the local stiffness. A choice.
+    """
 
-#: Lower bound, start and upper bound in decades from the local stiffness where the FRFs reach no limit.
-FALLBACK = (-4.0, 1.0, 4.0)
+    start_db: float = 0.3
+    bound_db: float = 0.02
+    fallback: tuple[float, float, float] = (-4.0, 1.0, 4.0)
+
+
+#: The default, for those who call a part alone.
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -33,9 +44,9 @@ class Saturation:
     Attributes
     ----------
     start : float
-        ``START_DB`` from the clamped limit: below the plateau.
+        ``Limits.start_db`` from the clamped limit: below the plateau.
     lower, upper : float
-        ``BOUND_DB`` from the free and from the clamped limit.
+        ``Limits.bound_db`` from the free and from the clamped limit.
     found : bool
         False where the FRFs reach no such limit (clamping silences them, say): the values are then decades from the local stiffness.
     """
@@ -52,6 +63,10 @@ def saturation(
     terms: NDArray[np.int64],
     scale: float,
     baseline: float = 0.0,
+    limits: Limits = LIMITS,
+    *,
+    search: tuple[float, float] = (8.0, 6.0),
+    steps: int = 14,
 ) -> Saturation:
     """Find the limits of one group of stiffness terms, the others held.
 
@@ -67,6 +82,9 @@ def saturation(
         Local stiffness of its terms: the search starts there.
     baseline : float
         What the operators already contain.
+    limits : Limits
+    search, steps : (float, float), int
+        Decades below and above the local stiffness between which limits are sought, and halvings of the range.
 
     Returns
     -------
@@ -89,7 +107,7 @@ def saturation(
 
     def crossing(limit: Floats, target: float, low: float, high: float, rising: bool) -> float:
         # Bisection on a curve that falls (towards clamped) or rises (from free) but for small ripples.
-        for _ in range(STEPS):
+        for _ in range(steps):
             p = 0.5 * (low + high)
             if (distance(p, limit) > target) == rising:
                 high = p
@@ -97,12 +115,16 @@ def saturation(
                 low = p
         return 0.5 * (low + high)
 
-    low, high = middle - SEARCH[0], middle + SEARCH[1]
+    low, high = middle - search[0], middle + search[1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = [distance(high, clamped) <= BOUND_DB, distance(low, clamped) > START_DB, distance(low, free) <= BOUND_DB]
+        ends = [
+            distance(high, clamped) <= limits.bound_db,
+            distance(low, clamped) > limits.start_db,
+            distance(low, free) <= limits.bound_db,
+        ]
     if not all(ends):
-        return Saturation(middle + FALLBACK[1], middle + FALLBACK[0], middle + FALLBACK[2], found=False)
-    start = crossing(clamped, START_DB, low, high, rising=False)
-    upper = crossing(clamped, BOUND_DB, start, high, rising=False)
-    lower = crossing(free, BOUND_DB, low, start, rising=True)
+        return Saturation(middle + limits.fallback[1], middle + limits.fallback[0], middle + limits.fallback[2], found=False)
+    start = crossing(clamped, limits.start_db, low, high, rising=False)
+    upper = crossing(clamped, limits.bound_db, start, high, rising=False)
+    lower = crossing(free, limits.bound_db, low, start, rising=True)
     return Saturation(start, min(lower, start - 1.0), max(upper, start + 0.5))

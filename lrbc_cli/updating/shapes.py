@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.priors import VALUE_PRIOR
 from lrbc_cli.updating.verdicts import Edge, places
 
 Floats = NDArray[np.float64]
-
-#: Standard deviation of the change of a damping exponent that the prior expects [decades].
-DAMPING_STD = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,9 @@ def neighbours(parameters: Parameterisation, bolts: Floats, among: Sequence[int]
     return found
 
 
-def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shapes:
+def bolt_shapes(
+    parameters: Parameterisation, bolts: Floats, std: float = VALUE_PRIOR.std, damping_std: float = VALUE_PRIOR.damping_std
+) -> Shapes:
     """One change a bolt: a hat along its edge that reaches to the neighbouring bolts.
 
     Damping exponents, and groups without bolts, stay as they are.
@@ -93,8 +93,8 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shap
     ----------
     parameters : Parameterisation
     bolts : (n, 3) float array
-    std : float
-        Of the changes.
+    std, damping_std : float
+        Of the changes, and of those of damping exponents, see ``ValuePrior``.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, std: float) -> Shap
         if damping is not None:
             columns.append(np.zeros(parameters.size))
             columns[-1][damping] = 1.0
-            spread.append(DAMPING_STD)
+            spread.append(damping_std)
     return Shapes(np.column_stack(columns), np.array(spread), column_of)
 
 

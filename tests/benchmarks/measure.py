@@ -19,7 +19,7 @@ import scipy.linalg as la
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.identify import FIRST_VARIANCE, identify
+from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import ReductionStage, frf_source
@@ -196,7 +196,8 @@ def misfit_of(inputs: Inputs, stage: ReductionStage, job: str, *, every_line: bo
     measured = measurement.values[np.ix_(lines, inputs.used)]
     eta = inputs.campaign.update.regularisation
     # Automatic weights begin here; what an evaluation costs does not depend on them.
-    return Misfit(model, measured, parameters.initial, FIRST_VARIANCE if isinstance(eta, str) else float(eta)), parameters.initial
+    weight = inputs.statistics.values.first_variance if isinstance(eta, str) else float(eta)
+    return Misfit(model, measured, parameters.initial, weight), parameters.initial
 
 
 def lines_of_the_reduced_model(inputs: Inputs, stage: ReductionStage, job: str, line: float, repeats: int) -> list[Figure]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from campaigns import BOX_TRUTH, Folder, box, frame
 
 import lrbc_cli
 from lrbc_cli import Measurement
-from lrbc_cli.campaign import sampling
 from lrbc_cli.campaign.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.shapes import bolt_shapes
+from lrbc_cli.updating.statistics import STATISTICS
 
 AUTO = "update.regularisation=auto"
 
@@ -171,9 +173,10 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
 @pytest.mark.parametrize("loose", [None, 2])
 def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
-    # The model is exact.
-    monkeypatch.setattr(sampling, "COARSENING", 1.0)
     made = Made(plane_box(tmp_path / "box"), f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
+    # The model is exact.
+    exact = replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0))
+    made.study.inputs = replace(made.study.inputs, statistics=exact)
     tight = BOX_TRUTH["tight"]
     reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.005))
     z = np.zeros(made.shapes.std.size)
@@ -286,23 +289,28 @@ def test_without_the_reference(with_baselines: Folder) -> None:
     assert {b["verdict"] for b in folder.result("loose")["bolts"]} == {"undecided"}
 
 
-def plans(folder: Folder, *words: str) -> dict[str, bool]:
+def plans(folder: Folder, *words: str, what: str = "run") -> dict[str, Any]:
     outcome = folder.run("update", "--dry-run", "--json", *[part for word in words for part in ("--override", word)])
     assert outcome.code == 0, outcome.stderr
-    return {name: job["run"] for name, job in outcome.json["jobs"].items()}
+    return {name: job[what] for name, job in outcome.json["jobs"].items()}
 
 
 def test_what_results_rest_on(with_baselines: Folder) -> None:
     folder = with_baselines
     assert folder.run("update").code == 0
     assert not any(plans(folder).values())
-    # Another baseline: those judged by it, but neither the reference nor the other baseline.
+    # Another baseline: those judged by it are judged anew, but neither the reference nor the other baseline.
     noisy(folder, "tight.uff", "again-1", 9)
-    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": True}
+    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": False}
+    assert plans(folder, what="reason")["loose"] == "unless again-1, which runs before it, comes out otherwise"
     noisy(folder, "tight.uff", "again-1", 1)
     assert all(plans(folder, "update.nuisances.gain=0.3").values())
-    assert all(plans(folder, "update.confidence=0.9").values())
-    assert plans(folder, "update.baselines=[again-2]")["loose"]
+    for words, anew in (
+        ("update.confidence=0.9", {"tight", "again-1", "again-2", "loose"}),
+        ("update.baselines=[again-2]", {"again-1", "loose"}),
+    ):
+        assert not any(plans(folder, words).values())
+        assert {name for name, judged in plans(folder, words, what="judge").items() if judged} == anew
 
 
 def test_the_gate(box: Folder) -> None:

@@ -15,7 +15,7 @@ from lrbc_cli.campaign import identify as identification
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating import levels
-from lrbc_cli.updating.mixture import SMEARED
+from lrbc_cli.updating.priors import BOLT_PRIOR
 
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
 S = 2j * np.pi * FREQUENCY
@@ -494,7 +494,7 @@ def test_a_mixture_of_tight_and_loose_bolts(box: Folder) -> None:
         changes = [0.0, *(b["change"] for b in found["bolts"]), 0.0]
         for i, bolt in enumerate(found["bolts"]):
             # Beside a gap a tight bolt shows up to a share of its neighbour's change.
-            assert bolt["threshold"] == pytest.approx(min(threshold, SMEARED * min(changes[i], changes[i + 2])), abs=1e-9)
+            assert bolt["threshold"] == pytest.approx(min(threshold, BOLT_PRIOR.leakage * min(changes[i], changes[i + 2])), abs=1e-9)
     assert min(b["threshold"] for b in mixture["bolts"]) < -0.5
     np.testing.assert_allclose(values(mixture), values(normal), atol=1e-9)
     assert [b["probability_changed"] for b in normal["bolts"]] == [None] * len(normal["bolts"])

@@ -15,7 +15,6 @@ from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.updating.levels import DRAWS_KEPT
 from lrbc_cli.updating.residuals import coherence_sigma, noise_weights
 
 
@@ -47,7 +46,6 @@ def with_repeats(folder: Folder, names: list[str]) -> None:
         ("update.residual=log-complex", "update.loss=soft", "update.loss_scale=1.0", "update.floor=30.0"),
         ("update.loss=soft",),
         ("update.floor=40.0",),
-        ("update.lines=resonances-both",),
         ("update.residual=complex", "parameters.springs.initial=4.4"),
     ],
     ids=" ".join,
@@ -88,7 +86,7 @@ def test_the_scatter_of_repeats_is_a_weight(box: Folder) -> None:
     assert sigma is not None
     assert measurement.sigma_db is not None
     np.testing.assert_array_equal(sigma, measurement.sigma_db[np.ix_(selected, inputs.used)])
-    weights = noise_weights(sigma)
+    weights = noise_weights(sigma, inputs.statistics.errors.first_discrepancy_db)
     assert weights.min() < 0.5 < weights.max() < 1.0
     alone = inputs.campaign.jobs["loose"].model_copy(update={"repeats": ()})
     with pytest.raises(DataError, match="need repeated measurements"):
@@ -169,15 +167,6 @@ def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
         assert line_sigma(inputs, measurement, inputs.campaign.jobs["loose"], selected)[0] is None
 
 
-def test_resonances_of_the_model_too(frame: Folder) -> None:
-    own = identify(frame, job="loose-all")["lines"]["frequency_hz"]
-    both = identify(frame, "update.lines=resonances-both", job="loose-all")["lines"]["frequency_hz"]
-    assert set(own) < set(both)
-    # The clamped start has its resonances elsewhere.
-    listing = frame.run("check", "--override", "update.lines=resonances-both").stdout
-    assert f"{len(own)} selected and the model's resonances" in listing
-
-
 def test_l_curve(frame: Folder) -> None:
     # As in the paper: all values, drawn to their start.
     paper = ["update.regularisation=l-curve", "update.loss=squares", "update.prior=initial"]
@@ -242,13 +231,13 @@ def test_starts_are_listed(frame: Folder) -> None:
     tree = identify(frame, "update.regularisation=10", job="loose-2")
     starts = tree["optimiser"]["starts"]
     # Two basins of a uniform change, and the lowest changes drawn from the prior.
-    assert len(starts) == 2 + DRAWS_KEPT
+    assert len(starts) == 2 + 3
     assert tree["l_curve"] is None
     (kept,) = [start for start in starts if start["kept"]]
     assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
     assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
     described = [start["description"] for start in starts]
-    assert sum("drawn from the prior" in text for text in described) == DRAWS_KEPT
+    assert sum("drawn from the prior" in text for text in described) == 3
     assert any(text.startswith("uniform change of log10 by ") for text in described)
     # The reference job has no prior but its start values: uniform values.
     starts = frame.result("tight")["optimiser"]["starts"]

@@ -6,6 +6,7 @@ import doctest
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,9 +104,13 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert again.verdicts == loose.verdicts
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
-    cautious = study.judge(loose, tight, confidence=1 - 1e-12)
-    assert [v.verdict for v in study.judge(loose, tight)] == list(loose.verdicts.values())
+    cautious = study.judge(loose, confidence=1 - 1e-12).bolts
+    assert [v.verdict for v in study.judge(loose).bolts] == list(loose.verdicts.values())
     assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())
+    # Tight states that scatter by half a decade move the threshold to four times that.
+    bolt = {"name": "B1", "verdict": "tight", "change": 0.5, "change_std": 0.1}
+    scattered = study.judge(loose, baselines=[replace(tight, record={"bolts": [bolt]})]).bolts
+    assert max(v.threshold for v in scattered if v.threshold is not None) == pytest.approx(-2.0)
     assert isinstance(study.plot_frf(loose, "acc1"), Figure)
     assert isinstance(study.plot_profile(loose), Figure)
 
@@ -120,7 +125,9 @@ def test_mistakes_are_told(study: Study) -> None:
     with pytest.raises(DataError, match="no measurement"):
         study.measurement(HZ, np.ones((HZ.size, 1)))
     with pytest.raises(ConfigError, match="decision rule"):
-        study.judge(None, None, prior_std=1.0)  # type: ignore[arg-type]
+        study.judge(None, prior_std=1.0)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="no such decision rule"):
+        study.judge(None, confidence=2.0)  # type: ignore[arg-type]
 
 
 def test_bare_matrices_against_a_direct_solve() -> None:

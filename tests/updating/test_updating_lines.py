@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.lines import HALF_WIDTH, resonance_lines
+from lrbc_cli.updating.lines import RESONANCES, resonance_lines
 
 F = np.arange(20.0, 401.0)
 
@@ -30,7 +30,7 @@ def test_every_resonance_and_its_flanks():
 def test_nothing_far_from_a_resonance():
     chosen = F[resonance_lines(F, modal(MODES, np.ones((3, 2))))]
     assert set(MODES) <= set(chosen)
-    assert np.abs(chosen[:, None] - MODES).min(axis=1).max() <= HALF_WIDTH * 250 + 1
+    assert np.abs(chosen[:, None] - MODES).min(axis=1).max() <= RESONANCES.half_width * 250 + 1
 
 
 def test_sorted_and_unique():
@@ -48,7 +48,7 @@ def test_lines_end_15_db_below_the_peak():
 
 def test_wide_resonances_are_cut():
     chosen = F[resonance_lines(F, modal([200.0], [[1.0]], loss=0.3))]
-    assert np.abs(chosen - 200).max() <= HALF_WIDTH * 210 + 2
+    assert np.abs(chosen - 200).max() <= RESONANCES.half_width * 210 + 2
 
 
 def test_flat_frfs_give_all_lines():

@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from pads import PADS, THIRDS, S, loosened, pads_dynamic, pads_model, pads_ports
 from systems import direct_frf
 
+from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.misfit import Misfit, decibel, port_model, reduced_model
 from lrbc_cli.updating.optimise import gauss_newton
 from lrbc_cli.updating.residuals import (
-    CHANGE_ERROR,
     DB,
-    LEAST_LEVEL,
-    SIGMA_DB,
     DataResidual,
     ResidualOptions,
     coherence_sigma,
@@ -257,8 +255,8 @@ class TestWeights:
         assert np.std(decibel(H)) == pytest.approx(float(expected), rel=0.12)
 
     def test_factors(self):
-        np.testing.assert_allclose(noise_weights(np.array([0.0, 1.0, np.nan, np.inf])), [1.0, np.sqrt(0.5), 1.0, 0.0])
-        assert np.all(np.diff(noise_weights(np.linspace(0, 10, 50))) < 0)
+        np.testing.assert_allclose(noise_weights(np.array([0.0, 1.0, np.nan, np.inf]), 1.0), [1.0, np.sqrt(0.5), 1.0, 0.0])
+        assert np.all(np.diff(noise_weights(np.linspace(0, 10, 50), 1.0)) < 0)
 
     def test_no_noise_changes_nothing(self):
         theta = wavy(pads_model(THIRDS, extras=True)[1])
@@ -318,9 +316,9 @@ class TestLevel:
 
     def test_limits(self):
         measured = np.ones((40, 5), dtype=complex)
-        assert DataResidual(measured, sigma=np.ones(measured.shape)).follow(measured, 0.0) == LEAST_LEVEL
+        assert DataResidual(measured, sigma=np.ones(measured.shape)).follow(measured, 0.0) == ERRORS.least_discrepancy_db
         # Where nothing is known of the noise nothing is followed.
-        assert DataResidual(measured).follow(2 * measured, 0.0) == SIGMA_DB
+        assert DataResidual(measured).follow(2 * measured, 0.0) == ERRORS.first_discrepancy_db
 
 
 class TestSharedErrors:
@@ -335,12 +333,12 @@ class TestSharedErrors:
         patterns = rng.normal(size=(*shape, 3)) + 1j * rng.normal(size=(*shape, 3))
         sigma, level, change = np.abs(rng.normal(size=shape)), 0.3, 2.0 * rng.normal(size=shape)
         plain = DataResidual(measured, ResidualOptions(kind))
-        data = DataResidual(measured, ResidualOptions(kind), sigma, level).with_change(y, change, 0.4, patterns)
+        data = DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(y, change, 0.4, patterns)
         J = rng.normal(size=(*shape, 2)) + 1j * rng.normal(size=(*shape, 2))
         real = kind == "db"
         r, rows, _ = plain(y, J.real if real else J)
         B = plain(y, patterns.real if real else patterns)[1]
-        wrong = CHANGE_ERROR * np.abs(change)
+        wrong = ERRORS.change_error * np.abs(change)
         wrong /= np.sqrt(1 + (wrong / 0.4) ** 2)
         own = np.hypot(sigma, wrong)
         if kind == "complex":
@@ -353,7 +351,9 @@ class TestSharedErrors:
         np.testing.assert_allclose(found_rows.T @ found, rows.T @ inverse @ r, rtol=1e-8)
         assert data.log_det == pytest.approx(-np.linalg.slogdet(inverse)[1], rel=1e-9)
         # Derivatives under other weights need not be formed again.
-        other = DataResidual(measured, ResidualOptions(kind), sigma, level).with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns)
+        other = (
+            DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns)
+        )
         np.testing.assert_allclose(data.carried(other(y, J.real if real else J)[1], other), found_rows, rtol=1e-8, atol=1e-10)
 
     def test_the_level_beside_shared_errors(self):

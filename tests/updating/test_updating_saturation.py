@@ -9,7 +9,7 @@ from systems import csc, fe_model
 
 from lrbc_cli.reduction.vectors import local_scale
 from lrbc_cli.updating.misfit import decibel
-from lrbc_cli.updating.saturation import BOUND_DB, START_DB, saturation
+from lrbc_cli.updating.saturation import LIMITS, saturation
 
 TERMS = np.arange(PADS)
 
@@ -40,9 +40,9 @@ def pads():
 def test_the_start_lies_below_the_plateau(pads):
     model, ports = pads
     limits = found(model, ports)
-    assert distance(ports, limits.start, np.inf) == pytest.approx(START_DB, rel=0.1)
-    assert distance(ports, limits.upper, np.inf) == pytest.approx(BOUND_DB, rel=0.1)
-    assert distance(ports, limits.lower, 0.0) == pytest.approx(BOUND_DB, rel=0.1)
+    assert distance(ports, limits.start, np.inf) == pytest.approx(LIMITS.start_db, rel=0.1)
+    assert distance(ports, limits.upper, np.inf) == pytest.approx(LIMITS.bound_db, rel=0.1)
+    assert distance(ports, limits.lower, 0.0) == pytest.approx(LIMITS.bound_db, rel=0.1)
     assert limits.lower < limits.start < limits.upper
 
 
@@ -84,7 +84,7 @@ def test_other_groups_stay_where_they_are():
     D = np.zeros((S.size, PADS + 2), dtype=complex)
     D[:, PADS], D[:, PADS + 1] = 20.0 * S, 0.05 * S**2
     limits = found(model, ports, D=D)
-    assert distance(ports, limits.start, np.inf, D=D) == pytest.approx(START_DB, rel=0.1)
+    assert distance(ports, limits.start, np.inf, D=D) == pytest.approx(LIMITS.start_db, rel=0.1)
     assert abs(limits.start - found(model, ports).start) > 1e-3
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
-from lrbc_cli.updating.shapes import DAMPING_STD, Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.priors import VALUE_PRIOR
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
 
 Y = np.linspace(0.0, 0.5, 21)
 STD = 0.35
@@ -121,7 +122,7 @@ class TestGroups:
         at = slices["right"][1]
         column = int(np.flatnonzero(found.T[at])[0])
         assert found.T[:, column].sum() == 1.0
-        assert found.std[column] == DAMPING_STD
+        assert found.std[column] == VALUE_PRIOR.damping_std
         np.testing.assert_array_equal(np.delete(found.std, column), STD)
         assert found.T.shape[1] == 7 + 1 + 3 * Y.size
 

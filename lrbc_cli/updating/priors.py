@@ -1,0 +1,130 @@
+"""What is expected of the unknowns before anything is measured: every number of the priors, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class BoltPrior:
+    """Prior of the change at a bolt that is tight or loose [decades]; see ``lrbc guide statistics``, section 6.
+
+    Attributes
+    ----------
+    tight_std : float
+        Of a tight bolt's change, whose mean is zero. Retorquing scatters by 30 %, 0.11 decades at a bolt's patch; its shape, wider than
+        the patch, smears that.
+    loose_mean, loose_std : float
+        Of a loose bolt's change: from a patch that has lost half its stiffness to one that has lost nearly all, smeared alike.
+    alone_mean, alone_std : float
+        The same between tight neighbours, which hold part of what it held. By trial on virtual rigs.
+    loose_share : float
+        Probability of being loose before anything is measured. A choice: a campaign looks for few loose bolts among many.
+    leakage : float
+        Share of a loose bolt's change that a tight neighbour may show, whose hat does not end where a gap does. 0.1 to 0.3 on virtual rigs.
+    """
+
+    tight_std: float = 0.05
+    loose_mean: float = -0.6
+    loose_std: float = 0.3
+    alone_mean: float = -0.5
+    alone_std: float = 0.2
+    loose_share: float = 0.1
+    leakage: float = 0.3
+
+    @property
+    def table(self) -> tuple[Floats, Floats]:
+        """(2, 2) precision and mean of a bolt's change, by its kind and whether a neighbour is loose."""
+        std = np.array([[self.tight_std] * 2, [self.alone_std, self.loose_std]])
+        return std**-2.0, np.array([[0.0, 0.0], [self.alone_mean, self.loose_mean]])
+
+    def of(self, loose: Bools, beside: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Precision and mean of each bolt's change, given the kinds and which bolts are neighbours, see ``mixture.adjacency``."""
+        kind, (precision, mean) = loose.astype(np.int64), self.table
+        gap = (beside @ kind > 0).astype(np.int64)
+        return precision[kind, gap], mean[kind, gap]
+
+    @property
+    def log_odds(self) -> float:
+        """Of being loose."""
+        return float(np.log(self.loose_share / (1.0 - self.loose_share)))
+
+
+@dataclass(frozen=True)
+class ValuePrior:
+    """Gaussian prior of values along the edge, of changes at bolts, and of nuisance parameters.
+
+    Attributes
+    ----------
+    std : float
+        Of a value against its neighbours and against the reference state, or of the change at a bolt [decades]: ``update.prior_std``.
+    level_std : float
+        Of the stiffness of a state that is compared with nothing, about its start values [decades]. A choice.
+    damping_std : float
+        Of the change of a damping exponent [decades]. A choice: a factor of ten either way.
+    first_variance : float
+        Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
+    nuisance_reach : float
+        Bounds of nuisance parameters lie this many standard deviations away. A choice: what lies beyond is no drift.
+    """
+
+    std: float = 0.35
+    level_std: float = 0.5
+    damping_std: float = 1.0
+    first_variance: float = 4.0
+    nuisance_reach: float = 6.0
+
+
+@dataclass(frozen=True)
+class CalibrationPrior:
+    """Priors of the global factors of the reference model, and when a measurement does not tell them apart.
+
+    Attributes
+    ----------
+    stiff_std, damping_factor_std : float
+        Of the natural logarithm of factors that move resonances, and of those that damp. A choice: the one is
+        known from data sheets, the other hardly.
+    boundary_std, exponent_std : float
+        Of the boundary's values beside the factors, and of its damping exponents [decades].
+    stiff_bound, damping_bound : float
+        Bounds of the natural logarithm of the factors.
+    first_sigma_db, least_sigma_db : float
+        Standard deviation of the residuals while nothing is known of them, and the least that is assumed [dB].
+    soft_scale_db : float
+        Differences well above it count by their size only once the fit is close: a line in the noise can be 10 dB off [dB].
+    widths : tuple of float
+        Widths sigma/(2 pi) of the smoothed spectra over the highest frequency: 5 % of stiffness move a resonance by 2.5 %.
+    covered : float
+        Poisson's integral is taken where this much of its kernel lies on measured lines.
+    same : float
+        From this correlation of their estimates on two factors are not told apart; of more than two, at as weak a direction.
+    belongs : float
+        A factor belongs to a weak direction with at least this share of its largest entry.
+    left : float
+        Where a direction keeps this much of its prior variance, the data say next to nothing of it.
+    """
+
+    stiff_std: float = 0.05
+    damping_factor_std: float = 1.0
+    boundary_std: float = 1.0
+    exponent_std: float = 1.0
+    stiff_bound: float = 0.3
+    damping_bound: float = 2.5
+    first_sigma_db: float = 3.0
+    least_sigma_db: float = 0.05
+    soft_scale_db: float = 1.0
+    widths: tuple[float, ...] = (0.04, 0.01)
+    covered: float = 0.8
+    same: float = 0.98
+    belongs: float = 0.3
+    left: float = 0.5
+
+
+#: The defaults, for those who call a part alone.
+BOLT_PRIOR, VALUE_PRIOR, CALIBRATION_PRIOR = BoltPrior(), ValuePrior(), CalibrationPrior()

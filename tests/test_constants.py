@@ -1,0 +1,100 @@
+"""Numbers that decide a verdict are fields of the statistical model or of the decision rule; none lies about in a module."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+import lrbc_cli
+from lrbc_cli.updating.statistics import STATISTICS
+
+ROOT = Path(lrbc_cli.__file__).parent
+ROOMS = ("updating", "campaign", "method", "config")
+
+#: Numeric constants of modules that cannot decide a verdict, and why.
+ALLOWED = {
+    "mathematics or a unit": {
+        *("NORMAL_95", "CHI2_95", "DB", "KELVIN", "GB", "MILLIMETRES"),
+        *("GRAVITY", "POUND_FORCE", "INCH", "FOOT", "PSI", "MEDIAN_SPREAD", "DEVIATION", "STUDENT"),
+    },
+    "rounding only": {"ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE"},
+    "versions and names": {"FORMAT_VERSION", "CALIBRATION_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "IDENTIFICATION_VERSION"},
+    "text and figures for readers only: correlation of FRFs, names in a sentence": {
+        *("MOST_NAMES", "PROMINENCE_DB", "TOLERANCE", "SIMILARITY"),
+    },
+    "warnings and refusals of input that is in doubt: units, bands, places": {
+        *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
+        *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
+        *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10"),
+    },
+    "figures of `lrbc plan`, before anything is judged": {
+        *("LOOSENING", "SIGMA_DB", "FACTOR", "RANGE_DB", "SEEN", "BLIND", "LINES", "DRAWS", "NOISE_SHARE"),
+        *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "TIGHT", "LOOSENED", "SEED"),
+    },
+    "the campaign file: its limits, and what its short forms stand for": {
+        "DIRECTIONS",
+        "FORM_DEFAULTS",
+        "MAX_BYTES",
+        "MAX_NODES",
+        "MAX_DEPTH",
+        "MAX_DIGITS",
+        "NAME_LENGTH",
+    },
+    "parts of the decision rule": {"SCATTER_MARGIN", "IMPLAUSIBLE", "COPIED", "MIN_LINES", "LOOSE_CHANGE", "MIXTURE_CHANGE"},
+}
+
+
+def numeric(node: ast.expr) -> bool:
+    """Whether a number is part of a value."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, int | float) and not isinstance(node.value, bool)
+    if isinstance(node, ast.Dict):
+        return any(numeric(value) for value in node.values)
+    inner = {ast.UnaryOp: ("operand",), ast.BinOp: ("left", "right"), ast.Call: ("args",), ast.Tuple: ("elts",), ast.List: ("elts",)}
+    values = [getattr(node, name) for name in inner.get(type(node), ())]
+    return any(numeric(part) for value in values for part in (value if isinstance(value, list) else [value]))
+
+
+def constants(source: str) -> list[str]:
+    """Names of the numeric constants of a module."""
+    found = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and numeric(node.value):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found += [name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)]
+    return found
+
+
+def test_what_counts_as_a_numeric_constant():
+    source = "A = 1.0\nB, C = 2, -3\nD: float = 1 / 3\nE = (4, 5)\nF = float(f(6))\nG = {'a': 7}\nH = 'text'\nI = True\ndef f(x=1): ...\n"
+    assert constants(source) == ["A", "B", "C", "D", "E", "F", "G"]
+
+
+def test_no_number_that_decides_a_verdict_lies_in_a_module():
+    allowed = set().union(*ALLOWED.values())
+    found = {
+        name: path.relative_to(ROOT)
+        for room in ROOMS
+        for path in sorted((ROOT / room).rglob("*.py"))
+        for name in constants(path.read_text(encoding="utf-8"))
+    }
+    assert not {name: str(path) for name, path in found.items() if name not in allowed}
+
+
+def attributes() -> set[str]:
+    """Names of all attributes that are read anywhere."""
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")]
+    return {node.attr for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+
+
+@pytest.mark.parametrize("part", [field.name for field in fields(STATISTICS)])
+def test_every_number_of_the_statistical_model_is_used_and_has_a_source(part):
+    value = getattr(STATISTICS, part)
+    assert is_dataclass(value)
+    read, text = attributes(), type(value).__doc__ or ""
+    for field in fields(value):
+        assert field.name in read, f"nothing reads {field.name}"
+        assert field.name in text, f"{field.name} is not documented"
