@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from campaigns import Folder, environment, finished, two_jobs
 
-from lrbc_cli.campaign.documents import plain
 from lrbc_cli.campaign.standing import changes_of, finding_of, other_baselines, other_reference, state_of
-from lrbc_cli.report.results import read_job
+from lrbc_cli.results.fields import plain
+from lrbc_cli.results.store import read_job
 
 OTHERS = ["loose-2"]
 
@@ -252,7 +252,7 @@ def test_what_only_judges(frame: Folder, override: str, part: str) -> None:
     assert found["loose-2"][1] == f"changed: {part}"
 
 
-@pytest.mark.parametrize("damage", [lambda tree: tree.update(version=2), lambda tree: tree["bolts"][0].update(change="much")])
+@pytest.mark.parametrize("damage", [lambda tree: tree.update(version=2), lambda tree: tree["evidence"]["bolts"][0].update(change="much")])
 def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: Callable[[dict[str, Any]], None]) -> None:
     path = frame.out / "loose-2" / "evidence.json"
     change(path, damage)
