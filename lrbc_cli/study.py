@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.documents import plain
 from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
@@ -34,6 +33,8 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
 from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.fields import plain
+from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import Evidence, Judgement, judge
 
 Floats = NDArray[np.float64]
@@ -285,8 +286,8 @@ class Study:
             raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
         return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_trees(other.record for other in baselines))
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> dict[str, Any]:
-        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``.
+    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> PlanRecord:
+        """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``.
 
         Parameters
         ----------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -22,13 +23,14 @@ ALLOWED = {
     "config": {"errors", "model"},
     "reduction": {"errors", "model"},
     "updating": {"errors", "model", "reduction"},
-    "report": {"errors", "model", "io", "config", "reduction", "updating"},
-    "campaign": {"errors", "model", "io", "config", "reduction", "updating"},
-    "virtual": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
+    "results": {"errors", "io", "updating"},
+    "report": {"errors", "model", "io", "config", "reduction", "updating", "results"},
+    "campaign": {"errors", "model", "io", "config", "reduction", "updating", "results"},
+    "virtual": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign"},
     "guide": {"config"},
     "matrices": {"errors", "model", "reduction", "updating"},
-    "study": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
-    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "virtual", "report", "guide"},
+    "study": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign", "virtual", "report", "guide"},
     "__main__": {"cli"},
 }
 
@@ -41,6 +43,7 @@ FORBIDDEN = {
     "updating": NO_FILES,
     "io": {"yaml", "click", "matplotlib", "pydantic"},
     "config": {"h5py", "click", "matplotlib", "scipy"},
+    "results": {"yaml", "h5py", "click", "matplotlib", "scipy"},
     "campaign": {"yaml", "click", "matplotlib"},
     "virtual": {"yaml", "h5py", "click", "matplotlib", "pydantic"},
     "report": {"yaml", "h5py", "click", "pydantic"},
@@ -69,6 +72,7 @@ def room_of(module: str) -> str | None:
     return parts[1] if parts[0] == "lrbc_cli" and len(parts) > 1 else None
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Every imported module, also inside functions and under TYPE_CHECKING, relative ones resolved."""
     module = name_of(path)

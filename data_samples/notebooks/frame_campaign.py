@@ -86,5 +86,5 @@ profile = study.plot_profile(loose)
 
 # %%
 plan = study.plan("initial", noise_db=0.5, draws=0)
-for bolt in plan["bolts"]:
-    print(f"  {bolt['name']}: detectability d' = {bolt['d_prime']:.1f}")
+for bolt in plan.bolts:
+    print(f"  {bolt.name}: detectability d' = {bolt.d_prime:.1f}")

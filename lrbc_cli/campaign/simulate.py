@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -19,6 +18,8 @@ from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
 
 Floats = NDArray[np.float64]
 
@@ -143,10 +144,10 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
             f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name
         )
     path = campaign.output / name / "result.json"
-    tree = read_json(path, RESULT_FORMAT)
-    if tree is None or tree["status"] == "failed":
+    job = read_job(campaign.output, name)
+    if not isinstance(job, JobRecord):
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
-    theta = stored_theta(parameters, tree)
+    theta = stored_theta(parameters, job.tree())
     if theta is None:
         raise DataError(
             f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"

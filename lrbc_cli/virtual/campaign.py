@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.documents import versions, write_json
 from lrbc_cli.campaign.drift import speed_std
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
@@ -20,6 +19,7 @@ from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
 from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.store import versions, write_json
 from lrbc_cli.virtual.drift import ROOM, Scatter
 from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
