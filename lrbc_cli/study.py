@@ -22,7 +22,7 @@ from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.judging import role_of, rule_of
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.results import result_tree
+from lrbc_cli.campaign.results import result_record
 from lrbc_cli.campaign.simulate import require_in_band
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise
@@ -32,6 +32,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import BoltVerdict, judge
 
@@ -48,33 +49,33 @@ class Identified:
     name : str
     identification : Identification
         Values, posterior, FRFs before and after.
-    record : mapping
+    record : JobRecord
         What ``result.json`` would hold, see ``lrbc guide results``.
     """
 
     name: str
     identification: Identification = field(repr=False)
-    record: Mapping[str, Any] = field(repr=False)
+    record: JobRecord = field(repr=False)
 
     @property
     def status(self) -> str:
         """``converged``, ``stopped`` or ``unexplained``."""
-        return str(self.record["status"])
+        return self.record.status
 
     @property
     def misfit_db(self) -> float:
         """Mean absolute misfit of the responses used [dB]."""
-        return float(self.record["misfit_db"]["final"])
+        return self.record.misfit_db.final
 
     @property
     def verdicts(self) -> dict[str, str]:
         """Verdict of each bolt."""
-        return {bolt["name"]: bolt["verdict"] for bolt in self.record["bolts"]}
+        return {bolt.name: bolt.verdict for bolt in self.record.bolts}
 
     @property
     def probability_loose(self) -> dict[str, float | None]:
         """Posterior probability of each bolt of being loose; None where none is stated."""
-        return {bolt["name"]: bolt["probability_loose"] for bolt in self.record["bolts"]}
+        return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
 
 
 class Study:
@@ -241,7 +242,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        return Identified(job, found, result_tree(inputs, self.stage, found, before))
+        return Identified(job, found, result_record(inputs, self.stage, found, before))
 
     def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -289,14 +290,12 @@ class Study:
         """Stiffness along each edge with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
         from matplotlib.figure import Figure
 
-        groups = {name: entry for name, entry in found.record["parameters"].items() if entry["arc_length"] is not None}
+        groups = {name: entry for name, entry in found.record.parameters.items() if entry.arc_length is not None}
         figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
         for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
-            at = np.asarray(entry["arc_length"], dtype=float)
-            low, high = (np.array([np.nan if v is None else v for v in entry[side]], dtype=float) for side in ("lower95", "upper95"))
-            axes.fill_between(at, low, high, alpha=0.25, label="95 % interval")
-            axes.plot(at, entry["log10_effective"], label="identified")
-            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry['unit']}]", title=found.name)
+            axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
+            axes.plot(entry.arc_length, entry.log10_effective, label="identified")
+            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry.unit}]", title=found.name)
             axes.legend()
         return figure
 
