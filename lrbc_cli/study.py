@@ -19,7 +19,7 @@ from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_trees
+from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_records
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.rehearsal import DRAWS
@@ -33,7 +33,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
 from lrbc_cli.reduction.grid import require_in_band
-from lrbc_cli.results.fields import plain
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import Evidence, Judgement, judge
 
@@ -52,34 +52,34 @@ class Identified:
         Values, posterior, FRFs before and after.
     evidence : Evidence
         What judging needs of it.
-    record : mapping
-        What ``result.json`` would hold, in plain values: see ``lrbc guide results``.
+    record : JobRecord
+        What ``result.json`` would hold, see ``lrbc guide results``.
     """
 
     name: str
     identification: Identification = field(repr=False)
     evidence: Evidence = field(repr=False)
-    record: Mapping[str, Any] = field(repr=False)
+    record: JobRecord = field(repr=False)
 
     @property
     def status(self) -> str:
         """``converged``, ``stopped`` or ``unexplained``."""
-        return str(self.record["status"])
+        return self.record.status
 
     @property
     def misfit_db(self) -> float:
         """Mean absolute misfit of the responses used [dB]."""
-        return float(self.record["misfit_db"]["final"])
+        return self.record.misfit_db.final
 
     @property
     def verdicts(self) -> dict[str, str]:
         """Verdict of each bolt."""
-        return {bolt["name"]: bolt["verdict"] for bolt in self.record["bolts"]}
+        return {bolt.name: bolt.verdict for bolt in self.record.bolts}
 
     @property
     def probability_loose(self) -> dict[str, float | None]:
         """Posterior probability of each bolt of being loose; None where none is stated."""
-        return {bolt["name"]: bolt["probability_loose"] for bolt in self.record["bolts"]}
+        return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
 
 
 class Study:
@@ -259,7 +259,7 @@ class Study:
         evidence = evidence_of(inputs, found, before)
         tree = identified_tree(inputs, self.source.stage, found, before)
         record = with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines})
-        return Identified(name=job, identification=found, evidence=evidence, record=plain(record))
+        return Identified(name=job, identification=found, evidence=evidence, record=JobRecord.checked(record))
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -284,7 +284,7 @@ class Study:
             update = type(update).model_validate(update.model_dump(by_alias=True) | rule)
         except ValueError as error:
             raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
-        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_trees(other.record for other in baselines))
+        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_records(other.record for other in baselines))
 
     def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> PlanRecord:
         """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``.
@@ -323,14 +323,12 @@ class Study:
         """Stiffness along each edge with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
         from matplotlib.figure import Figure
 
-        groups = {name: entry for name, entry in found.record["parameters"].items() if entry["arc_length"] is not None}
+        groups = {name: entry for name, entry in found.record.parameters.items() if entry.arc_length is not None}
         figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
         for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
-            at = np.asarray(entry["arc_length"], dtype=float)
-            low, high = (np.array([np.nan if v is None else v for v in entry[side]], dtype=float) for side in ("lower95", "upper95"))
-            axes.fill_between(at, low, high, alpha=0.25, label="95 % interval")
-            axes.plot(at, entry["log10_effective"], label="identified")
-            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry['unit']}]", title=found.name)
+            axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
+            axes.plot(entry.arc_length, entry.log10_effective, label="identified")
+            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry.unit}]", title=found.name)
             axes.legend()
         return figure
 

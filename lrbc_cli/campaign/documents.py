@@ -1,26 +1,11 @@
-"""The output folder of a campaign: whose it is, and the results in it."""
+"""The output folder of a campaign: whose it is."""
 
 from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
 
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.model import CampaignRecord
-from lrbc_cli.results.store import read, read_job
-
-
-def read_tree(output: Path, name: str, file: str = "result.json") -> dict[str, Any] | None:
-    """The result of a job by key; None where there is none.
-
-    Raises
-    ------
-    DataError, ConfigError
-        As ``read_job``.
-    """
-    job = read_job(output, name, file)
-    return None if job is None else job.tree()
+from lrbc_cli.results.store import read
 
 
 def require_own_output(campaign: Campaign) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.residuals import coherence_sigma
 from lrbc_cli.updating.scale import MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 
@@ -162,7 +163,7 @@ def noise_level(measurement: Measurement, job: JobConfig, responses: NDArray[np.
     return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
 
 
-def unreached(misfit_db: float, noise_db: float | None, reference: Mapping[str, Any] | None = None) -> str | None:
+def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | None = None) -> str | None:
     """A warning where a fit to a measurement stays far above its noise.
 
     Intervals take what is left for noise about the right optimum. Far above the noise the fit may stand in another valley, or lack what
@@ -172,7 +173,7 @@ def unreached(misfit_db: float, noise_db: float | None, reference: Mapping[str, 
     if misfit_db <= limit:
         return None
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
-    other = "" if reference is None else f", reference job {reference['misfit_db']['final']:.2f} dB"
+    other = "" if reference is None else f", reference job {reference.misfit_db.final:.2f} dB"
     return (
         f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; "
         f"wanted below {limit:.2g} dB): intervals rest on the curvature there and understate what is not known"
@@ -189,7 +190,7 @@ def worsened(initial_db: float | None, final_db: float | None) -> str | None:
 def doubts(
     inputs: Inputs,
     result: Identification,
-    reference: Mapping[str, Any] | None,
+    reference: JobRecord | None,
     misfit: tuple[float | None, float | None],
 ) -> tuple[list[str], str]:
     """Warnings of a job, and what was compared and found of constant factors.
@@ -198,7 +199,7 @@ def doubts(
     ----------
     inputs : Inputs
     result : Identification
-    reference : mapping or None
+    reference : JobRecord or None
         Stored result of the reference job.
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.model.shifts import load_shifts
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.extended import Extra
 from lrbc_cli.updating.fit import Posterior
 
@@ -88,10 +88,9 @@ def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -
     return found[0]
 
 
-def stored_offsets(tree: Mapping[str, Any] | None) -> dict[str, float]:
+def stored_offsets(record: JobRecord | None) -> dict[str, float]:
     """Where the hammer hit in a stored result [m], by excitation and direction."""
-    stored = (tree or {}).get("nuisances", {}).get("hammer_offset_mm", {})
-    return {name: 1e-3 * float(entry["value"]) for name, entry in stored.items()}
+    return {} if record is None else {name: 1e-3 * entry.value for name, entry in record.nuisances.hammer_offset_mm.items()}
 
 
 def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:

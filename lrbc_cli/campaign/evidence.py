@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from lrbc_cli.campaign.records import MIN_LINES
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.evidence import EvidenceRecord
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
@@ -54,14 +54,14 @@ def mean_of(values: Floats) -> float | None:
     return float(finite.mean()) if finite.size else None
 
 
-def evidence_of(inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None) -> Evidence:
+def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | None) -> Evidence:
     """What an identification says, as far as it is needed to judge it.
 
     Parameters
     ----------
     inputs : Inputs
     result : Identification
-    reference : mapping or None
+    reference : JobRecord or None
         Stored result of the reference job.
     """
     update = inputs.campaign.update
@@ -118,13 +118,13 @@ def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float |
     return None, None, why
 
 
-def _repeats(inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None) -> str | None:
+def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
     """What is wrong with a file that is that of the reference job: a measurement that was not exchanged tells nothing of the bolts."""
     job = inputs.campaign.jobs[result.name]
     own = result.measurement.hashes.get(job.frf.as_posix())
-    if reference is None or own is None or own not in reference["provenance"]["inputs"].values():
+    if reference is None or own is None or own not in reference.provenance.inputs.values():
         return None
-    return f"{job.frf.name} holds the measurement of {reference['job']} once more; was another file meant?"
+    return f"{job.frf.name} holds the measurement of {reference.job} once more; was another file meant?"
 
 
 def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
@@ -163,15 +163,14 @@ def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: ND
     return own, "" if own.size else "the validation channels are records that were fitted too"
 
 
-def _stored(reference: Mapping[str, Any] | None, group: ParameterGroup, key: str) -> Floats | None:
+def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:
     """A list of the reference job's group, where it fits."""
-    found = reference["parameters"].get(group.name, {}).get(key) if reference else None
-    if found is None or len(found) != group.count:
-        return None
-    return np.array([np.nan if value is None else value for value in found], dtype=float)
+    stored = None if reference is None else reference.parameters.get(group.name)
+    found: Floats | None = None if stored is None else getattr(stored, key)
+    return found if found is not None and len(found) == group.count else None
 
 
-def _bolts(inputs: Inputs, result: Identification, reference: Mapping[str, Any] | None) -> tuple[bool, tuple[BoltEvidence, ...]]:
+def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) -> tuple[bool, tuple[BoltEvidence, ...]]:
     """Whether there are edges along which bolts can lie, and what is known of each bolt."""
     if inputs.bolts is None:
         return False, ()
@@ -199,7 +198,7 @@ def _bolts(inputs: Inputs, result: Identification, reference: Mapping[str, Any] 
         inclusion = result.changes.inclusion
         at = [_sampled(result, i) for i in range(len(found))]
         found = tuple(
-            bolt if k is None or bolt.outside is not None else replace(bolt, probability_changed=float(inclusion[k]))
+            bolt if k is None or bolt.outside is not None else replace(bolt, probability_changed=min(float(inclusion[k]), 1.0))
             for bolt, k in zip(found, at, strict=True)
         )
     return True, found
@@ -220,7 +219,7 @@ def _change(
     difference: float | None,
     group: ParameterGroup,
     values: slice,
-    reference: Mapping[str, Any],
+    reference: JobRecord,
 ) -> Change | None:
     """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values near it."""
     knowledge = result.posterior
@@ -257,7 +256,7 @@ def _change(
 
 
 def _saturated(
-    result: Identification, column: int, group: ParameterGroup, values: slice, reference: Mapping[str, Any]
+    result: Identification, column: int, group: ParameterGroup, values: slice, reference: JobRecord
 ) -> tuple[float, float | None]:
     """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
 

@@ -22,6 +22,7 @@ from lrbc_cli.campaign.weights import line_sigma, residual_options
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
@@ -60,9 +61,7 @@ class _Fit:
 class _Job:
     """What the steps of one identification share."""
 
-    def __init__(
-        self, inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None, given: Mapping[str, Measurement]
-    ) -> None:
+    def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]) -> None:
         self.inputs, self.source, self.name, self._given = inputs, source, name, given
         self.settings, self.statistics = inputs.campaign.update, inputs.statistics
         begin = time.perf_counter()
@@ -91,7 +90,7 @@ class _Job:
         """A job's measurement, from its file where it was not handed over."""
         return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
 
-    def _before(self, reference: Mapping[str, Any] | None) -> Floats | None:
+    def _before(self, reference: JobRecord | None) -> Floats | None:
         """Theta of the reference job, where it is the prior."""
         settings = self.settings
         if settings.prior == "initial" or settings.reference is None or settings.reference == self.name:
@@ -109,14 +108,14 @@ class _Job:
             self.warnings.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
         return found
 
-    def _change_error(self, reference: Mapping[str, Any] | None) -> ChangeError | None:
+    def _change_error(self, reference: JobRecord | None) -> ChangeError | None:
         """How wrong the changes may be that the model predicts; None without a state that it explains."""
         if reference is None or not self.shapes.by_bolt or self.settings.regularisation != "auto" or self.settings.weights == "none":
             return None
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
         # A change is the difference of two states, each as wrong as the reference state.
-        lacks = max(float(reference["noise"]["sigma_db"]), float(reference["misfit_db"]["final"]))
+        lacks = max(reference.noise.sigma_db, reference.misfit_db.final)
         most = float(np.sqrt(2.0)) * lacks
         lines = self.measurement.frequency_hz[self.selected]
         return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size, self.statistics.errors)
@@ -329,7 +328,7 @@ class _Job:
         corrected = self.corrected() if way == "relative" or (way == "auto" and self.error is not None) else None
         return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
 
-    def about_reference(self, fit: _Fit, reference: Mapping[str, Any] | None) -> _Fit:
+    def about_reference(self, fit: _Fit, reference: JobRecord | None) -> _Fit:
         """The same with the uncertainty of the reference state."""
         if not self.against_reference:
             return fit
@@ -366,7 +365,7 @@ def identify(
     inputs: Inputs,
     source: FrfSource,
     name: str,
-    reference: Mapping[str, Any] | None = None,
+    reference: JobRecord | None = None,
     measurements: Mapping[str, Measurement] | None = None,
 ) -> Identification:
     """Run one job.
@@ -397,7 +396,7 @@ def identify(
 
 
 def _identify(
-    inputs: Inputs, source: FrfSource, name: str, reference: Mapping[str, Any] | None, given: Mapping[str, Measurement]
+    inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]
 ) -> Identification:
     start = time.perf_counter()
     job = _Job(inputs, source, name, reference, given)

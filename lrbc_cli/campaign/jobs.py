@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.evidence import read_evidence
 from lrbc_cli.campaign.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.standing import altered, other_baselines, other_reference, rests_on
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
+from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.decide import Evidence
 
 NOTHING = "nothing changed"
@@ -34,7 +34,7 @@ class JobPlan:
         Its identification is kept and judged anew.
     waits : bool
         What it rests on runs before it: whether it runs is decided then.
-    tree : dict or None
+    record : JobRecord or None
         The finished result, where there is one to keep.
     evidence : Evidence or None
         What was stored to judge it anew.
@@ -47,7 +47,7 @@ class JobPlan:
     judgement: Identity
     judge: bool = False
     waits: bool = False
-    tree: dict[str, Any] | None = field(default=None, repr=False, compare=False)
+    record: JobRecord | None = field(default=None, repr=False, compare=False)
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -88,7 +88,7 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
         own, judged = identification(inputs, parts, name), judgement(inputs, name)
         plans[name] = _alone(output / name, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
         if force and not plans[name].run:
-            plans[name] = replace(plans[name], run=True, judge=False, reason="--force", tree=None)
+            plans[name] = replace(plans[name], run=True, judge=False, reason="--force", record=None)
         reference, baselines = needs(inputs, name)
         if plans[name].run or reference is None:
             continue
@@ -96,8 +96,8 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
         if first:
             plans[name] = _waiting(plans[name], first, reference)
         else:
-            kept = {other: plans[other].tree or {} for other in baselines}
-            plans[name] = settled(plans[name], output, rests_on(plans[reference].tree, kept), reference)
+            kept = {other: record for other in baselines if (record := plans[other].record) is not None}
+            plans[name] = settled(plans[name], output, rests_on(plans[reference].record, kept), reference)
             anew = [other for other in baselines if plans[other].judge]
             if anew and not plans[name].run:
                 # With the rule that judges these it is judged anew too; what their verdicts will be is not known yet.
@@ -108,29 +108,29 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
 def _alone(folder: Path, job: JobPlan) -> JobPlan:
     """As far as its own files and settings tell."""
     try:
-        tree = read_tree(folder.parent, job.name)
+        stored = read_job(folder.parent, job.name)
     except DataError as error:
         return replace(job, reason=f"the earlier result is unusable ({error.problem})")
-    if tree is None:
+    if stored is None:
         return job
-    reason = _outdated(tree, job, folder)
+    if isinstance(stored, FailedJob):
+        return replace(job, reason="it failed before")
+    reason = _outdated(stored, job, folder)
     if reason is not None:
         return replace(job, reason=reason)
-    found = replace(job, run=False, reason=NOTHING, tree=tree)
-    stored = tree["provenance"].get("judgement") or {}
-    other = changed(stored.get("parts"), job.judgement.parts, JUDGED)
+    found = replace(job, run=False, reason=NOTHING, record=stored)
+    rested = stored.provenance.judgement
+    other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
     return found if other is None else _judged(found, folder.parent, other)
 
 
-def _outdated(tree: dict[str, Any], job: JobPlan, folder: Path) -> str | None:
+def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
     """Why a stored identification does not count any more by itself."""
-    if tree["status"] == "failed":
-        return "it failed before"
-    if not tree["provenance"].get("files"):
+    if not stored.provenance.files:
         return "the earlier result is of an older version, without hashes of its files"
-    if tree["provenance"].get("identity") != job.identity.digest:
-        return changed(tree["provenance"].get("parts"), job.identity.parts, PARTS) or "it rests on something else"
-    return altered(folder, tree)
+    if stored.provenance.identity != job.identity.digest:
+        return changed(stored.provenance.parts, job.identity.parts, PARTS) or "it rests on something else"
+    return altered(folder, stored)
 
 
 def _judged(job: JobPlan, output: Path, reason: str) -> JobPlan:
@@ -145,15 +145,15 @@ def _judged(job: JobPlan, output: Path, reason: str) -> JobPlan:
 
 def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPlan:
     """A finished job whose tight states run first."""
-    stored = (job.tree or {})["provenance"].get("rests_on") or {"baselines": {}}
-    if first[0] == reference and stored.get("reference") is None:
+    stored = None if job.record is None else job.record.provenance.rests_on
+    if first[0] == reference and (stored is None or stored.reference is None):
         return replace(job, run=True, judge=False, reason=f"identified without {reference}, which runs before it", waits=True)
     return replace(job, reason=f"unless {', '.join(first)}, which runs before it, comes out otherwise", waits=True)
 
 
-def settled(job: JobPlan, output: Path, now: Mapping[str, Any], reference: str | None) -> JobPlan:
+def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> JobPlan:
     """A finished job with the tight states that there are now: identified anew with another reference state, judged anew with others."""
-    stored = (job.tree or {})["provenance"].get("rests_on")
+    stored = None if job.record is None else job.record.provenance.rests_on
     other = other_reference(stored, now, reference)
     if other is not None:
         return replace(job, run=True, judge=False, reason=other, waits=False)

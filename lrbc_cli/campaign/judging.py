@@ -8,6 +8,7 @@ from typing import Any
 
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.decide import (
     BASELINE,
     JOB,
@@ -43,7 +44,7 @@ def role_of(update: UpdateConfig, name: str) -> str:
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
-def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
     """The part of ``result.json`` that judging writes, over what the identification wrote.
 
     Parameters
@@ -55,7 +56,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, Mapping[s
     """
     campaign, name = inputs.campaign, evidence.job
     update = campaign.update
-    scatter = scatter_of_trees(baselines.values())
+    scatter = scatter_of_records(baselines.values())
     judgement = judge(evidence, rule_of(update), role_of(update, name), scatter)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
@@ -134,12 +135,9 @@ def implausible(update: UpdateConfig, evidence: Evidence, judgement: Judgement) 
     return [f"{names}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
 
 
-def scatter_of_trees(baselines: Iterable[Mapping[str, Any]]) -> float:
+def scatter_of_records(baselines: Iterable[JobRecord]) -> float:
     """Scatter of the changes between tight states, of stored results [decades]."""
     return scatter_of(
-        [
-            BoltVerdict(name=bolt["name"], verdict=bolt["verdict"], change=bolt.get("change"), change_std=bolt.get("change_std"))
-            for bolt in tree.get("bolts", [])
-        ]
-        for tree in baselines
+        [BoltVerdict(name=bolt.name, verdict=bolt.verdict, change=bolt.change, change_std=bolt.change_std) for bolt in record.bolts]
+        for record in baselines
     )

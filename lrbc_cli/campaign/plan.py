@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
@@ -24,8 +23,9 @@ from lrbc_cli.campaign.worth import Target, judged
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import versions, write
+from lrbc_cli.results.store import read_job, versions, write
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_DB, distance_for, experiment
@@ -205,15 +205,15 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
     job = request.state.removeprefix("job:") if request.state is not None and request.state.startswith("job:") else None
     theta = parameters.initial
     bounds = parameters.bounds
-    tree: Mapping[str, Any] | None = None
+    record: Job | None = None
     if job is not None:
         theta = job_values(inputs, job, parameters)
-        tree = read_tree(campaign.output, job)
+        record = read_job(campaign.output, job)
         state = f"job:{job}"
     elif request.state is None or request.state in STATES:
-        tree = read_tree(campaign.output, reference) if reference is not None else None
-        known = stored_theta(parameters, tree)
-        tree = None if known is None else tree
+        record = read_job(campaign.output, reference) if reference is not None else None
+        known = stored_theta(parameters, record if isinstance(record, JobRecord) else None)
+        record = None if known is None else record
         state = request.state or ("initial" if known is None else f"job:{reference}")
         if request.state is None and known is not None:
             theta = known
@@ -227,13 +227,12 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
             if group.kind == "stiffness":
                 theta[values] = bounds[values, 1 if state == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
-    if tree is not None and reference is not None and job != reference:
+    if record is not None and reference is not None and job != reference:
         # A job that is compared states what its changes leave, which is far less than what the model lacks.
-        job, tree = reference, read_tree(campaign.output, reference)
-    known_noise = tree.get("noise") if tree is not None else None
+        job, record = reference, read_job(campaign.output, reference)
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
-    if known_noise and known_noise.get("sigma_db") and known_noise.get("correlation_factor"):
-        noise, origin = Noise(float(known_noise["sigma_db"]), float(known_noise["correlation_factor"])), f"job {job}"
+    if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
+        noise, origin = Noise(record.noise.sigma_db, record.noise.correlation_factor), f"job {job}"
     if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
     if request.noise is not None:

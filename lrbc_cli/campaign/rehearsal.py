@@ -8,7 +8,7 @@ identification allows for: see ``Rehearsal.loosened``.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_trees
+from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_records
 from lrbc_cli.campaign.records import GivenJob, Measurement, read_measurement
-from lrbc_cli.campaign.results import result_tree
+from lrbc_cli.campaign.results import result_record
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.decide import judge
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.lines import resonance_lines
@@ -213,7 +214,7 @@ class Rehearsal:
         sigma = DB * np.sqrt(0.5 * relative)
         return Measurement(self.frequency, values, coherence, (), (), (), {}, sigma)
 
-    def tight(self, draw: int) -> tuple[Inputs, float, Mapping[str, Any]]:
+    def tight(self, draw: int) -> tuple[Inputs, float, JobRecord]:
         """Measure and identify the tight state; by how much its frequencies are off, and its result."""
         rng = np.random.default_rng([SEED, draw])
         # Higher and lower by turns.
@@ -223,9 +224,9 @@ class Rehearsal:
         update = campaign.update.model_copy(update={"reference": TIGHT, "baselines": ()})
         campaign = campaign.model_copy(update={"jobs": {TIGHT: GivenJob.of(measurement)}, "update": update})
         inputs = replace(self.inputs, campaign=campaign)
-        return inputs, detuned, result_tree(inputs, self.source.stage, identify(inputs, self.source, TIGHT), None)
+        return inputs, detuned, result_record(inputs, self.source.stage, identify(inputs, self.source, TIGHT), None)
 
-    def loosened(self, column: int, bolt: int, draw: int, tight: tuple[Inputs, float, Mapping[str, Any]]) -> Draw:
+    def loosened(self, column: int, bolt: int, draw: int, tight: tuple[Inputs, float, JobRecord]) -> Draw:
         """Loosen one bolt, measure, identify and judge.
 
         The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
@@ -242,7 +243,7 @@ class Rehearsal:
         drift = np.array([extra.std * rng.standard_normal() for extra in self.extras]) if self.extras else None
         y = self._true(theta, detuned, drift)
         # The reference job explains itself so well: a change can be no more wrong than two states are.
-        most = np.sqrt(2.0) * max(float(reference["noise"]["sigma_db"]), float(reference["misfit_db"]["final"]))
+        most = np.sqrt(2.0) * max(reference.noise.sigma_db, reference.misfit_db.final)
         change, patterns = replace(self._error, most=most)(self.theta, theta)
         wrong = inputs.statistics.errors.change_error * np.abs(change)
         wrong = np.divide(wrong * most, np.hypot(wrong, most), out=np.zeros_like(wrong), where=wrong > 0)
@@ -352,14 +353,14 @@ def threshold(inputs: Inputs) -> float:
 
 def _scatter(inputs: Inputs) -> float:
     """That of the baselines that have a result, as ``lrbc update`` takes it."""
-    trees = []
+    found = []
     for name in inputs.campaign.update.baselines:
         try:
-            tree = read_tree(inputs.campaign.output, name)
+            record = read_job(inputs.campaign.output, name)
         except DataError:
             continue
-        trees += [] if tree is None else [tree]
-    return scatter_of_trees(trees)
+        found += [record] if isinstance(record, JobRecord) else []
+    return scatter_of_records(found)
 
 
 def _along(rng: np.random.Generator, shape: tuple[int, ...], factor: float) -> Floats:

@@ -22,7 +22,7 @@ from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
-from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 from lrbc_cli.results.store import read_job, versions, write
 from lrbc_cli.results.tables import write_csv
@@ -62,28 +62,28 @@ def write_result(
     inputs: Inputs,
     stage: ReductionStage | None,
     result: Identification,
-    reference: Mapping[str, Any] | None,
-    baselines: Mapping[str, Mapping[str, Any]],
+    reference: JobRecord | None,
+    baselines: Mapping[str, JobRecord],
     identities: tuple[Identity, Identity],
-    rests: Mapping[str, Any],
-) -> dict[str, Any]:
+    rests: RestsOn,
+) -> JobRecord:
     """Judge what was identified and write profile.csv, frf.csv, fdac.csv, evidence.json, and result.json with hashes of these.
 
     Parameters
     ----------
-    reference : mapping or None
+    reference : JobRecord or None
         Stored result of the reference job.
     baselines : mapping
         Stored results of the baselines, by name.
     identities : pair of Identity
         Of the identification, and of its judgement.
-    rests : mapping
+    rests : RestsOn
         The contents of these tight states, see ``standing``.
 
     Returns
     -------
-    dict
-        The content of result.json.
+    JobRecord
+        What result.json holds.
     """
     folder = output / result.name
     evidence = evidence_of(inputs, result, reference)
@@ -105,27 +105,25 @@ def write_result(
 def write_judgement(
     output: Path,
     inputs: Inputs,
-    stored: Mapping[str, Any],
+    stored: JobRecord,
     evidence: Evidence,
-    baselines: Mapping[str, Mapping[str, Any]],
+    baselines: Mapping[str, JobRecord],
     judgement: Identity,
-    rests: Mapping[str, Any],
-) -> dict[str, Any]:
+    rests: RestsOn,
+) -> JobRecord:
     """Judge a stored identification anew and write its result.json; the other files stay as they are."""
-    tree = with_judgement(inputs, {key: value for key, value in stored.items() if key not in JUDGED}, evidence, baselines)
+    tree = with_judgement(inputs, {key: value for key, value in stored.tree().items() if key not in JUDGED}, evidence, baselines)
     tree["provenance"] = {**tree["provenance"], "judgement": judgement.tree(), "rests_on": rests}
     return _written(output / evidence.job, tree)
 
 
-def _written(folder: Path, tree: Mapping[str, Any]) -> dict[str, Any]:
+def _written(folder: Path, tree: Mapping[str, Any]) -> JobRecord:
     record = JobRecord.checked(tree)
     write(folder / "result.json", record)
-    return record.tree()
+    return record
 
 
-def with_judgement(
-    inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def with_judgement(inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
     """The content of ``result.json``: what was identified, and what that says of the bolts."""
     said = judged(inputs, evidence, baselines)
     prior = {**identified["prior"], "scatter": said.pop("scatter")}
@@ -133,23 +131,20 @@ def with_judgement(
     return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
 
 
-def result_tree(
-    inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: Mapping[str, Any] | None
-) -> dict[str, Any]:
+def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> JobRecord:
     """The same of an identification that is not written."""
-    return with_judgement(inputs, identified_tree(inputs, stage, result, reference), evidence_of(inputs, result, reference), {})
+    identified = identified_tree(inputs, stage, result, reference)
+    return JobRecord.checked(with_judgement(inputs, identified, evidence_of(inputs, result, reference), {}))
 
 
-def identified_tree(
-    inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: Mapping[str, Any] | None
-) -> dict[str, Any]:
+def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
     """What of ``result.json`` identification writes."""
     campaign, solution = inputs.campaign, result.solution
     parameters: dict[str, Any] = {}
     confidence = bands(result)
     for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
         p = solution.theta[values]
-        before = reference["parameters"].get(group.name, {}).get("log10_effective") if reference else None
+        before = None if reference is None else reference.parameters.get(group.name)
         length = tributary(group)
         entry: dict[str, Any] = {
             "kind": group.kind,
@@ -162,7 +157,7 @@ def identified_tree(
             "upper95": _open(confidence[group.name].upper),
             "initial": group.initial,
             "initial_effective": effective(group, group.initial),
-            "reference_log10_effective": before,
+            "reference_log10_effective": None if before is None else before.log10_effective,
             "bounds": group.bounds[0],
             "positions": group.xyz,
             "arc_length": group.arc_length,
@@ -355,7 +350,7 @@ def frf_rows(inputs: Inputs, result: Compared) -> tuple[list[str], list[list[Any
     return header, rows
 
 
-def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> dict[str, Any]:
+def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
     """Record a job that failed; an earlier success is kept as ``result.previous.json``, its tables and figures stay."""
     path = output / name / "result.json"
     try:
@@ -371,7 +366,6 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
         "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
     }
     write(path, FailedJob.checked(tree))
-    return tree
 
 
 def write_campaign(output: Path, inputs: Inputs) -> None:
@@ -396,7 +390,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
     write(output / "campaign.json", record)
 
 
-def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict[str, Any]:
+def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> ReductionRecord:
     """Write ``reduction.json``: certificate, trace and costs of the reduced model."""
     r = stage.reduction
     seconds = dict(r.seconds)
@@ -443,4 +437,4 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
     }
     record = ReductionRecord.checked(tree)
     write(output / "reduction.json", record)
-    return record.tree()
+    return record

@@ -8,10 +8,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.jobs import JobPlan, choose_jobs, needs, plan, settled
@@ -21,6 +19,8 @@ from lrbc_cli.campaign.standing import findings_of, rests_on
 from lrbc_cli.campaign.table import write_table
 from lrbc_cli.campaign.unknowns import layout, stored_theta
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.clearance import not_clear
 
 log = logging.getLogger(__name__)
@@ -33,14 +33,14 @@ class Outcome:
     Attributes
     ----------
     results : dict
-        Result tree by job, kept ones included.
+        Result by job, kept ones included.
     kept, judged, failed : lists of str
         Kept as they were, judged anew, failed.
     errors : dict
         The error of each failed job.
     """
 
-    results: dict[str, dict[str, Any]] = field(default_factory=dict)
+    results: dict[str, JobRecord] = field(default_factory=dict)
     kept: list[str] = field(default_factory=list)
     judged: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Outcome:
     @property
     def loose(self) -> bool:
         """Whether a bolt is judged loose in any job."""
-        return any(b["verdict"] == "loose" for tree in self.results.values() for b in tree.get("bolts", []))
+        return any(record.names("loose") for record in self.results.values())
 
     @property
     def not_clear(self) -> dict[str, list[str]]:
@@ -144,10 +144,11 @@ class _Run:
 
     def _keep(self, p: JobPlan) -> None:
         self.outcome.kept.append(p.name)
-        self.outcome.results[p.name] = p.tree or {}
+        if p.record is not None:
+            self.outcome.results[p.name] = p.record
         self.progress(f"{p.name}: kept, {p.reason}")
 
-    def _tight_states(self, name: str) -> tuple[dict[str, Any] | None, dict[str, dict[str, Any]]]:
+    def _tight_states(self, name: str) -> tuple[JobRecord | None, dict[str, JobRecord]]:
         known, baselines = needs(self.inputs, name)
         before = None if known is None else tight_state(self.inputs, self.outcome, known, self.stage)
         return before, {other: self.outcome.results[other] for other in baselines if other in self.outcome.results}
@@ -162,24 +163,24 @@ class _Run:
         p = self.plans[name] = settled(p, self.output, now, self.inputs.campaign.update.reference)
         if p.run:
             return True
-        if p.judge and p.evidence is not None:
-            tree = write_judgement(self.output, self.inputs, p.tree or {}, p.evidence, baselines, p.judgement, now)
-            self.outcome.results[name] = tree
+        if p.judge and p.evidence is not None and p.record is not None:
+            record = write_judgement(self.output, self.inputs, p.record, p.evidence, baselines, p.judgement, now)
+            self.outcome.results[name] = record
             self.outcome.judged.append(name)
             self.progress(f"{name}: judged anew, {p.reason}")
         else:
             self._keep(p)
         return False
 
-    def _identified(self, source: FrfSource, name: str) -> dict[str, Any]:
+    def _identified(self, source: FrfSource, name: str) -> JobRecord:
         before, baselines = self._tight_states(name)
         p, result = self.plans[name], identify(self.inputs, source, name, before)
         identities, now = (p.identity, p.judgement), rests_on(before, baselines)
         return write_result(self.output, self.inputs, self.stage, result, before, baselines, identities, now)
 
-    def _done(self, name: str, work: Callable[[], dict[str, Any]]) -> None:
+    def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
         try:
-            tree = work()
+            record = work()
         except LrbcError as error:
             self._failed(name, error)
         except Exception as error:
@@ -187,9 +188,9 @@ class _Run:
             log.debug("job %s", name, exc_info=True)
             self._failed(name, NumericalError(f"job {name}: {type(error).__name__}: {error}"))
         else:
-            self.outcome.results[name] = tree
-            misfit, seconds = tree["misfit_db"], tree["seconds"]["total"]
-            self.progress(f"{name}: {tree['status']}, misfit {misfit['initial']:.2f} -> {misfit['final']:.2f} dB, {seconds:.1f} s")
+            self.outcome.results[name] = record
+            misfit, seconds = record.misfit_db, record.seconds["total"]
+            self.progress(f"{name}: {record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s")
 
     def _failed(self, name: str, error: LrbcError) -> None:
         self.outcome.failed.append(name)
@@ -198,31 +199,29 @@ class _Run:
         self.progress(f"{name}: failed")
 
 
-def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> dict[str, Any] | None:
+def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> JobRecord | None:
     """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
     if reference in outcome.results:
         return outcome.results[reference]
     try:
-        before = read_tree(inputs.campaign.output, reference, "result.previous.json")
+        before = read_job(inputs.campaign.output, reference, "result.previous.json")
     except DataError:
         return None
     # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
-    if before is None or stored_theta(layout(inputs), before) is None:
+    if not isinstance(before, JobRecord) or stored_theta(layout(inputs), before) is None:
         return None
-    key = stage.decision.key if stage else None
-    return before if (before["provenance"].get("certificate") or {}).get("key") == key else None
+    certificate = before.provenance.certificate
+    return before if (certificate.key if certificate else None) == (stage.decision.key if stage else None) else None
 
 
-def _run_all(
-    names: list[str], one: Callable[[str], dict[str, Any]], done: Callable[[str, Callable[[], dict[str, Any]]], None], workers: int
-) -> None:
+def _run_all(names: list[str], one: Callable[[str], JobRecord], done: Callable[[str, Callable[[], JobRecord]], None], workers: int) -> None:
     if workers < 2 or len(names) < 2:
         for name in names:
             done(name, lambda name=name: one(name))  # type: ignore[misc]
         return
     # Threads serve: the time goes into dense linear algebra, which releases the interpreter.
     pool = ThreadPoolExecutor(min(workers, len(names)))
-    pending: dict[Future[dict[str, Any]], str] = {pool.submit(one, name): name for name in names}
+    pending: dict[Future[JobRecord], str] = {pool.submit(one, name): name for name in names}
     try:
         while pending:
             finished, _ = wait(pending, return_when=FIRST_COMPLETED)

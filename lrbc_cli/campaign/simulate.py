@@ -147,7 +147,7 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     job = read_job(campaign.output, name)
     if not isinstance(job, JobRecord):
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
-    theta = stored_theta(parameters, job.tree())
+    theta = stored_theta(parameters, job)
     if theta is None:
         raise DataError(
             f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"

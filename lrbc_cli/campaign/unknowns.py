@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.vectors import band_omega, local_scale
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.saturation import Saturation, saturation
 
@@ -107,28 +107,26 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     )
 
 
-def stored_theta(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats | None:
+def stored_theta(parameters: Parameterisation, record: JobRecord | None) -> Floats | None:
     """Theta of a stored result; None where there is none or it belongs to other groups."""
-    if tree is None or tree.get("status") == "failed":
+    if record is None:
         return None
     theta = parameters.initial
     for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
-        stored = tree["parameters"].get(group.name)
-        if stored is None or len(stored["log10"]) != group.count or (at is not None) != ("damping_exponent" in stored):
+        stored = record.parameters.get(group.name)
+        if stored is None or len(stored.log10) != group.count or (at is not None) != (stored.damping_exponent is not None):
             return None
-        theta[where] = stored["log10"]
+        theta[where] = stored.log10
         if at is not None:
-            theta[at] = stored["damping_exponent"]
+            theta[at] = stored.damping_exponent
     return theta
 
 
-def stored_covariance(parameters: Parameterisation, tree: Mapping[str, Any] | None) -> Floats:
+def stored_covariance(parameters: Parameterisation, record: JobRecord | None) -> Floats:
     """Covariance of theta in a stored result that ``stored_theta`` accepts; zero where it has none."""
-    found = np.zeros((parameters.size, parameters.size))
-    stored = None if tree is None else tree.get("covariance")
-    if stored is not None and np.shape(stored) == found.shape:
-        found = np.array(stored, dtype=float)
-    return found
+    size = (parameters.size, parameters.size)
+    stored = None if record is None else record.covariance
+    return np.zeros(size) if stored is None or stored.shape != size else stored
 
 
 def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:

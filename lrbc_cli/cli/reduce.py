@@ -16,6 +16,7 @@ from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.errors import ConfigError
+from lrbc_cli.results.model import ReductionRecord
 
 
 @click.command()
@@ -101,58 +102,54 @@ def reduce(
         # Its certificate and trace are what tells why it was missed.
         missed=lambda stage: write_reduction(output, inputs, stage),
     )
-    tree = write_reduction(output, inputs, stage)
+    record = write_reduction(output, inputs, stage)
     write_campaign(output, inputs)
     options: dict[str, Any] = {"first_order": state_space, "replace_foreign": overwrite, "job": job, "assignments": assignments}
     written = export(inputs, stage, exports, **options) if exports else []
     if as_json:
-        say_json(tree | ({"exports": written} if exports else {}))
+        say_json(record.tree() | ({"exports": written} if exports else {}))
     else:
-        click.echo("\n".join([*describe(tree, stage.seconds), *[describe_export(item, tree) for item in written]]))
+        click.echo("\n".join([*describe(record, stage.seconds), *[describe_export(item, record) for item in written]]))
     unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
     if unstable and verbosity.level >= 0:
         click.echo(f"warning: {unstable} poles of the state space lie in the right half plane: it grows without bounds", err=True)
 
 
-def describe(tree: dict[str, Any], seconds: float) -> list[str]:
+def describe(record: ReductionRecord, seconds: float) -> list[str]:
     """The reduced model in a few lines."""
-    worst = tree["certificate"]["worst"]
-    points = tree["expansion_points"]
-    cache = tree["cache"]
-    held_out = tree["certificate"]["held_out"]
-    missed = "" if tree["reached"] else ", NOT reached"
+    measured, spent = record.certificate, record.seconds
+    held_out, missed = measured.held_out, "" if record.reached else ", NOT reached"
     lines = [
-        f"reduced model: {tree['size']} DOFs ({tree['size_structure']} structural, {tree['size_acoustic']} acoustic) "
-        f"for {tree['full_size']}, {tree['terms']} terms",
-        f"cache: {'hit' if cache['hit'] else 'miss'} ({cache['reason']}); {seconds:.1f} s",
-        f"measured error: at most {worst:.1e} (tolerance {tree['tolerance']:.0e}{missed}) at {len(held_out)} held-out lines, "
-        f"{tree['certificate']['vectors']} parameter vectors each, free to clamped",
+        f"reduced model: {record.size} DOFs ({record.size_structure} structural, {record.size_acoustic} acoustic) "
+        f"for {record.full_size}, {record.terms} terms",
+        f"cache: {'hit' if record.cache.hit else 'miss'} ({record.cache.reason}); {seconds:.1f} s",
+        f"measured error: at most {measured.worst:.1e} (tolerance {record.tolerance:.0e}{missed}) at {len(held_out)} held-out lines, "
+        f"{measured.vectors} parameter vectors each, free to clamped",
     ]
-    if (unseen := tree["certificate"]["unseen"]) is not None:
-        share, sure = (round(100 * tree["certificate"][f"unseen_{name}"]) for name in ("share", "confidence"))
-        above = (
-            ", which is ABOVE the tolerance: lower reduction.tolerance or raise reduction.held_out" if unseen > tree["tolerance"] else ""
-        )
+    bound, share, sure = measured.unseen, measured.unseen_share, measured.unseen_confidence
+    if bound is not None and share is not None and sure is not None:
+        above = ", which is ABOVE the tolerance: lower reduction.tolerance or raise reduction.held_out" if bound > record.tolerance else ""
         lines.append(
-            f"other lines (bound from these {len(held_out)}): below {unseen:.1e} at {share} % of them, with {sure} % confidence{above}"
+            f"other lines (bound from these {len(held_out)}): below {bound:.1e} at {round(100 * share)} % of them, "
+            f"with {round(100 * sure)} % confidence{above}"
         )
-    low, high = tree["band_hz"]
+    low, high = record.band_hz
     # As many decimals as tell lines of a narrow band apart.
     digits = max(2, math.ceil(3 - math.log10(high - low)))
     for line in held_out:
-        errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line["errors"].items())
-        lines.append(f"  {line['frequency_hz']:{digits + 6}.{digits}f} Hz  {errors}")
+        errors = ", ".join(f"{kind} {error:.1e}" for kind, error in line.errors.items())
+        lines.append(f"  {line.frequency_hz:{digits + 6}.{digits}f} Hz  {errors}")
     lines.append(
-        f"built {tree['date']} with {tree['backend']}: {len(points)} expansion points, {tree['seconds']['total']:.1f} s, "
-        f"the time of {tree['seconds']['full_lines_worth']:.0f} full lines ({tree['seconds']['full_line']:.2g} s each)"
+        f"built {record.date} with {record.backend}: {len(record.expansion_points)} expansion points, {spent['total']:.1f} s, "
+        f"the time of {spent['full_lines_worth']:.0f} full lines ({spent['full_line']:.2g} s each)"
     )
     return lines
 
 
-def describe_export(item: dict[str, Any], tree: dict[str, Any]) -> str:
+def describe_export(item: dict[str, Any], record: ReductionRecord) -> str:
     """One exported file in a line."""
     system = item.get("state_space")
-    missed = "" if tree["reached"] else ", tolerance NOT reached"
+    missed = "" if record.reached else ", tolerance NOT reached"
     first = (
         f", state space of {system['states']} states ({system['form']}, FRFs to {system['deviation']:.0e}, "
         f"poles up to {system['spectral_abscissa']:.3g} 1/s)"

@@ -82,8 +82,8 @@ def update(
     if verbosity.level >= 0:
         for name, error in outcome.errors.items():
             click.echo(f"job {name} failed: {error.message}", err=True)
-        for name, tree in outcome.results.items():
-            for warning in tree.get("warnings", []):
+        for name, record in outcome.results.items():
+            for warning in record.warnings:
                 click.echo(f"warning: job {name}: {warning}", err=True)
     done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
     code = outcome.exit_code(fail_on_loose)

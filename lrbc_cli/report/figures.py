@@ -289,7 +289,7 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
         [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
     )
     y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
-    worst = "" if worst_error is None else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
+    worst = "" if np.isnan(worst_error) else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
     alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
     panel = Panel(linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y_axis, tuple(items))
     return Chart("Measured error", "at lines outside the basis", alt, (panel,), width=620.0, height=300.0)

@@ -75,7 +75,7 @@ class ModelCertificate(Record):
     """Measured errors; ``unseen`` bounds those at a share of all other lines, with a confidence, null where nothing tells."""
 
     held_out: Many[HeldOutRecord]
-    worst: float | None = None
+    worst: Gap
     vectors: int | None = None
     unseen: float | None = None
     unseen_share: float | None = None

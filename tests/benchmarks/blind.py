@@ -127,8 +127,8 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     for job in inputs.campaign.jobs:
         role = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
         failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
-        tree = failure or outcome.results[job]
-        scores.append(score_job(task.name, tree, outcome.results[reference], truth[job]["removed"], role))
+        tree = failure or outcome.results[job].tree()
+        scores.append(score_job(task.name, tree, outcome.results[reference].tree(), truth[job]["removed"], role))
     return scores, calibration
 
 

@@ -151,7 +151,7 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
     for drift in (NUISANCES, ()):
         study = made.study if drift else Made(folder, "update.comparison=direct").study
         reference = study.identify(made.tight, files[0])
-        tree = study.identify(made.other, files[1], reference=reference).record
+        tree = study.identify(made.other, files[1], reference=reference).record.tree()
         changes[bool(drift)] = np.array([bolt["change"] for bolt in tree["bolts"]])
         if drift:
             found = tree["nuisances"]

@@ -12,6 +12,7 @@ from campaigns import Folder, frame
 from lrbc_cli.campaign.stage import frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, stored_theta
 from lrbc_cli.io.frf import read_frf, write_frf
+from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.information import LOOSENING
 from lrbc_cli.updating.shapes import bolt_shapes
 
@@ -38,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     inside = (frequency >= 30.0) & (frequency <= 500.0)
     s = 2j * np.pi * frequency[inside]
     parameters, _ = parameterise(inputs, source, s)
-    theta = stored_theta(parameters, folder.result("tight"))
+    theta = stored_theta(parameters, read_job(folder.out, "tight"))
     assert theta is not None
     model, shapes = source.model(s, parameters), bolt_shapes(parameters, inputs.bolts.xyz, 0.35)
     rng = np.random.default_rng(5)

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from campaigns import Folder, environment, finished, two_jobs
 
-from lrbc_cli.campaign.standing import changes_of, finding_of, other_baselines, other_reference, state_of
-from lrbc_cli.results.fields import plain
+from lrbc_cli.campaign.standing import changes_of, other_baselines, other_reference, state_of
+from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.store import read_job
 
 OTHERS = ["loose-2"]
@@ -170,35 +170,30 @@ def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
 
 def test_what_others_rest_on(frame_once: Folder) -> None:
     """The state, however it is judged; of a baseline its changes."""
-    tree = frame_once.result("loose-2")
-    same = plain(tree) | {
-        "seconds": {"total": 99.0},
-        "provenance": {},
-        "notes": ["x"],
-        "bolts": [],
-        "validity": {},
-        "status": "unexplained",
-    }
-    assert state_of(same) == state_of(tree)
-    for key in ("parameters", "covariance", "noise", "misfit_db", "nuisances"):
-        assert state_of({**tree, key: None}) != state_of(tree), key
-    other = json.loads(json.dumps(plain(tree)))
-    assert changes_of(other) == changes_of(tree)
+    record, other = read_job(frame_once.out, "loose-2"), read_job(frame_once.out, "tight")
+    assert isinstance(record, JobRecord)
+    assert isinstance(other, JobRecord)
+    same = {"seconds": {"total": 99.0}, "notes": ("x",), "bolts": (), "validity": None, "status": "unexplained"}
+    assert state_of(record.model_copy(update=same)) == state_of(record)
+    assert state_of(JobRecord.checked(record.tree())) == state_of(record)
+    for key in ("parameters", "covariance", "noise", "misfit_db"):
+        assert state_of(record.model_copy(update={key: getattr(other, key)})) != state_of(record), key
+    assert changes_of(record.model_copy(update={"notes": ("x",)})) == changes_of(record)
     for key, value in (("change", 0.1), ("change_std", 0.1), ("verdict", "undecided")):
-        other["bolts"][0][key], kept = value, other["bolts"][0][key]
-        assert changes_of(other) != changes_of(tree), key
-        other["bolts"][0][key] = kept
+        bolt = record.bolts[0].model_copy(update={key: value})
+        assert changes_of(record.model_copy(update={"bolts": (bolt, *record.bolts[1:])})) != changes_of(record), key
 
 
 def test_why_a_result_does_not_rest_on_what_there_is() -> None:
-    now = {"reference": "r", "baselines": {"b": "s"}}
+    now = RestsOn(reference="r", baselines={"b": "s"})
+    without = RestsOn(reference=None, baselines=now.baselines)
     assert other_reference(now, now, "tight") is None
     assert other_reference(None, now, "tight") == "it is of an earlier version, which does not say what its verdicts rest on"
-    assert other_reference({**now, "reference": None}, now, "tight") == "it was identified without a result of tight"
-    assert "no longer there" in str(other_reference(now, {**now, "reference": None}, "tight"))
+    assert other_reference(without, now, "tight") == "it was identified without a result of tight"
+    assert "no longer there" in str(other_reference(now, without, "tight"))
     assert other_baselines(now, now) is None
     for baselines in ({}, {"b": "another"}, {"b": "s", "c": "x"}):
-        assert "baselines (" in str(other_baselines(now, {**now, "baselines": baselines}))
+        assert "baselines (" in str(other_baselines(now, RestsOn(reference="r", baselines=baselines)))
 
 
 # -- judged anew --------------------------------------------------------------------------------------------------------
@@ -298,8 +293,3 @@ def test_results_without_hashes(frame: Folder) -> None:
 def test_the_result_of_another_job(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree.update(job="loose-all"))
     assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (it is that of job loose-all)")
-
-
-def test_both_readers_find_the_same(frame_once: Folder) -> None:
-    for name in ("tight", *OTHERS):
-        assert read_job(frame_once.out, name).finding == finding_of(frame_once.result(name))

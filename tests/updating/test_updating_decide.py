@@ -126,6 +126,13 @@ class TestSampled:
             assert len(stored.count) <= 4
             assert stored.below(limit, scatter) == pytest.approx(drawn.below(limit, scatter)[at], abs=1e-12)
 
+    @given(st.lists(st.integers(1, 700), min_size=1, max_size=60))
+    def test_a_probability_is_at_most_one(self, count: list[int]) -> None:
+        """The weights of what was drawn sum to one but for rounding."""
+        n = len(count)
+        sure = SampledChange(count=tuple(map(float, count)), loose=(1.0,) * n, means=((-9.0,) * n,) * 2, stds=((0.1,) * n,) * 2)
+        assert 1.0 - 1e-12 < sure.below(0.0, 0.0) <= 1.0
+
     def test_beside_a_gap_the_threshold_lies_below_what_leaks(self) -> None:
         sampled = SampledChange.of(samples(1), 0)
         own = Change(mean=-0.4, std=0.1, sampled=sampled)
