@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,9 +147,8 @@ def reduce(
     stiffness, left, B, L = sp.csc_array(K), sp.csc_array(terms), sp.csc_array(loads), sp.csc_array(outputs)
     n, nt = stiffness.shape[0], left.shape[1]
     kinds = [kind] * nt if isinstance(kind, str) else list(kind)
-    for name, values, known in (("kind", kinds, KIND_POWER), ("quantity", [quantity], QUANTITIES)):
-        if wrong := [value for value in values if value not in known]:
-            raise ConfigError(f"no such {name}", expected=", ".join(known), found=wrong[0])
+    _require_known("kind", kinds, KIND_POWER)
+    _require_known("quantity", [quantity], QUANTITIES)
     expected, given = (L.shape[0],), np.zeros(L.shape[0], dtype=np.int64) if load_of is None else np.asarray(load_of, dtype=np.int64)
     if len(kinds) != nt or given.shape != expected or np.any((given < 0) | (given >= B.shape[1])) or (load_of is None and B.shape[1] != 1):
         raise ConfigError(
@@ -175,6 +174,11 @@ def reduce(
         terms=low_rank,
     )
     return TermModel(model, reduce_model(model, given, ReductionOptions(band_hz, tolerance)))
+
+
+def _require_known(name: str, values: Sequence[str], known: Mapping[str, int]) -> None:
+    if wrong := [value for value in values if value not in known]:
+        raise ConfigError(f"no such {name}", expected=", ".join(known), found=wrong[0])
 
 
 __all__ = ["TermModel", "reduce"]

@@ -314,49 +314,85 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     """
     require_inputs_apart(campaign)
     reader = _Reader(campaign)
-    if campaign.model.dofs is not None:
-        reader.dofs = read_dof_table(campaign.model.dofs)
-        reader.table(campaign.model.dofs)
-    K = reader.matrix(campaign.model.stiffness, "stiffness")
-    n = reader.n = K.shape[0]
-    if K.nnz == 0:
-        raise DataError(
-            "the stiffness matrix is empty", file=campaign.model.stiffness.path, place=campaign.model.stiffness.group, expected="values"
-        )
-    M = reader.matrix(campaign.model.mass, "mass", n)
-    if np.iscomplexobj(M.data):
-        raise DataError("the mass matrix is complex", file=campaign.model.mass.path, expected="real numbers")
-    if campaign.model.dofs is not None and reader.dofs is not None:
-        if reader.dofs.size != n:
-            raise DataError(
-                "the DOF table does not fit the matrices",
-                file=campaign.model.dofs,
-                expected=f"{n} DOFs",
-                found=f"{reader.dofs.size}",
-                hint="export matrices and DOF table of one model in one run",
-            )
-        require_metres(K, M, reader.dofs, campaign.model.dofs)
-        reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
-    acoustic = reader.dofs.is_acoustic if reader.dofs else np.zeros(n, dtype=bool)
-    damping = campaign.model.damping
-    if isinstance(damping, ProportionalDamping):
-        C = proportional_damping(
-            K, M, acoustic, (damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta)
-        )
-        reader.notes.append(
-            f"damping: proportional, structure alpha {damping.structure.alpha:g} beta {damping.structure.beta:g}"
-            + (f", acoustic alpha {damping.acoustic.alpha:g} beta {damping.acoustic.beta:g}" if acoustic.any() else "")
-        )
-    elif damping is None:
-        C = sp.csc_array((n, n))
-        reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
-    else:
-        C = reader.matrix(damping, "damping", n)
+    K, M, acoustic = _stiffness_and_mass(reader)
+    C = _damping(reader, K, M, acoustic)
     B, points = reader.loads()
     L, responses = reader.outputs(acoustic)
+    groups, terms = _terms(reader)
+    output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
+    bolts = _bolts(reader, groups)
+    reader.notes += require_edges(campaign, groups, bolts)
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
+    model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
+    reader.warn(*doubts(model, groups))
+    check_air(campaign, bool(acoustic.any()))
+    recipe = recipe_of(campaign, model)
+    require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
+    require_frequencies(model, campaign)
+    return Inputs(
+        campaign=campaign,
+        model=model,
+        dofs=reader.dofs,
+        responses=tuple(responses),
+        excitations=tuple(campaign.excitation),
+        excitation_points=tuple(points),
+        groups=tuple(groups),
+        bolts=bolts,
+        notes=tuple(reader.notes),
+        warnings=tuple(reader.warnings),
+        hashes=reader.hashes,
+        recipe=recipe,
+        shifts=reader.shifts,
+    )
+
+
+def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
+    """With the mask of the pressures; the DOF table is read first."""
+    source = reader.campaign.model
+    if source.dofs is not None:
+        reader.dofs = read_dof_table(source.dofs)
+        reader.table(source.dofs)
+    K = reader.matrix(source.stiffness, "stiffness")
+    n = reader.n = K.shape[0]
+    if K.nnz == 0:
+        raise DataError("the stiffness matrix is empty", file=source.stiffness.path, place=source.stiffness.group, expected="values")
+    M = reader.matrix(source.mass, "mass", n)
+    if np.iscomplexobj(M.data):
+        raise DataError("the mass matrix is complex", file=source.mass.path, expected="real numbers")
+    if source.dofs is None or reader.dofs is None:
+        return K, M, np.zeros(n, dtype=bool)
+    if reader.dofs.size != n:
+        raise DataError(
+            "the DOF table does not fit the matrices",
+            file=source.dofs,
+            expected=f"{n} DOFs",
+            found=f"{reader.dofs.size}",
+            hint="export matrices and DOF table of one model in one run",
+        )
+    require_metres(K, M, reader.dofs, source.dofs)
+    reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
+    return K, M, reader.dofs.is_acoustic
+
+
+def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArray[np.bool_]) -> sp.csc_array:
+    damping = reader.campaign.model.damping
+    if isinstance(damping, ProportionalDamping):
+        structure, air = damping.structure, damping.acoustic
+        reader.notes.append(
+            f"damping: proportional, structure alpha {structure.alpha:g} beta {structure.beta:g}"
+            + (f", acoustic alpha {air.alpha:g} beta {air.beta:g}" if acoustic.any() else "")
+        )
+        return proportional_damping(K, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
+    if damping is None:
+        reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
+        return sp.csc_array(K.shape)
+    return reader.matrix(damping, "damping", reader.n)
+
+
+def _terms(reader: _Reader) -> tuple[list[TermGroup], LowRankTerms]:
     groups, lefts, rights = [], [], []
     first = 0
-    for name, config in campaign.parameters.items():
+    for name, config in reader.campaign.parameters.items():
         group, left, right = reader.group(name, config, first)
         first += left.shape[1]
         groups.append(group)
@@ -364,40 +400,20 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         rights.append(right)
     power = np.concatenate([np.full(g.terms.size, KIND_POWER[g.config.kind]) for g in groups])
     baseline = np.concatenate([np.full(g.terms.size, g.config.baseline) for g in groups])
-    terms = LowRankTerms(sp.hstack(lefts, format="csc"), sp.hstack(rights, format="csc"), power, baseline)
-    output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
-    bolts = None
-    if campaign.bolts is not None:
-        bolts = read_points(campaign.bolts)
-        reader.table(campaign.bolts)
-        known = [reader.dofs.xyz] if reader.dofs else [group.xyz for group in groups if group.xyz is not None]
-        if known:
-            around = np.concatenate(known)
-            names = [f"bolt {name}" for name in bolts.name]
-            require_near(bolts.xyz, names, around, file=campaign.bolts, known=reader.dofs is not None)
-    reader.notes += require_edges(campaign, groups, bolts)
-    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
-    model = FeModel(K, C, M, B, L, output_power, acoustic, terms, extras)
-    reader.warn(*doubts(model, groups))
-    check_air(campaign, bool(acoustic.any()))
-    recipe = recipe_of(campaign, model)
-    require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
-    require_frequencies(model, campaign)
-    return Inputs(
-        campaign,
-        model,
-        reader.dofs,
-        tuple(responses),
-        tuple(campaign.excitation),
-        tuple(points),
-        tuple(groups),
-        bolts,
-        tuple(reader.notes),
-        tuple(reader.warnings),
-        reader.hashes,
-        recipe,
-        reader.shifts,
-    )
+    return groups, LowRankTerms(sp.hstack(lefts, format="csc"), sp.hstack(rights, format="csc"), power, baseline)
+
+
+def _bolts(reader: _Reader, groups: list[TermGroup]) -> PointTable | None:
+    file = reader.campaign.bolts
+    if file is None:
+        return None
+    bolts = read_points(file)
+    reader.table(file)
+    known = [reader.dofs.xyz] if reader.dofs else [group.xyz for group in groups if group.xyz is not None]
+    if known:
+        names = [f"bolt {name}" for name in bolts.name]
+        require_near(bolts.xyz, names, np.concatenate(known), file=file, known=reader.dofs is not None)
+    return bolts
 
 
 __all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

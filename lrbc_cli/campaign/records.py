@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -206,17 +206,15 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
     coherence = np.stack([part.coherence for part in parts])
     told = np.isfinite(coherence)
     mean_coherence = np.where(told.any(axis=0), np.where(told, coherence, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1), np.nan)
-    return Measurement(
-        parts[0].frequency_hz,
-        mean,
-        mean_coherence,
-        (*parts[0].notes, f"mean of {len(parts)} measurements"),
-        tuple(dict.fromkeys(warning for part in parts for warning in part.warnings)),
-        parts[0].records,
-        {path: digest for part in parts for path, digest in part.hashes.items()},
-        sigma,
-        len(parts),
-        parts[0].left_out,
+    return replace(
+        parts[0],
+        values=mean,
+        coherence=mean_coherence,
+        notes=(*parts[0].notes, f"mean of {len(parts)} measurements"),
+        warnings=tuple(dict.fromkeys(warning for part in parts for warning in part.warnings)),
+        hashes={path: digest for part in parts for path, digest in part.hashes.items()},
+        sigma_db=sigma,
+        files=len(parts),
     )
 
 
@@ -287,7 +285,16 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             )
     warnings += _gaps(axis, values, job, inputs)
     mapping = (f"{r.name}: {_describe(record)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
-    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), tuple(mapping), hashes, left_out=(low, high))
+    return Measurement(
+        frequency_hz=axis,
+        values=values,
+        coherence=coherence,
+        notes=tuple(notes),
+        warnings=tuple(warnings),
+        records=tuple(mapping),
+        hashes=hashes,
+        left_out=(low, high),
+    )
 
 
 def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
