@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -71,6 +72,7 @@ def room_of(module: str) -> str | None:
     return parts[1] if parts[0] == "lrbc_cli" and len(parts) > 1 else None
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Every imported module, also inside functions and under TYPE_CHECKING, relative ones resolved."""
     module = name_of(path)

@@ -17,6 +17,7 @@ from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
 
@@ -66,24 +67,6 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
     if lines[0] <= 0:
         raise refuse("lines start above 0 Hz", f"{lines[0]:g} Hz")
     return np.asarray(lines, dtype=np.float64)
-
-
-def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str = "change reduction.band") -> None:
-    """Refuse lines [Hz] on which the reduced model was not certified.
-
-    Raises
-    ------
-    ConfigError
-        Naming the lines.
-    """
-    if lines.size == 0 or not (band[0] * (1 - 1e-9) <= lines.min() and lines.max() <= band[1] * (1 + 1e-9)):
-        raise ConfigError(
-            "the reduced model does not hold outside its band",
-            place=place,
-            expected=f"lines from {band[0]:g} to {band[1]:g} Hz",
-            found=f"{lines.min():g} to {lines.max():g} Hz" if lines.size else "none",
-            hint=hint,
-        )
 
 
 def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:

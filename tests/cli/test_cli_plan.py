@@ -29,6 +29,14 @@ def bare(box: Folder) -> Folder:
     return Folder(box.path)
 
 
+def few_bolts(folder: Folder) -> Folder:
+    """B2 and B3 alone: every bolt is rehearsed."""
+    path = folder.data / "bolts.csv"
+    header, _, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, *rows[:2]]) + "\n")
+    return folder
+
+
 def planned(folder: Folder, *args: str, draws: int = 0) -> Any:
     """The plan; what needs no rehearsal does without."""
     outcome = folder.run("plan", "--json", "--draws", str(draws), *args)
@@ -41,7 +49,7 @@ def rows(tree: Any) -> dict[str, Any]:
 
 
 def test_without_jobs(bare: Folder) -> None:
-    tree = planned(bare, "--override", "output=new", draws=1)
+    tree = planned(bare, "--override", "output=new")
     out = bare.path / "new"
     assert {file.name for file in out.iterdir()} == FILES
     assert json.loads((out / "plan.json").read_text()) == tree
@@ -63,6 +71,7 @@ def test_without_jobs(bare: Folder) -> None:
 
 
 def test_figures_are_counted_in_rehearsals(bare: Folder) -> None:
+    few_bolts(bare)
     tree = planned(bare, draws=2)
     assert (tree["method"], tree["draws"]) == ("rehearsed", 2)
     for bolt in tree["bolts"]:
@@ -108,6 +117,7 @@ def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], lo
 
 
 def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
+    few_bolts(bare)
     auto = ("--override", "update.regularisation=auto")
     outcome = bare.run("plan", "--draws", "1", *auto, "--override", "update.nuisances={gain: 0.3}")
     tree = json.loads((bare.out / "plan.json").read_text())
@@ -136,7 +146,7 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
 
 
 def test_the_table_says_what_the_file_says(bare: Folder) -> None:
-    outcome = bare.run("plan", "--draws", "1")
+    outcome = bare.run("plan", "--draws", "0")
     assert outcome.code == 0
     assert outcome.stdout.isascii()
     tree = json.loads((bare.out / "plan.json").read_text())
@@ -241,7 +251,7 @@ def test_hammer_points(bare: Folder) -> None:
     gain = {entry["name"]: entry for entry in found["responses"]}
     assert points["second"]["gain_bits"] == pytest.approx(gain["mic2"]["gain_bits"])
     assert points["second"]["alone_bits"] == pytest.approx(gain["mic2"]["alone_bits"])
-    assert "excitation" in bare.run("plan").stdout
+    assert "excitation" in bare.run("plan", "--draws", "0").stdout
 
 
 @pytest.mark.parametrize(
