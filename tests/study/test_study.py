@@ -108,8 +108,8 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert [v.verdict for v in study.judge(loose).bolts] == list(loose.verdicts.values())
     assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())
     # Tight states that scatter by half a decade move the threshold to four times that.
-    bolt = {"name": "B1", "verdict": "tight", "change": 0.5, "change_std": 0.1}
-    scattered = study.judge(loose, baselines=[replace(tight, record={"bolts": [bolt]})]).bolts
+    bolt = tight.record.bolts[0].model_copy(update={"verdict": "tight", "change": 0.5, "change_std": 0.1})
+    scattered = study.judge(loose, baselines=[replace(tight, record=tight.record.model_copy(update={"bolts": (bolt,)}))]).bolts
     assert max(v.threshold for v in scattered if v.threshold is not None) == pytest.approx(-2.0)
     assert isinstance(study.plot_frf(loose, "acc1"), Figure)
     assert isinstance(study.plot_profile(loose), Figure)
