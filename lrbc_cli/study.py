@@ -258,8 +258,8 @@ class Study:
         found = identify(inputs, self.source, job, before, given)
         evidence = evidence_of(inputs, found, before)
         tree = identified_tree(inputs, self.source.stage, found, before)
-        record = with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines})
-        return Identified(name=job, identification=found, evidence=evidence, record=JobRecord.checked(record))
+        record = JobRecord.checked(with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines}))
+        return Identified(name=job, identification=found, evidence=evidence, record=record)
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.

@@ -65,7 +65,7 @@ print([bolt.verdict for bolt in cautious.bolts])
 
 # %%
 rng = np.random.default_rng(1)
-edge = np.array(tight.record.parameters["left_edge"].log10)
+edge = tight.record.parameters["left_edge"].log10.copy()
 edge[3:7] -= 1.5
 H = study.frf(hz, left_edge=edge)
 H = H * (1 + 0.02 * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2))

@@ -142,7 +142,9 @@ def _rows(width: int | None, gaps: bool = False) -> Callable[[Any], Floats]:
         if not isinstance(value, list):
             raise wrong("", "a list of rows", repr(value))
         columns = len(value) if width is None else width
-        return np.array([_vector(row, gaps, columns, f"[{i}]") for i, row in enumerate(value)]).reshape(-1, columns)
+        array = np.array([_vector(row, gaps, columns, f"[{i}]") for i, row in enumerate(value)]).reshape(len(value), columns)
+        array.flags.writeable = False
+        return array
 
     return validate
 

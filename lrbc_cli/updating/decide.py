@@ -93,7 +93,7 @@ class SampledChange:
         """Probability that the change lies below a limit, with a further standard deviation [decades]."""
         loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
         tight_cdf, loose_cdf = norm.cdf((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
-        # The weights sum to one but for rounding.
+        # Weights that are rounded may add up to more than one.
         return min(float(weight @ ((1.0 - loose) * tight_cdf + loose * loose_cdf)), 1.0)
 
 

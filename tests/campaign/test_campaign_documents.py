@@ -76,6 +76,15 @@ def test_keys_of_a_later_release_are_kept(frame_once: Folder, tmp_path: Path) ->
     assert json.loads(json.dumps(job.tree())) == tree
 
 
+def test_no_covariance_is_read(frame_once: Folder, tmp_path: Path) -> None:
+    """Of an identification without unknowns."""
+    store(tmp_path, frame_once.result("loose-2") | {"job": "a", "covariance": []})
+    job = read_job(tmp_path, "a")
+    assert isinstance(job, JobRecord)
+    assert job.covariance is not None
+    assert job.covariance.shape == (0, 0)
+
+
 def test_what_is_not_finite_is_null_or_refused(frame_once: Folder) -> None:
     """Before it is written: a file that could not be read back would be identified anew for ever."""
     tree = frame_once.result("loose-2")

@@ -144,6 +144,14 @@ class TestSampled:
         own = replace(PLACE, change=Change(mean=-0.5, std=0.5, excess=0.5, sampled=sampled))
         assert one(own).probability_loose == pytest.approx(norm.cdf((-0.35 - 0.5 + 1.0) / np.hypot(0.1, 0.5)))
 
+    def test_a_probability_is_none_above_one(self) -> None:
+        """Rounded weights may add up to more."""
+        for n in range(1, 120):
+            pair = tuple(-10.0 - 0.01 * k for k in range(n))
+            stds = tuple([0.1] * n)
+            sampled = SampledChange(count=(1.0,) * n, loose=(1.0,) * n, means=(pair, pair), stds=(stds, stds))
+            assert sampled.below(-0.35, 0.0) <= 1.0
+
 
 class TestRoles:
     def test_the_reference_is_tight_whatever_comes_out(self) -> None:
