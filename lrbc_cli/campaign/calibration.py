@@ -73,6 +73,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             sorted(calibration.names),
             calibration.boundary,
             calibration.job,
+            inputs.statistics,
         ),
         "version": cache._digest(CALIBRATION_VERSION),
     }

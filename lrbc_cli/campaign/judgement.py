@@ -210,7 +210,7 @@ def verdicts(
         return []
     found = judge(edges, inputs.bolts.xyz, update.threshold, update.reference == result.name)
     missing = reference is None and update.reference not in (None, result.name)
-    if missing and update.prior != "initial":
+    if missing:
         # Changes were wanted: a contrast between bolts is no answer.
         note = f"no result of {update.reference} to compare with"
         found = [v if v.outside else replace(v, verdict="undecided", note=note) for v in found]

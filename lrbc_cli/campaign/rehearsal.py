@@ -26,7 +26,6 @@ from lrbc_cli.campaign.records import GivenJob, Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise
-from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.extended import ExtendedFrf
@@ -335,9 +334,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
 
 def mixes(inputs: Inputs) -> bool:
     """Whether `lrbc update` judges bolts by a mixture of tight and loose ones, given a reference job."""
-    update = inputs.campaign.update
-    by_bolt = update.unknowns == "bolts" or (update.unknowns == "auto" and update.penalty == PenaltyConfig())
-    return inputs.bolts is not None and update.mixes and by_bolt and update.prior != "initial"
+    return inputs.resolved(True).mixture
 
 
 def threshold(inputs: Inputs) -> float:

@@ -107,7 +107,7 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         except DataError:
             return None
 
-    settings = {key: value for key, value in resolved["update"].items() if key not in ("reference", "baselines")}
+    decision = {key: resolved["update"][key] for key in ("loose_change", "confidence", "largest_misfit")}
     about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats")}
     records = {key: value.get("record") for key, value in resolved["responses"].items()}
     names = [[r.name, r.quantity] for r in inputs.responses]
@@ -124,7 +124,8 @@ def identity(inputs: Inputs, parts: dict[str, str], name: str) -> str:
         *[p for p in positions if p is not None],
         # Which terms share a value: nothing else tells where terms have no positions.
         *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
-        settings,
+        inputs.method.digest,
+        decision,
         about,
         records,
         names,

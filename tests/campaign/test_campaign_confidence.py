@@ -30,8 +30,8 @@ AUTO = "update.regularisation=auto"
 class Study:
     """A campaign whose measurements are made by its own reduced model: without any error but what is asked for."""
 
-    def __init__(self, folder: Folder, monkeypatch: pytest.MonkeyPatch, *overrides: str) -> None:
-        self.inputs: Inputs = folder.inputs(AUTO, *overrides)
+    def __init__(self, folder: Folder, monkeypatch: pytest.MonkeyPatch, *overrides: str, **by_hand: Any) -> None:
+        self.inputs: Inputs = replace(folder.inputs(AUTO, *overrides), by_hand=by_hand)
         self.stage: ReductionStage = obtain_reduction(self.inputs, folder.cache)
         self.source = frf_source(self.inputs, self.stage)
         self.tight, self.other = list(self.inputs.campaign.jobs)[:2]
@@ -76,8 +76,7 @@ def test_intervals_cover_the_truth(kind: str, tmp_path: Path, monkeypatch: pytes
     lines = {"box": "update.lines=all", "frame": "update.lines=resonances"}[kind]
     # The model is exact: nothing that it lacks in the reference job would have to be corrected.
     # Intervals are those of the Gaussian prior, with or without a mixture sampled after it.
-    settings = (lines, "update.comparison=direct", "update.prior_shape=normal")
-    study = Study({"box": box, "frame": frame}[kind](tmp_path / kind), monkeypatch, *settings)
+    study = Study({"box": box, "frame": frame}[kind](tmp_path / kind), monkeypatch, lines, relative=False, mixture=False)
     tight = BOX_TRUTH["tight"] if kind == "box" else FRAME_TIGHT
     apart = []
     for round_ in range(ROUNDS):
@@ -101,7 +100,7 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path, monkeypatch: p
     from lrbc_cli.updating.misfit import Misfit
     from lrbc_cli.updating.optimise import gauss_newton
 
-    study = Study(box(tmp_path / "box"), monkeypatch, "update.comparison=direct", "update.weights=none")
+    study = Study(box(tmp_path / "box"), monkeypatch, "update.weights=none")
     tight = BOX_TRUTH["tight"]
     study.measure(study.tight, study.model.frf(tight), 0.0)
     reference = study.reference()
@@ -162,7 +161,7 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     changes = {}
     for drift in (NUISANCES, ()):
         path = tmp_path / ("with" if drift else "without")
-        study = Study(plane_box(path), monkeypatch, "update.comparison=direct", *NUISANCES)
+        study = Study(plane_box(path), monkeypatch, *NUISANCES, relative=False)
         tight = BOX_TRUTH["tight"]
         study.measure(study.tight, study.model.frf(tight), 0.005)
         reference = study.reference()
@@ -189,13 +188,12 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert np.abs(changes[True]).max() < 0.5 * np.abs(changes[False]).max()
 
 
-@pytest.mark.parametrize("comparison", ["direct", "relative"])
+@pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("loose", [None, 2])
-def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mixture_tells_drift_from_bolts(loose: int | None, relative: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
-    study = Study(plane_box(tmp_path / "box"), monkeypatch, f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
-    # The model is exact.
-    study.inputs = replace(study.inputs, statistics=replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0)))
+    exact = replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0))
+    study = Study(plane_box(tmp_path / "box"), monkeypatch, *NUISANCES, relative=relative, statistics=exact)
     tight = BOX_TRUTH["tight"]
     study.measure(study.tight, study.model.frf(tight), 0.005)
     reference = study.reference()
@@ -356,7 +354,7 @@ def test_the_gate(box: Folder) -> None:
     ("words", "key"),
     [
         (("update.nuisances.gain=0.3", "update.reference="), "update.nuisances.gain"),
-        (("update.nuisances.gain=0.3", "update.prior=initial"), "update.nuisances.gain"),
+        (("update.nuisances.gain=0.3", "update.approach=paper"), "update.nuisances.gain"),
     ],
 )
 def test_drift_needs_a_state_to_drift_from(box: Folder, words: tuple[str, ...], key: str) -> None:

@@ -95,8 +95,7 @@ def said(tree: Any, words: str) -> bool:
     [
         ((), -0.35),
         (("update.loose_change=-0.6",), -0.6),
-        (("update.prior_shape=normal",), -0.5),
-        (("update.unknowns=values",), -0.5),
+        (("update.approach=paper",), -0.5),
     ],
 )
 def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], loose_change: float) -> None:
@@ -123,7 +122,7 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     ):
         assert said(tree, words), words
     assert said(tree, "each bolt tight or loose (mixture); loose below -0.35 decades")
-    bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.prior_shape=normal")
+    bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.approach=paper")
     tree = json.loads((bare.out / "plan.json").read_text())
     assert said(tree, "model discrepancy 0.5 dB a line (--noise)")
     assert said(tree, "no drift between the jobs")
