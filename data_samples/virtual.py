@@ -17,9 +17,9 @@ import re
 import time
 from pathlib import Path
 
+from lrbc_cli.virtual.drift import Scatter
 from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.designs import DESIGNS
-from rigs.drift import Scatter
 from rigs.figures import report
 from rigs.measure import Laboratory
 from rigs.options import add_drift, spread

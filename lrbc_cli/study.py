@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.campaign.cache import cache_folder
-from lrbc_cli.campaign.calibration import apply_calibration
+from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
-from lrbc_cli.campaign.judgement import validity, verdicts
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.judging import role_of
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
+from lrbc_cli.campaign.simulate import require_in_band
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
@@ -30,7 +32,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
-from lrbc_cli.updating.verdicts import BoltVerdict
+from lrbc_cli.updating.decide import BoltVerdict, judge
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -132,26 +134,35 @@ class Study:
         return self._stage.reduction
 
     @property
+    def stage(self) -> ReductionStage:
+        """The reduced model, and whether the cache had it."""
+        self.reduce()
+        assert self._stage is not None
+        return self._stage
+
+    @property
     def source(self) -> FrfSource:
         """FRFs of the reduced model on any lines of its band."""
         if self._source is None:
-            self.reduce()
-            self._source = frf_source(self.inputs, self._stage, self._progress)
+            self._source = frf_source(self.inputs, self.stage, self._progress)
         return self._source
 
     def parameters(self, hz: ArrayLike) -> Parameterisation:
         """The unknowns with start values and bounds; ``auto`` is resolved on the lines hz [Hz]."""
         return parameterise(self.inputs, self.source, self._lines(hz))[0]
 
-    def frf(self, hz: ArrayLike, **log10: ArrayLike) -> Complexes:
+    def frf(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> Complexes:
         """(F, R) FRFs of the reduced model.
 
         Parameters
         ----------
         hz : (F,) array
             Lines inside the band [Hz].
+        theta : (size,) array or None
+            All unknowns, in the order of ``parameters(hz)``; None: their start values.
         **log10
-            Values by parameter group, one or one a parameter; ``inf`` clamps, ``-inf`` frees. Others stand at their start values.
+            Values by parameter group, one or one a parameter, put into theta; ``inf`` clamps, ``-inf`` frees. A damping exponent is
+            ``**{"GROUP.damping": value}``.
 
         Examples
         --------
@@ -161,14 +172,14 @@ class Study:
         """
         s = self._lines(hz)
         parameters = self.parameters(hz)
-        return self.source.model(s, parameters).frf(self._theta(parameters, log10))
+        return self.source.model(s, parameters).frf(self._theta(parameters, theta, log10))
 
-    def sensitivities(self, hz: ArrayLike, **log10: ArrayLike) -> tuple[Complexes, Floats]:
+    def sensitivities(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> tuple[Complexes, Floats]:
         """FRFs and the derivative of their levels to all unknowns.
 
         Parameters
         ----------
-        hz, **log10
+        hz, theta, **log10
             As for ``frf``; values must be finite.
 
         Returns
@@ -178,7 +189,7 @@ class Study:
             dB per decade, eqs. (35), (36); in the order of ``parameters(hz)``.
         """
         s, parameters = self._lines(hz), self.parameters(hz)
-        y, J = self.source.model(s, parameters).sensitivities(self._theta(parameters, log10))
+        y, J = self.source.model(s, parameters).sensitivities(self._theta(parameters, theta, log10))
         return y, np.asarray(J.real)
 
     def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
@@ -229,7 +240,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        return Identified(job, found, result_tree(inputs, self._stage, found, "", before))
+        return Identified(job, found, result_tree(inputs, self.stage, found, before))
 
     def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -247,7 +258,8 @@ class Study:
         campaign = inputs.campaign
         update = type(campaign.update).model_validate(campaign.update.model_dump(by_alias=True) | rule)
         inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
-        return verdicts(inputs, found.identification, reference.record, 0.0, validity(inputs, found.identification))
+        evidence = evidence_of(inputs, found.identification, reference.record)
+        return list(judge(evidence, inputs.method.rule, role_of(update, found.name)).bolts)
 
     def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
         """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
@@ -289,9 +301,7 @@ class Study:
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = np.atleast_1d(np.asarray(hz, dtype=float))
-        low, high = self.inputs.campaign.reduction.band
-        if lines.size == 0 or not np.all((lines >= low * (1 - 1e-9)) & (lines <= high * (1 + 1e-9))):
-            raise ConfigError("the reduced model does not hold outside its band", expected=f"lines from {low:g} to {high:g} Hz")
+        require_in_band(lines, self.inputs.campaign.reduction.band)
         return np.asarray(2j * np.pi * lines)
 
     def _with_job(self, job: str, measured: bool) -> Inputs:
@@ -304,18 +314,24 @@ class Study:
         own = JobConfig.model_construct(frf=Path(job))
         return replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {**campaign.jobs, job: own}}))
 
-    def _theta(self, parameters: Parameterisation, log10: Mapping[str, ArrayLike]) -> Floats:
+    def _theta(self, parameters: Parameterisation, given: ArrayLike | None, log10: Mapping[str, ArrayLike]) -> Floats:
         theta = parameters.initial
-        names = [group.name for group in parameters.groups]
+
+        def put(name: str, part: Floats, value: ArrayLike) -> None:
+            values = np.asarray(value, dtype=float)
+            if values.shape not in ((), part.shape):
+                raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
+            part[...] = values
+
+        if given is not None:
+            put("theta", theta, given)
+        places: dict[str, slice] = {}
+        for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+            places |= {group.name: where} | ({} if at is None else {f"{group.name}.damping": slice(at, at + 1)})
         for name, value in log10.items():
-            if name not in names:
-                raise ConfigError(f"no parameter group '{name}'", file=self.inputs.campaign.path, expected=", ".join(names), found=name)
-            where, _ = parameters.slices[names.index(name)]
-            try:
-                theta[where] = np.asarray(value, dtype=float)
-            except ValueError:
-                count = parameters.groups[names.index(name)].count
-                raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {count}", found=np.size(value)) from None
+            if name not in places:
+                raise ConfigError(f"no parameter group '{name}'", file=self.inputs.campaign.path, expected=", ".join(places), found=name)
+            put(name, theta[places[name]], value)
         return theta
 
 
@@ -355,7 +371,7 @@ def load(
     >>> study.responses
     ['acc1', 'acc2', 'acc3', 'acc4']
     """
-    inputs = apply_calibration(read_inputs(load_campaign(Path(config), tuple(overrides))), calibration)
+    inputs = read_inputs(load_campaign(Path(config), tuple(overrides)), calibration=calibration)
     return Study(inputs, None if cache is None else Path(cache), progress)
 
 

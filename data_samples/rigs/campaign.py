@@ -7,8 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from lrbc_cli.virtual.drift import Scatter
 from rigs.design import Design
-from rigs.drift import Scatter
 from rigs.nominal import bolt_table, build, write
 
 #: Global factors of the model that are calibrated.

@@ -10,10 +10,10 @@ import pyuff
 import scipy.sparse as sp
 import skfem
 
+from lrbc_cli.virtual.drift import Drift
 from rigs.cavity import block_grid
 from rigs.coupled import Cavity, PlateModes, factorise, lowest_modes, pressure_frfs
 from rigs.design import Array, Design
-from rigs.drift import Drift
 from rigs.nominal import acoustic_basis, acoustic_matrices, build
 from rigs.reduced import Basis
 from rigs.truth import Air, Perturbations, Plate, Rig, hexahedra

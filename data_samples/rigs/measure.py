@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rigs.chain import Chain
+from lrbc_cli.virtual.chain import Chain
+from lrbc_cli.virtual.drift import Scatter
 from rigs.design import Array, Design
-from rigs.drift import Scatter
 from rigs.reduced import Basis
 from rigs.truth import Air, Perturbations, Plate, Rig
 from rigs.uff import write_uff

@@ -15,10 +15,10 @@ import scipy.sparse as sp
 import skfem
 from skfem.helpers import dd, dot, grad
 
+from lrbc_cli.virtual.drift import Drift
 from rigs.cavity import Grid, block_grid
 from rigs.coupled import Cavity, PlateModes, factorise, lowest_modes, pressure_frfs
 from rigs.design import Array, Design, Materials
-from rigs.drift import Drift
 
 PLATE_MODES = 90
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pyuff
 
-from rigs.chain import ComplexArray
+from lrbc_cli.virtual.chain import Complexes
 from rigs.design import Array, Design
 
 HAMMER_NODE, FIRST_MICROPHONE_NODE = 1, 101
 
 
-def write_uff(path: Path, design: Design, job: str, hits: int, frequencies: Array, estimate: ComplexArray, coherence: Array) -> None:
+def write_uff(path: Path, design: Design, job: str, hits: int, frequencies: Array, estimate: Complexes, coherence: Array) -> None:
     """Write units (164), then FRFs and coherences (58, ASCII, single precision, even spacing)."""
     units = {
         "type": 164,

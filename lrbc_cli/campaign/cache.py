@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.hdf5.store import read_store, write_store
 from lrbc_cli.io.json_text import parse_json, read_json_text
-from lrbc_cli.io.store import read_store, write_store
 from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -67,7 +67,8 @@ def cache_folder(folder: Path | None) -> Path:
     return found
 
 
-def _digest(*parts: Any) -> str:
+def digest(*parts: Any) -> str:
+    """SHA-256 of values: arrays, sparse matrices and what JSON holds; of what they are, not of how they are stored."""
     h = hashlib.sha256()
     for part in parts:
         if sp.issparse(part):
@@ -86,17 +87,17 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     """Digest of everything that decides about the reduced model, by what it is; never paths or time stamps."""
     m, r = inputs.model, inputs.campaign.reduction
     return {
-        "operators": _digest(m.K, m.C, m.M, m.is_acoustic),
-        "groups": _digest(
+        "operators": digest(m.K, m.C, m.M, m.is_acoustic),
+        "groups": digest(
             *[part for name in sorted(m.extras) for key in sorted(m.extras[name]) for part in (name, key, m.extras[name][key])]
         ),
-        "terms": _digest(m.terms.left, m.terms.right, m.terms.power, m.terms.baseline),
-        "loads": _digest(m.B),
-        "outputs": _digest(m.L, m.output_power, inputs.input_of),
-        "band": _digest(r.band),
-        "tolerance": _digest(r.tolerance),
-        "limits": _digest(r.held_out, r.max_size),
-        "version": _digest(ALGORITHM_VERSION, FORMAT_VERSION),
+        "terms": digest(m.terms.left, m.terms.right, m.terms.power, m.terms.baseline),
+        "loads": digest(m.B),
+        "outputs": digest(m.L, m.output_power, inputs.input_of),
+        "band": digest(r.band),
+        "tolerance": digest(r.tolerance),
+        "limits": digest(r.held_out, r.max_size),
+        "version": digest(ALGORITHM_VERSION, FORMAT_VERSION),
     }
 
 
@@ -123,7 +124,7 @@ class CacheDecision:
 
 def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
     """Decide, without building or reading a model."""
-    key = _digest(sorted(parts.items()))[:32]
+    key = digest(sorted(parts.items()))[:32]
     path = folder / key / "model.h5"
     if path.is_file():
         try:
@@ -142,7 +143,7 @@ def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
         except (OSError, ValueError):
             continue
         if isinstance(stored, dict):
-            different = [name for name, digest in parts.items() if stored.get(name) != digest]
+            different = [name for name, part in parts.items() if stored.get(name) != part]
             if nearest is None or len(different) < len(nearest):
                 nearest = different
     if nearest is None:
@@ -333,12 +334,12 @@ def _held_out(line: dict[str, Any]) -> HeldOut:
 
 def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:
     """Where the port FRFs of these lines lie, beside the reduced model."""
-    return decision.path.parent / f"ports-{kind}-{_digest(s)[:16]}.h5"
+    return decision.path.parent / f"ports-{kind}-{digest(s)[:16]}.h5"
 
 
 def _ports_stamp(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> dict[str, str]:
     """What port FRFs say about themselves: of which model, on which lines, and how they were computed."""
-    return {"key": decision.key, "lines": _digest(s), "kind": kind}
+    return {"key": decision.key, "lines": digest(s), "kind": kind}
 
 
 def store_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, ports: PortFrf) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.documents import read_json
 from lrbc_cli.campaign.factors import CalibrationUse
-from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.model.factors import with_factors
@@ -58,16 +59,16 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
     files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
     return {
-        "model": cache._digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
-        "terms": cache._digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
-        "band": cache._digest(reduced["band"], reduced["tolerance"]),
-        "measurement": cache._digest(
+        "model": cache.digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
+        "terms": cache.digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
+        "band": cache.digest(reduced["band"], reduced["tolerance"]),
+        "measurement": cache.digest(
             [file_hash(file) for file in files],
             about,
             {name: value.get("record") for name, value in resolved["responses"].items()},
             [[response.name, response.quantity] for response in inputs.responses],
         ),
-        "settings": cache._digest(
+        "settings": cache.digest(
             {name: resolved["update"][name] for name in SETTINGS},
             resolved["update"]["nuisances"]["hammer"],
             sorted(calibration.names),
@@ -75,13 +76,13 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
             inputs.statistics,
         ),
-        "version": cache._digest(CALIBRATION_VERSION),
+        "version": cache.digest(CALIBRATION_VERSION),
     }
 
 
 def key_of(parts: Mapping[str, str]) -> str:
     """One key from its parts."""
-    return cache._digest(sorted(parts.items()))[:32]
+    return cache.digest(sorted(parts.items()))[:32]
 
 
 def read_calibration(path: Path) -> dict[str, Any] | None:
@@ -136,22 +137,26 @@ def fitting(inputs: Inputs) -> tuple[dict[str, Any] | None, str]:
     return tree, "nothing changed"
 
 
-def apply_calibration(inputs: Inputs, use: bool = True) -> Inputs:
-    """Put the factors of the stored calibration into the model, exactly when its key fits.
+def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
+    """Read everything but the FRFs, and put the factors of the stored calibration into the model, exactly when its key fits.
 
     Parameters
     ----------
-    inputs : Inputs
-        As exported.
-    use : bool
-        False for ``--no-calibration``.
+    campaign : Campaign
+    calibration : bool
+        False leaves a stored calibration out, as ``--no-calibration`` does.
 
     Returns
     -------
     Inputs
         ``calibration`` says what became of it; None where the campaign has neither the block nor the file.
+
+    Raises
+    ------
+    ConfigError, DataError
+        See ``read_as_exported``.
     """
-    campaign = inputs.campaign
+    inputs = read_as_exported(campaign)
     if campaign.calibration is None:
         try:
             there = (campaign.output / FILE).is_file()
@@ -159,7 +164,7 @@ def apply_calibration(inputs: Inputs, use: bool = True) -> Inputs:
             there = False
         text = "ignored: the campaign file has no 'calibration'"
         return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
-    if not use:
+    if not calibration:
         return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
     tree, reason = fitting(inputs)
     if tree is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.jobs import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.memory import GB, limit_of, reduction_cost
 from lrbc_cli.campaign.model_doubts import loss_factor
 from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.run import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.unknowns import select_lines
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
@@ -88,8 +88,9 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
         "reduction": out.predicted,
         "method": inputs.method.tree(),
+        "decision_rule": asdict(inputs.method.rule),
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
-        "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in out.jobs},
+        "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in out.jobs},
         "errors": {name: error.message for name, error in out.errors.items()},
         "warnings": out.warnings,
         "text": out.sections,
@@ -186,7 +187,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
     except OSError:
         out.jobs = []
-    lines += [f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})" for p in out.jobs]
+    lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
 
 

@@ -21,7 +21,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 
-RESULT_FORMAT, RESULT_VERSION = "lrbc-result", 1
+RESULT_FORMAT, EVIDENCE_FORMAT, RESULT_VERSION = "lrbc-result", "lrbc-evidence", 1
 CAMPAIGN_FORMAT = "lrbc-campaign"
 
 
@@ -53,20 +53,31 @@ def plain(value: Any) -> Any:
     return value
 
 
-def write_json(path: Path, tree: Mapping[str, Any]) -> None:
+def write_json(path: Path, tree: Mapping[str, Any]) -> str:
     """Write one JSON document atomically.
+
+    Returns
+    -------
+    str
+        SHA-256 of its bytes.
 
     Raises
     ------
     ConfigError
         Where the output folder cannot be written.
     """
+    text = json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return _write(path, text.encode("utf-8"))
+
+
+def _write(path: Path, content: bytes) -> str:
+    """Write bytes atomically; the SHA-256 of those written, as another process may replace the file at once."""
     try:
-        with atomic_write(path) as file:
-            json.dump(plain(tree), file, indent=1, ensure_ascii=False, allow_nan=False)
-            file.write("\n")
+        with atomic_write(path, "wb") as file:
+            file.write(content)
     except OSError as error:
         raise _unwritable(path, error) from error
+    return hashlib.sha256(content).hexdigest()
 
 
 def _unwritable(path: Path, error: OSError) -> ConfigError:
@@ -229,7 +240,7 @@ def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) 
     Returns
     -------
     str
-        SHA-256 of its bytes: of those written, as another process may replace the file at once.
+        SHA-256 of its bytes.
 
     Raises
     ------
@@ -246,10 +257,4 @@ def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) 
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
     writer.writerows([cell(value) for value in row] for row in rows)
-    content = text.getvalue().encode("utf-8")
-    try:
-        with atomic_write(path, "wb") as file:
-            file.write(content)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    return hashlib.sha256(content).hexdigest()
+    return _write(path, text.getvalue().encode("utf-8"))

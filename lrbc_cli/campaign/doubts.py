@@ -189,7 +189,6 @@ def doubts(
     inputs: Inputs,
     result: Identification,
     reference: Mapping[str, Any] | None,
-    unexplained: str | None,
     misfit: tuple[float | None, float | None],
 ) -> tuple[list[str], str]:
     """Warnings of a job, and what was compared and found of constant factors.
@@ -200,16 +199,13 @@ def doubts(
     result : Identification
     reference : mapping or None
         Stored result of the reference job.
-    unexplained : str or None
-        Why the model does not explain the measurement.
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].
     """
     offsets = factors_of(inputs, result.measurement, (result.initial, result.updated))
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     job = inputs.campaign.jobs[result.name]
-    found = [] if unexplained is None else [f"the model does not explain the measurement: {unexplained}; {compared}"]
-    found += offset_texts(inputs, offsets, result.name)
+    found = offset_texts(inputs, offsets, result.name)
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]

@@ -22,7 +22,7 @@ from lrbc_cli.campaign.reader import ModelReader, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
@@ -118,7 +118,7 @@ class Inputs:
     shifts : (n_in, 2) int array or None
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
-        Whether ``model`` contains the factors of a stored calibration; None where none was looked for, or there is none.
+        Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
     by_hand : mapping
         Fields of the method that are given from Python, for experiments.
     """
@@ -313,8 +313,8 @@ class _Reader(ModelReader):
         return group, left, right
 
 
-def read_inputs(campaign: Campaign) -> Inputs:
-    """Read model, terms, loads, outputs and bolts.
+def read_as_exported(campaign: Campaign) -> Inputs:
+    """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
 
     Parameters
     ----------
@@ -419,4 +419,4 @@ def read_inputs(campaign: Campaign) -> Inputs:
     )
 
 
-__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_inputs"]
+__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

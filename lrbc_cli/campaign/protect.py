@@ -31,6 +31,7 @@ IN_JOB = (
     "frf.csv",
     "profile.csv",
     "fdac.csv",
+    "evidence.json",
     "profile.png",
     "map.png",
     "fdac.png",

@@ -14,9 +14,9 @@ from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
-from lrbc_cli.io.matrices import read_matrix, read_vectors
-from lrbc_cli.io.tables import ROUNDING, DofList, read_dof_list
-from lrbc_cli.io.text import unfinished
+from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.io.matrices.read import read_matrix, read_vectors
+from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
 from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
 

@@ -19,15 +19,17 @@ from scipy.optimize import brentq
 
 from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.drift import drift_extras
+from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judgement import scatter_of, validity, verdicts
+from lrbc_cli.campaign.judging import role_of, scatter_of_trees
 from lrbc_cli.campaign.records import GivenJob, Measurement, read_measurement
 from lrbc_cli.campaign.results import result_tree
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.decide import judge
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
@@ -220,7 +222,7 @@ class Rehearsal:
         update = campaign.update.model_copy(update={"reference": TIGHT, "baselines": ()})
         campaign = campaign.model_copy(update={"jobs": {TIGHT: GivenJob.of(measurement)}, "update": update})
         inputs = replace(self.inputs, campaign=campaign)
-        return inputs, detuned, result_tree(inputs, self.source.stage, identify(inputs, self.source, TIGHT), "", None)
+        return inputs, detuned, result_tree(inputs, self.source.stage, identify(inputs, self.source, TIGHT), None)
 
     def loosened(self, column: int, bolt: int, draw: int, tight: tuple[Inputs, float, Mapping[str, Any]]) -> Draw:
         """Loosen one bolt, measure, identify and judge.
@@ -251,7 +253,9 @@ class Rehearsal:
             result = identify(inputs, self.source, LOOSENED, reference)
         except NumericalError:
             return Draw("undecided", float("nan"), float("nan"), ())
-        found = verdicts(inputs, result, reference, self.scatter, validity(inputs, result))
+        update = inputs.campaign.update
+        evidence = evidence_of(inputs, result, reference)
+        found = judge(evidence, inputs.method.rule, role_of(update, LOOSENED), self.scatter).bolts
         assert inputs.bolts is not None
         own = found[bolt]
         return Draw(
@@ -339,8 +343,8 @@ def mixes(inputs: Inputs) -> bool:
 
 def threshold(inputs: Inputs) -> float:
     """Change below which `lrbc update` calls a bolt loose, before the scatter of tight states and loose neighbours lower it [decades]."""
-    update = inputs.campaign.update
-    return update.mixture_threshold if mixes(inputs) else update.threshold
+    rule = inputs.method.rule
+    return rule.mixture_change if mixes(inputs) else rule.loose_change
 
 
 def _scatter(inputs: Inputs) -> float:
@@ -352,7 +356,7 @@ def _scatter(inputs: Inputs) -> float:
         except DataError:
             continue
         trees += [] if tree is None else [tree]
-    return scatter_of(trees)
+    return scatter_of_trees(trees)
 
 
 def _along(rng: np.random.Generator, shape: tuple[int, ...], factor: float) -> Floats:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,32 +13,23 @@ from numpy.typing import NDArray
 from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
-from lrbc_cli.campaign.doubts import doubts
 from lrbc_cli.campaign.drift import drift_tree
+from lrbc_cli.campaign.evidence import bands, effective, evidence_of, mean_of, write_evidence
 from lrbc_cli.campaign.identification import Identification
+from lrbc_cli.campaign.identity import Identity
 from lrbc_cli.campaign.inputs import Inputs, TermGroup
-from lrbc_cli.campaign.judgement import (
-    DOUBTFUL,
-    UNEXPLAINED,
-    bands,
-    bolt_trees,
-    doubtful,
-    effective,
-    remarks,
-    repeated,
-    rises,
-    states_removed,
-    validity,
-    verdicts,
-)
+from lrbc_cli.campaign.judging import judged
 from lrbc_cli.campaign.records import Measurement
 from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
+from lrbc_cli.updating.decide import Evidence
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
-from lrbc_cli.updating.verdicts import BoltVerdict
+
+#: What of a result judging writes.
+JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", "warnings", "notes")
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -68,35 +60,85 @@ def write_result(
     inputs: Inputs,
     stage: ReductionStage | None,
     result: Identification,
-    identity: str,
     reference: Mapping[str, Any] | None,
-    scatter: float = 0.0,
-    rests: Mapping[str, Any] | None = None,
+    baselines: Mapping[str, Mapping[str, Any]],
+    identities: tuple[Identity, Identity],
+    rests: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Write profile.csv, frf.csv, fdac.csv and result.json of one job; returns the tree of the latter, which holds hashes of the others."""
+    """Judge what was identified and write profile.csv, frf.csv, fdac.csv, evidence.json, and result.json with hashes of these.
+
+    Parameters
+    ----------
+    reference : mapping or None
+        Stored result of the reference job.
+    baselines : mapping
+        Stored results of the baselines, by name.
+    identities : pair of Identity
+        Of the identification, and of its judgement.
+    rests : mapping
+        The contents of these tight states, see ``standing``.
+
+    Returns
+    -------
+    dict
+        The content of result.json.
+    """
     folder = output / result.name
-    tree = result_tree(inputs, stage, result, identity, reference, scatter)
+    evidence = evidence_of(inputs, result, reference)
+    identified = identified_tree(inputs, stage, result, reference)
+    tree = with_judgement(inputs, identified, evidence, baselines)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
-    tree["provenance"]["rests_on"] = rests
-    tree["provenance"]["files"] = {
+    files = {
         "profile.csv": write_csv(folder / "profile.csv", *profile_rows(tree)),
         "frf.csv": write_csv(folder / "frf.csv", *frf_rows(inputs, result)),
         "fdac.csv": write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation)),
+        "evidence.json": write_evidence(folder, evidence),
     }
+    own, judgement = identities
+    tree["provenance"] |= {"identity": own.digest, "parts": own.parts, "judgement": asdict(judgement), "rests_on": rests, "files": files}
     write_json(folder / "result.json", tree)
     return tree
 
 
-def result_tree(
+def write_judgement(
+    output: Path,
     inputs: Inputs,
-    stage: ReductionStage | None,
-    result: Identification,
-    identity: str,
-    reference: Mapping[str, Any] | None,
-    scatter: float = 0.0,
+    stored: Mapping[str, Any],
+    evidence: Evidence,
+    baselines: Mapping[str, Mapping[str, Any]],
+    judgement: Identity,
+    rests: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The content of ``result.json``."""
+    """Judge a stored identification anew and write its result.json; the other files stay as they are."""
+    tree = with_judgement(inputs, {key: value for key, value in stored.items() if key not in JUDGED}, evidence, baselines)
+    tree["provenance"] = {**tree["provenance"], "judgement": asdict(judgement), "rests_on": rests}
+    write_json(output / evidence.job / "result.json", tree)
+    return tree
+
+
+def with_judgement(
+    inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """The content of ``result.json``: what was identified, and what that says of the bolts."""
+    said = judged(inputs, evidence, baselines)
+    prior = {**identified["prior"], "scatter": said.pop("scatter")}
+    provenance = {**identified["provenance"], "configuration": inputs.campaign.resolved()}
+    head = {"format": RESULT_FORMAT, "version": RESULT_VERSION, "job": evidence.job}
+    return {**head, **said, **identified, "prior": prior, "provenance": provenance}
+
+
+def result_tree(
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """The same of an identification that is not written."""
+    return with_judgement(inputs, identified_tree(inputs, stage, result, reference), evidence_of(inputs, result, reference), {})
+
+
+def identified_tree(
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What of ``result.json`` identification writes."""
     campaign, solution = inputs.campaign, result.solution
     parameters: dict[str, Any] = {}
     confidence = bands(result)
@@ -130,22 +172,13 @@ def result_tree(
             entry["damping_beta"] = group.damping.beta
             entry["damping_bounds"] = group.damping.bounds
         parameters[group.name] = entry
-    used = inputs.used
+    used, held_out = inputs.used, inputs.held_out
     names = [r.name for r in inputs.responses]
-    held_out = inputs.held_out
-    removed = campaign.jobs[result.name].removed
-    valid = repeated(validity(inputs, result), result, campaign.jobs[result.name], reference)
-    found = verdicts(inputs, result, reference, scatter, valid)
-    misfit = _mean(result.misfit_initial[used]), _mean(result.misfit_final[used])
-    doubted, compared = doubts(inputs, result, reference, None if valid.explained else valid.reason, misfit)
-    warnings = [*result.warnings, *doubted, *doubtful(inputs, found)]
-    unvalidated = [valid.reason] if valid.passed is None else []
+    misfit = mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])
     knowledge = result.posterior
     provenance: dict[str, Any] = {
-        "identity": identity,
         "versions": versions(),
         "inputs": inputs.hashes | result.measurement.hashes,
-        "configuration": campaign.resolved(),
         "calibration": calibration_tree(inputs),
     }
     if stage is not None:
@@ -157,28 +190,19 @@ def result_tree(
             "reached": stage.reduction.reached,
         }
     return {
-        "format": RESULT_FORMAT,
-        "version": RESULT_VERSION,
-        "job": result.name,
-        "status": solution.status if valid.explained else UNEXPLAINED,
-        "reason": solution.reason if valid.explained else f"{valid.reason}: no verdicts ({solution.status}: {solution.reason}); {compared}",
-        "removed": list(removed) if states_removed(inputs) else None,
         "parameters": parameters,
         "covariance": result.posterior.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": {
             "initial": misfit[0],
             "final": misfit[1],
-            "held_out_initial": _mean(result.misfit_initial[held_out]),
-            "held_out_final": _mean(result.misfit_final[held_out]),
+            "held_out_initial": mean_of(result.misfit_initial[held_out]),
+            "held_out_final": mean_of(result.misfit_final[held_out]),
             "responses": {
                 name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)}
                 for i, name in enumerate(names)
             },
         },
-        "bolts": bolt_trees(inputs, result, found),
-        "taken_as_tight": taken_as_tight(inputs, result.name, found),
-        "validity": valid.tree(),
         "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
         "prior": {
             "of": campaign.update.reference if result.against_reference else "initial",
@@ -186,7 +210,6 @@ def result_tree(
             "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
             "shape": "normal" if result.changes is None else "mixture",
             "comparison": "relative" if result.relative else "direct",
-            "scatter": scatter,
         },
         "method": inputs.method.tree(),
         "nuisances": drift_tree(campaign.update.nuisances, knowledge),
@@ -206,20 +229,8 @@ def result_tree(
         },
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
-        "warnings": warnings,
-        "notes": [*result.measurement.warnings, *warnings, *unvalidated, *result.notes, *remarks(result), *rises(inputs, found)],
         "provenance": provenance,
     }
-
-
-def taken_as_tight(inputs: Inputs, name: str, found: Sequence[BoltVerdict]) -> dict[str, Any] | None:
-    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same; None for other jobs."""
-    update = inputs.campaign.update
-    if name != update.reference and name not in update.baselines:
-        return None
-    bolts = () if inputs.bolts is None else inputs.bolts.name
-    doubtful = [bolt for bolt, verdict in zip(bolts, found, strict=False) if verdict.note == DOUBTFUL]
-    return {"as": "reference" if name == update.reference else "baseline", "doubtful": doubtful}
 
 
 def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
@@ -251,11 +262,6 @@ def _typical(stds: Floats) -> float | None:
     """Median of the standard deviations that the prior has, in decades."""
     finite = stds[np.isfinite(stds)]
     return float(np.median(finite)) if finite.size else None
-
-
-def _mean(values: Floats) -> float | None:
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None
 
 
 def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:

@@ -67,6 +67,24 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
     return np.asarray(lines, dtype=np.float64)
 
 
+def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str = "change reduction.band") -> None:
+    """Refuse lines [Hz] on which the reduced model was not certified.
+
+    Raises
+    ------
+    ConfigError
+        Naming the lines.
+    """
+    if lines.size == 0 or not (band[0] * (1 - 1e-9) <= lines.min() and lines.max() <= band[1] * (1 + 1e-9)):
+        raise ConfigError(
+            "the reduced model does not hold outside its band",
+            place=place,
+            expected=f"lines from {band[0]:g} to {band[1]:g} Hz",
+            found=f"{lines.min():g} to {lines.max():g} Hz" if lines.size else "none",
+            hint=hint,
+        )
+
+
 def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:
     """Theta with ``group=VALUE`` or ``group=V1,V2,...`` (log10; inf clamps, -inf frees) and ``group.damping=VALUE`` put in.
 
@@ -213,14 +231,8 @@ def simulate(
         require_new(out, "--out", "--force")
     band = inputs.campaign.reduction.band
     frequency = parse_lines(lines, band)
-    if not full and (frequency[0] < band[0] * (1 - 1e-9) or frequency[-1] > band[1] * (1 + 1e-9)):
-        raise ConfigError(
-            "the reduced model does not hold outside its band",
-            place=f"--lines {lines}",
-            expected=f"{band[0]:g} to {band[1]:g} Hz",
-            found=f"{frequency[0]:g} to {frequency[-1]:g} Hz",
-            hint="change reduction.band, or use --full",
-        )
+    if not full:
+        require_in_band(frequency, band, f"--lines {lines}", "change reduction.band, or use --full")
     check_parameters(inputs, job, assignments)
     s = 2j * np.pi * frequency
     # Start values found on the FRFs belong to the band, not to the lines asked for.

@@ -14,10 +14,10 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.updating.clearance import BoltFinding, JobFinding
 
 #: Tables beside ``result.json``, which vouches for them by their hashes.
-FILES = ("profile.csv", "frf.csv", "fdac.csv")
+FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")
 
-#: What of a result may differ between two identifications of the same: times, places, words.
-PASSING = ("seconds", "provenance", "warnings", "notes")
+#: What of the result of a reference job the identification of others rests on.
+STATE = ("job", "parameters", "covariance", "misfit_db", "noise", "nuisances")
 
 
 def altered(folder: Path, tree: Mapping[str, Any]) -> str | None:
@@ -34,43 +34,44 @@ def altered(folder: Path, tree: Mapping[str, Any]) -> str | None:
     return None
 
 
-def content_of(tree: Mapping[str, Any]) -> str:
-    """Digest of what a result found, as far as other jobs can rest on it; the same in memory and read back."""
-    found = {key: value for key, value in plain(tree).items() if key not in PASSING}
-    return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
+def state_of(tree: Mapping[str, Any]) -> str:
+    """Digest of the state that a reference job found, judged in whatever way; the same in memory and read back."""
+    return _digest({key: tree.get(key) for key in STATE})
 
 
-class TightStates:
-    """The results of the jobs that others rest on, by their content; each is digested once."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, str] = {}
-
-    def content(self, name: str, tree: Mapping[str, Any]) -> str:
-        """See ``content_of``; a job has one result while this lives."""
-        if name not in self._known:
-            self._known[name] = content_of(tree)
-        return self._known[name]
-
-    def rests_on(self, name: str | None, reference: Mapping[str, Any] | None, baselines: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-        """What the verdicts of a job rest on: null, or left out, where one had no result."""
-        return {
-            "reference": None if reference is None or name is None else self.content(name, reference),
-            "baselines": {other: self.content(other, tree) for other, tree in baselines.items()},
-        }
+def changes_of(tree: Mapping[str, Any]) -> str:
+    """Digest of what a baseline tells of the scatter of tight states."""
+    return _digest([[bolt.get(key) for key in ("name", "change", "change_std", "verdict")] for bolt in tree.get("bolts", [])])
 
 
-def other_rests(stored: Mapping[str, Any] | None, now: Mapping[str, Any], reference: str | None) -> str | None:
-    """Why a result does not rest on the tight states that there are now; None where it does."""
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
+
+
+def rests_on(reference: Mapping[str, Any] | None, baselines: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """What the verdicts of a job rest on: null, or left out, where one had no result."""
+    return {
+        "reference": None if reference is None else state_of(reference),
+        "baselines": {other: changes_of(tree) for other, tree in baselines.items()},
+    }
+
+
+def other_reference(stored: Mapping[str, Any] | None, now: Mapping[str, Any], reference: str | None) -> str | None:
+    """Why an identification does not rest on the reference state that there is now; None where it does."""
     if stored is None:
         return "it is of an earlier version, which does not say what its verdicts rest on"
     before = stored.get("reference")
-    if before != now["reference"]:
-        if before is None:
-            return f"it was identified without a result of {reference}"
-        return f"it rests on a result of {reference} that is no longer there"
-    names = [*stored["baselines"], *now["baselines"]]
-    changed = [name for name in dict.fromkeys(names) if stored["baselines"].get(name) != now["baselines"].get(name)]
+    if before == now["reference"]:
+        return None
+    if before is None:
+        return f"it was identified without a result of {reference}"
+    return f"it rests on a result of {reference} that is no longer there"
+
+
+def other_baselines(stored: Mapping[str, Any] | None, now: Mapping[str, Any]) -> str | None:
+    """Why a judgement does not rest on the baselines that there are now; None where it does."""
+    before = {} if stored is None else stored["baselines"]
+    changed = [name for name in dict.fromkeys([*before, *now["baselines"]]) if before.get(name) != now["baselines"].get(name)]
     return f"it rests on other results of the baselines ({', '.join(changed)})" if changed else None
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.rehearsal import Draw, promised, threshold
-from lrbc_cli.updating.confidence import NORMAL_95, Rule
+from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.information import Experiment, Outlook, bits_of, distances, expectation, greedy, outlook, verdict
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ def judged(inputs: Inputs, found: Experiment, targets: list[Target], draws: Mapp
     update, used = inputs.campaign.update, inputs.used
     every = np.arange(found.responses)
     now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
-    expected, loose = expectation(found, Rule(threshold(inputs), update.confidence))
+    expected, loose = expectation(found, threshold(inputs))
     bolts, words = [], []
     for n, target in enumerate(targets):
         felt = target.column >= 0

@@ -13,9 +13,9 @@ from typing import Any
 import click
 
 from lrbc_cli.campaign.cache import cache_folder
-from lrbc_cli.campaign.calibration import apply_calibration
+from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.documents import plain, require_own_output
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign
 
@@ -27,22 +27,20 @@ def load(
 ) -> Inputs:
     """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts.
 
-    A stored calibration that fits is put into the model, and what became of it is said; False leaves it out, None looks for none.
+    What became of a stored calibration is said; False leaves it out, None looks for none.
     ``warn=False`` leaves the warnings about files and model to the caller.
     """
     campaign = load_campaign(config, overrides)
     if own_output:
         require_own_output(campaign)
-    inputs = read_inputs(campaign)
+    inputs = read_as_exported(campaign) if calibration is None else read_inputs(campaign, calibration=calibration)
     if warn and verbosity.level >= 0:
         for warning in inputs.warnings:
             click.echo(f"warning: {warning}", err=True)
-    if calibration is not None:
-        inputs = apply_calibration(inputs, calibration)
-        use = inputs.calibration
-        # That there is none is no news but for those who ask for the plan.
-        if use is not None and verbosity.level >= (0 if use.used or use.stale or not calibration else 1):
-            click.echo(f"{'warning: ' if use.stale else ''}calibration: {use.text}", err=True)
+    use = inputs.calibration
+    # That there is none is no news but for those who ask for the plan.
+    if use is not None and verbosity.level >= (0 if use.used or use.stale or not calibration else 1):
+        click.echo(f"{'warning: ' if use.stale else ''}calibration: {use.text}", err=True)
     return inputs
 
 

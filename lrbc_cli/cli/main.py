@@ -25,6 +25,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "init": ("lrbc_cli.cli.init:init", "Write a commented campaign file to fill in."),
     "check": ("lrbc_cli.cli.check:check", "Read all inputs and print the plan; change nothing."),
     "plan": ("lrbc_cli.cli.plan:plan", "Tell which bolts the microphones can see, before measuring."),
+    "rehearse": ("lrbc_cli.cli.rehearse:rehearse", "Measure the model itself, bolts loosened: a campaign to run."),
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
     "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),

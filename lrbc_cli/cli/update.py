@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.cache import key_parts, look_up
-from lrbc_cli.campaign.run import choose_jobs, plan, run_jobs
+from lrbc_cli.campaign.jobs import choose_jobs, plan
+from lrbc_cli.campaign.run import run_jobs
 from lrbc_cli.campaign.standing import findings_of
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
@@ -66,7 +67,7 @@ def update(
                 {
                     "cache": {"hit": decision.hit, "reason": decision.reason, "missed": decision.missed or None},
                     "calibration": None if inputs.calibration is None else inputs.calibration.text,
-                    "jobs": {p.name: {"run": p.run, "reason": p.reason} for p in plans},
+                    "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in plans},
                 }
             )
         else:
@@ -75,7 +76,7 @@ def update(
                 if decision.missed:
                     click.echo(f"{decision.missed}; --accept-tolerance accepts it")
             for p in plans:
-                click.echo(f"{p.name}: {'runs' if p.run else 'kept'} ({p.reason})")
+                click.echo(f"{p.name}: {p.verb} ({p.reason})")
         return 0
     outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
     if verbosity.level >= 0:
@@ -93,6 +94,7 @@ def update(
                 "exit_code": code,
                 "output": output,
                 "kept": outcome.kept,
+                "judged": outcome.judged,
                 "failed": {n: e.message for n, e in outcome.errors.items()},
                 "findings": findings,
                 "not_clear": outcome.not_clear,

@@ -361,6 +361,11 @@ def read_document(path: Path) -> Document:
     return Document(path, root)
 
 
+def as_yaml(tree: Mapping[str, object]) -> str:
+    """Plain values as the text of a campaign file, keys in their order."""
+    return yaml.safe_dump(dict(tree), sort_keys=False, allow_unicode=True, width=120)
+
+
 def _refuse(path: Path) -> NoReturn:
     if path.is_dir():
         raise ConfigError("a folder, not a campaign file", file=path, hint="name the YAML file in it, for instance campaign.yaml")

@@ -61,10 +61,15 @@ def _freeze(value: dict[str, T]) -> dict[str, T]:
     return FrozenDict(value)
 
 
+def is_name(text: str) -> bool:
+    """Whether a text can be a file or folder name on every system, and part of a key path."""
+    return re.fullmatch(NAME_PATTERN, text) is not None and not text.endswith(".")
+
+
 def check_name(name: str) -> str:
     """Accept a name that can be a file or folder name on every system, and part of a key path."""
     rule = "letters, digits, '.', '_' and '-', not beginning or ending with '.'"
-    if not re.fullmatch(NAME_PATTERN, name) or name.endswith("."):
+    if not is_name(name):
         raise problem("a name that cannot become a file name", expected=rule, found=f"'{name}'" if name else "an empty name")
     if len(name) > NAME_LENGTH:
         raise problem("a name that is too long", expected=f"at most {NAME_LENGTH} characters", found=f"{len(name)}")

@@ -9,10 +9,6 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from lrbc_cli.config.fields import FilePath, FrozenDict, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
 from lrbc_cli.config.structure import Record
 
-#: Changes below which a bolt is loose [decades]: a third of the tight stiffness; half of it where bolts are tight or loose, so that
-#: the changes of those that are tight stay within retorquing.
-LOOSE_CHANGE, MIXTURE_CHANGE = -0.5, -0.35
-
 
 def _check_band(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] > 0:
@@ -194,16 +190,6 @@ class UpdateConfig(Strict):
         "explain the measurement: no verdict is given.",
     )
     nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
-
-    @property
-    def threshold(self) -> float:
-        """``loose_change``, or what stands for it where it is absent and no mixture is sampled."""
-        return LOOSE_CHANGE if self.loose_change is None else self.loose_change
-
-    @property
-    def mixture_threshold(self) -> float:
-        """The same for what a mixture says."""
-        return MIXTURE_CHANGE if self.loose_change is None else self.loose_change
 
 
 SEPARATORS = {"tab": "\t", "blank": " "}

@@ -10,6 +10,7 @@ from typing import Any
 TOPICS: dict[str, str] = {
     "campaign": "every key of the campaign file, from the schema that validates it",
     "sensors": "choosing responses before anything is measured: lrbc plan",
+    "rehearsal": "measurements of your own model with loosened bolts: lrbc rehearse",
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
     "results": "result files",

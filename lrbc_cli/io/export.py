@@ -18,7 +18,7 @@ import scipy.io
 
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.hdf5_tools import hdf5_image
+from lrbc_cli.io.hdf5.tools import hdf5_image
 
 VERSION = "0.1.0"
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.frf_csv import read_frf_text, read_text_coherence, write_frf_csv
-from lrbc_cli.io.frf_hdf5 import read_frf_hdf5, write_frf_hdf5
-from lrbc_cli.io.frf_mat import read_frf_mat
-from lrbc_cli.io.hdf5_tools import is_hdf5
-from lrbc_cli.io.mat5 import is_mat5
-from lrbc_cli.io.text_layout import TextLayout
-from lrbc_cli.io.uff import read_uff, read_uff_coherence
-from lrbc_cli.io.uff_datasets import is_uff
-from lrbc_cli.io.uff_write import write_uff
+from lrbc_cli.io.hdf5.frf import read_frf_hdf5, write_frf_hdf5
+from lrbc_cli.io.hdf5.tools import is_hdf5
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.matlab.frf import read_frf_mat
+from lrbc_cli.io.matlab.variables import is_mat5
+from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
+from lrbc_cli.io.uff.datasets import is_uff
+from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
+from lrbc_cli.io.uff.write import write_uff
 from lrbc_cli.model.frf import FrfSet
 
 __all__ = ["READERS", "WRITERS", "CoherenceKey", "TextLayout", "detect_frf_format", "read_coherence", "read_frf", "write_frf"]

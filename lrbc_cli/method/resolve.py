@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.updating.decide import DecisionRule
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
@@ -67,6 +68,8 @@ class Method:
     full_order : bool
         FRFs are those of the full model.
     statistics : StatisticalModel
+    rule : DecisionRule
+        Stands beside the method in a result, and is no part of the digest: it changes no identification.
     reasons : mapping of str to str
         Why each choice was made, by field; no part of the identity.
     warnings : tuple of str
@@ -87,6 +90,7 @@ class Method:
     nuisances: Mapping[str, float]
     full_order: bool
     statistics: StatisticalModel = STATISTICS
+    rule: DecisionRule = field(default_factory=DecisionRule, compare=False)
     reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
     warnings: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
@@ -96,14 +100,14 @@ class Method:
         return self.regularisation == "noise"
 
     def tree(self) -> dict[str, Any]:
-        """``method`` of ``result.json``: all fields as plain values, reasons included."""
-        found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        """``method`` of ``result.json``: all fields but the rule as plain values, reasons included."""
+        found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
         found |= {"residual": asdict(self.residual), "statistics": asdict(self.statistics)}
         return found | {"nuisances": dict(self.nuisances), "reasons": dict(self.reasons)}
 
     @property
     def digest(self) -> str:
-        """Digest of everything but reasons and warnings: what identifications rest on besides model and measurement."""
+        """Digest of everything but rule, reasons and warnings: what identifications rest on besides model and measurement."""
         tree = self.tree()
         del tree["reasons"], tree["warnings"]
         return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
@@ -176,6 +180,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
         statistics=replace(statistics, values=replace(statistics.values, std=update.prior_std)),
+        rule=_rule(update),
         reasons=reasons,
         warnings=tuple(warnings),
     )
@@ -191,6 +196,12 @@ def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     if update.method == "bfgs":
         return "paper", "method: bfgs is the paper's"
     return "bolts", "there is a reference job to compare with"
+
+
+def _rule(update: UpdateConfig) -> DecisionRule:
+    rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
+    given = update.loose_change
+    return rule if given is None else replace(rule, loose_change=given, mixture_change=given)
 
 
 def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:

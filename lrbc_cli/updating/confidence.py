@@ -1,16 +1,15 @@
-"""From the posterior to what a reader wants: bands along the edge, and how probable it is that a bolt is loose."""
+"""From the posterior to what a reader wants: confidence intervals along the edge, closed or open to one side."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
 from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
-from lrbc_cli.updating.verdicts import BoltVerdict
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -20,9 +19,6 @@ NORMAL_95 = float(norm.ppf(0.975))
 
 #: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
 CHI2_95 = NORMAL_95**2
-
-#: The alarm threshold keeps this many standard deviations of the changes between tight states.
-SCATTER_MARGIN = 4.0
 
 
 @dataclass(frozen=True)
@@ -132,68 +128,3 @@ def open_values(
     if patches:
         down[owner], up[owner] = open_sides(data, theta, np.column_stack(patches), parameters.bounds, variance)
     return down, up
-
-
-@dataclass(frozen=True)
-class Rule:
-    """When a bolt is judged.
-
-    Attributes
-    ----------
-    threshold : float
-        Change of log10 stiffness below which a bolt is loose (negative).
-    confidence : float
-        Probability that a verdict needs.
-    scatter : float
-        Standard deviation of the changes between tight states [decades]; 0 where there is only one.
-    """
-
-    threshold: float
-    confidence: float
-    scatter: float = 0.0
-
-    @property
-    def limit(self) -> float:
-        """The threshold, or further down where tight states scatter that much."""
-        return min(self.threshold, -SCATTER_MARGIN * self.scatter)
-
-
-def weigh(
-    verdict: BoltVerdict, change: float, std: float, rule: Rule, ceiling: float = np.inf, probability: float | None = None
-) -> BoltVerdict:
-    """Judge a bolt by the probability that its change lies below the limit.
-
-    Parameters
-    ----------
-    verdict : BoltVerdict
-        Of the place of the bolt; one outside stays as it is.
-    change, std : float
-        Of log10 stiffness against the tight state [decades].
-    rule : Rule
-    ceiling : float
-        The largest change that the FRFs would feel; more is shown as this.
-    probability : float or None
-        Of a change below the limit, where it is known better than from a Gaussian.
-
-    Returns
-    -------
-    BoltVerdict
-    """
-    if verdict.outside:
-        return verdict
-    spread = float(np.hypot(std, rule.scatter))
-    if probability is None:
-        probability = float(norm.cdf((rule.limit - change) / max(spread, 1e-12)))
-    word = "loose" if probability >= rule.confidence else ("tight" if probability <= 1.0 - rule.confidence else "undecided")
-    note = verdict.note
-    if word == "undecided" and note is None:
-        note = "the data do not decide: the interval of its change holds the threshold"
-    return replace(
-        verdict,
-        change=min(change, ceiling),
-        change_std=spread,
-        probability_loose=probability,
-        threshold=rule.limit,
-        verdict=word,
-        note=note,
-    )

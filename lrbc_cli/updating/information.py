@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.updating.confidence import Rule
 from lrbc_cli.updating.misfit import Sensitive
 from lrbc_cli.updating.residuals import DataResidual, ResidualOptions
 
@@ -299,14 +298,14 @@ def outlook(of: Experiment, responses: Sequence[int] | Indices, confidence: floa
     return Outlook(std, removed, distance, chance(distance, confidence))
 
 
-def expectation(of: Experiment, rule: Rule) -> tuple[Floats, Floats]:
+def expectation(of: Experiment, limit: float) -> tuple[Floats, Floats]:
     """What an identification from the planned responses finds at each bolt where that bolt is changed, linearised there.
 
     Parameters
     ----------
     of : Experiment
-    rule : Rule
-        When an identification calls a bolt loose.
+    limit : float
+        Change below which an identification calls a bolt loose [decades].
 
     Returns
     -------
@@ -321,8 +320,7 @@ def expectation(of: Experiment, rule: Rule) -> tuple[Floats, Floats]:
         there = _inverse(of.prior + of.loosened[n])
         expected[n] = of.change[n] * (1.0 - there[c] @ of.prior[:, c])
         if of.change[n] < 0:
-            spread = float(np.hypot(np.sqrt(max(there[c, c], 0.0)), rule.scatter))
-            loose[n] = norm.cdf((rule.limit - expected[n]) / max(spread, 1e-12))
+            loose[n] = norm.cdf((limit - expected[n]) / max(float(np.sqrt(max(there[c, c], 0.0))), 1e-12))
     return expected, loose
 
 

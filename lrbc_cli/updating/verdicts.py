@@ -1,9 +1,9 @@
-"""From the stiffness along an edge to the bolts: stiffness and change at each, and a verdict by these alone."""
+"""Where bolts lie along the edges, and which values of an edge reach each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from lrbc_cli.model.selection import JUMP
 
 Floats = NDArray[np.float64]
-
-#: Verdict on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
-OUTSIDE = "outside"
 
 
 @dataclass(frozen=True)
@@ -38,47 +35,6 @@ class Edge:
     log10: Floats
     cap: float
     reference: Floats | None
-
-
-@dataclass(frozen=True)
-class BoltVerdict:
-    """What the identification says of one bolt.
-
-    Attributes
-    ----------
-    log10_stiffness : float or None
-        Mean log10 stiffness within half a pitch along the edge; None outside.
-    change : float or None
-        Against the tight state, values above saturation counted as saturated [decades].
-    verdict : str
-        ``tight``, ``loose``, ``undecided``, or ``outside`` where no term reaches the bolt.
-    note : str or None
-    near : int array
-        Which values of its edge were averaged.
-    edge : int
-        Which of the edges.
-    change_std : float or None
-        Standard deviation of the change, scatter of tight states included [decades].
-    probability_loose : float or None
-        That the change lies below the threshold.
-    threshold : float or None
-        Of the change [decades].
-    """
-
-    log10_stiffness: float | None
-    change: float | None
-    verdict: str
-    note: str | None
-    near: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
-    edge: int = 0
-    change_std: float | None = None
-    probability_loose: float | None = None
-    threshold: float | None = None
-
-    @property
-    def outside(self) -> bool:
-        """No term reaches the bolt."""
-        return self.verdict == OUTSIDE
 
 
 @dataclass(frozen=True)
@@ -203,47 +159,3 @@ def _between(arc_length: Floats, at: float) -> NDArray[np.int64]:
     if steps[after - 1] > JUMP * float(np.median(steps)):
         return np.zeros(0, dtype=np.int64)
     return np.array([after - 1, after], dtype=np.int64)
-
-
-def judge(edges: list[Edge], bolts: Floats, loose_change: float, is_reference: bool) -> list[BoltVerdict]:
-    """Judge every bolt by the stiffness within half a pitch of it.
-
-    Parameters
-    ----------
-    edges : list of Edge
-        Stiffness groups with positions.
-    bolts : (m, 3) float array
-    loose_change : float
-        Change in decades at which a bolt is loose (negative).
-    is_reference : bool
-        The job is the tight state itself.
-
-    Returns
-    -------
-    list of BoltVerdict
-    """
-    found = places(edges, bolts)
-    capped = {b: float(np.mean(np.minimum(edges[p.edge].log10[p.near], edges[p.edge].cap))) for b, p in enumerate(found) if p.reached}
-    level = float(np.quantile(list(capped.values()), 0.75)) if capped else 0.0
-    verdicts = []
-    for b, place in enumerate(found):
-        if not place.reached:
-            verdicts.append(BoltVerdict(None, None, OUTSIDE, place.note))
-            continue
-        edge, near, value = edges[place.edge], place.near, capped[b]
-        change = measure = note = None
-        contrast = False
-        if is_reference:
-            change, measure = 0.0, 0.0
-            note = "reference state, taken as tight"
-        elif edge.reference is not None:
-            change = measure = value - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
-        else:
-            measure = value - level
-            contrast = True
-            note = "no tight state to compare with: loose by contrast with the other bolts, or undecided"
-        # Without a tight state nothing says that a bolt is tight: all may be loose.
-        calm = "undecided" if contrast else "tight"
-        verdict = "loose" if measure <= loose_change else calm
-        verdicts.append(BoltVerdict(float(np.mean(edge.log10[near])), change, verdict, note, near, place.edge))
-    return verdicts

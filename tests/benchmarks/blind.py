@@ -29,8 +29,8 @@ from pathlib import Path
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
 from lrbc_cli.campaign.calibrate import run_calibration
-from lrbc_cli.campaign.calibration import apply_calibration
-from lrbc_cli.campaign.inputs import read_inputs
+from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.campaign.inputs import read_as_exported
 from lrbc_cli.campaign.run import run_jobs
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import LrbcError, NumericalError
@@ -107,14 +107,14 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
         Where nothing can be compared: its inputs, its calibration or its reference job fail.
     """
     config, own = campaign_of(task)
-    inputs = read_inputs(load_campaign(config, [*own, *task.overrides]))
+    campaign = load_campaign(config, [*own, *task.overrides])
     calibration = None
-    if task.calibrate and inputs.campaign.calibration is not None:
-        tree, _ = run_calibration(inputs, task.cache, force=not task.resume)
+    if task.calibrate and campaign.calibration is not None:
+        tree, _ = run_calibration(read_as_exported(campaign), task.cache, force=not task.resume)
         factors = {name: entry["value"] for name, entry in tree["factors"].items()}
         misfit = tree["misfit_db"]
         calibration = Calibration(tree["status"], misfit["final"], misfit["held_out_final"], factors, len(tree["rounds"]), tree["seconds"])
-    inputs = apply_calibration(inputs, task.calibrate)
+    inputs = read_inputs(campaign, calibration=task.calibrate)
     if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
         raise NumericalError("the calibration that was just made is not used")
     outcome, _ = run_jobs(inputs, task.cache, force=not task.resume)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import FrfSource, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, select_lines
@@ -217,7 +217,7 @@ def main() -> None:
     runs: list[Run] = []
     with tempfile.TemporaryDirectory(prefix="lrbc-optimisers-") as scratch:
         for config in arguments.config or CONFIGS:
-            inputs = read_inputs(load_campaign(config, arguments.override))
+            inputs = read_as_exported(load_campaign(config, arguments.override))
             stage = obtain_reduction(inputs, arguments.cache or Path(scratch), accept=False, progress=lambda _: None)
             source = frf_source(inputs, stage)
             for job in inputs.campaign.jobs:

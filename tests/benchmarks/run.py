@@ -24,7 +24,7 @@ import pymor_side
 from measure import Figure
 from smallest import smallest_basis
 
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.results import versions
 from lrbc_cli.config import load_campaign
 from lrbc_cli.reduction import pardiso
@@ -66,7 +66,7 @@ def measure_all(config: Path, backend: str, quick: bool, job: str, pymor: bool) 
         print(f"[{time.perf_counter() - started:5.0f} s] {text}", file=sys.stderr, flush=True)
 
     def load(method: str = "gauss-newton") -> Inputs:
-        return read_inputs(load_campaign(config, [f"reduction.backend={backend}", f"update.method={method}"]))
+        return read_as_exported(load_campaign(config, [f"reduction.backend={backend}", f"update.method={method}"]))
 
     inputs = load()
     jobs = list(inputs.campaign.jobs)

@@ -20,7 +20,7 @@ import scipy.linalg as la
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.stage import ReductionStage, frf_source, line_seconds
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
@@ -50,7 +50,7 @@ def _inputs(config: str, backend: str, *overrides: str, fixed: bool = False) -> 
     if fixed:
         groups = load_campaign(Path(config)).parameters
         asked += [text for name in groups for text in (f"parameters.{name}.initial=3.0", f"parameters.{name}.bounds=[-1.0, 6.0]")]
-    return read_inputs(load_campaign(Path(config), asked))
+    return read_as_exported(load_campaign(Path(config), asked))
 
 
 def one_factorisation(config: str, backend: str, lines: int) -> dict[str, Any]:

@@ -10,15 +10,11 @@ import numpy as np
 import pytest
 from campaigns import BOX_TRUTH, Folder, box, frame
 
-import lrbc_cli.campaign.identify as identification
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.results import result_tree
-from lrbc_cli.campaign.stage import ReductionStage, affine_model, frf_source, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise
+import lrbc_cli
+from lrbc_cli import Measurement
+from lrbc_cli.campaign.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.shapes import bolt_shapes
@@ -27,38 +23,27 @@ from lrbc_cli.updating.statistics import STATISTICS
 AUTO = "update.regularisation=auto"
 
 
-class Study:
+class Made:
     """A campaign whose measurements are made by its own reduced model: without any error but what is asked for."""
 
-    def __init__(self, folder: Folder, monkeypatch: pytest.MonkeyPatch, *overrides: str, **by_hand: Any) -> None:
-        self.inputs: Inputs = replace(folder.inputs(AUTO, *overrides), by_hand=by_hand)
-        self.stage: ReductionStage = obtain_reduction(self.inputs, folder.cache)
-        self.source = frf_source(self.inputs, self.stage)
-        self.tight, self.other = list(self.inputs.campaign.jobs)[:2]
-        self.base: Measurement = read_measurement(self.inputs, self.inputs.campaign.jobs[self.tight], self.tight)
-        self.s = 2j * np.pi * self.base.frequency_hz
-        self.parameters: Parameterisation = parameterise(self.inputs, self.source, self.s)[0]
-        self.model = self.source.model(self.s, self.parameters)
-        assert self.inputs.bolts is not None
-        self.shapes = bolt_shapes(self.parameters, self.inputs.bolts.xyz, self.inputs.campaign.update.prior_std)
+    def __init__(self, folder: Folder, *overrides: str, **by_hand: Any) -> None:
+        self.study = lrbc_cli.load(folder.config, overrides=(AUTO, *overrides), cache=folder.cache)
+        self.study.inputs = replace(self.study.inputs, by_hand=by_hand)
+        self.tight, self.other = self.study.jobs[:2]
+        self.hz = self.study.read(self.tight).frequency_hz
+        self.parameters = self.study.parameters(self.hz)
+        bolts = self.study.inputs.bolts
+        assert bolts is not None
+        self.shapes = bolt_shapes(self.parameters, bolts.xyz, self.study.inputs.campaign.update.prior_std)
         self.rng = np.random.default_rng(0)
-        self.files: dict[str, Measurement] = {}
-        monkeypatch.setattr(identification, "read_measurement", lambda inputs, job, name: self.files[name])
 
-    def measure(self, job: str, y: np.ndarray, noise: float = 0.03) -> None:
+    def frf(self, theta: np.ndarray) -> np.ndarray:
+        return self.study.frf(self.hz, theta)
+
+    def measured(self, y: np.ndarray, noise: float = 0.03) -> Measurement:
         """FRFs with a relative error of every value."""
         error = (self.rng.normal(size=y.shape) + 1j * self.rng.normal(size=y.shape)) / np.sqrt(2.0)
-        self.files[job] = replace(self.base, values=y * (1.0 + noise * error))
-
-    def reference(self) -> dict[str, Any]:
-        """Result of the tight job."""
-        return self.tree(identification.identify(self.inputs, self.source, self.tight), None)
-
-    def identify(self, reference: dict[str, Any]) -> Any:
-        return identification.identify(self.inputs, self.source, self.other, reference)
-
-    def tree(self, result: Any, reference: dict[str, Any] | None) -> dict[str, Any]:
-        return result_tree(self.inputs, self.stage, result, "x", reference)
+        return self.study.measurement(self.hz, y * (1.0 + noise * error))
 
 
 #: A tight frame where the FRFs feel the edge, and its damping exponent.
@@ -71,28 +56,28 @@ ROUNDS = 30
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["box", "frame"])
-def test_intervals_cover_the_truth(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_intervals_cover_the_truth(kind: str, tmp_path: Path) -> None:
     """Changes drawn from the prior, noise in both measurements: the 95 % intervals hold the truth about that often."""
     lines = {"box": "update.lines=all", "frame": "update.lines=resonances"}[kind]
     # The model is exact: nothing that it lacks in the reference job would have to be corrected.
     # Intervals are those of the Gaussian prior, with or without a mixture sampled after it.
-    study = Study({"box": box, "frame": frame}[kind](tmp_path / kind), monkeypatch, lines, relative=False, mixture=False)
+    made = Made({"box": box, "frame": frame}[kind](tmp_path / kind), lines, relative=False, mixture=False)
     tight = BOX_TRUTH["tight"] if kind == "box" else FRAME_TIGHT
     apart = []
     for round_ in range(ROUNDS):
         if round_ % 2 == 0:
-            study.measure(study.tight, study.model.frf(tight))
-            reference = study.reference()
-        z = study.rng.normal(size=study.shapes.std.size) * study.shapes.std
-        study.measure(study.other, study.model.frf(tight + study.shapes.T @ z))
-        found = study.identify(reference).posterior
-        at = study.shapes.bolts
+            reference = made.study.identify(made.tight, made.measured(made.frf(tight)))
+        z = made.rng.normal(size=made.shapes.std.size) * made.shapes.std
+        measured = made.measured(made.frf(tight + made.shapes.T @ z))
+        found = made.study.identify(made.other, measured, reference=reference).identification.posterior
+        assert found is not None
+        at = made.shapes.bolts
         apart.append((found.z - z)[at] / found.std[at])
     covered = float(np.mean(np.abs(apart) <= 1.96))
     assert 0.90 <= covered <= 0.995, covered
 
 
-def test_intervals_against_the_profile_likelihood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_intervals_against_the_profile_likelihood(tmp_path: Path) -> None:
     """The others free at every step: half the width at which the cost is 3.84 higher, against 1.96 standard deviations."""
     from scipy.optimize import brentq
 
@@ -100,19 +85,19 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path, monkeypatch: p
     from lrbc_cli.updating.misfit import Misfit
     from lrbc_cli.updating.optimise import gauss_newton
 
-    study = Study(box(tmp_path / "box"), monkeypatch, "update.weights=none")
+    made = Made(box(tmp_path / "box"), "update.weights=none")
     tight = BOX_TRUTH["tight"]
-    study.measure(study.tight, study.model.frf(tight), 0.0)
-    reference = study.reference()
+    reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.0))
     z = np.array([0.1, -0.2, -0.6, 0.2, 0.0, 0.3])
-    study.measure(study.other, study.model.frf(tight + study.shapes.T @ z), 0.2)
-    result = study.identify(reference)
+    measured = made.measured(made.frf(tight + made.shapes.T @ z), 0.2)
+    result = made.study.identify(made.other, measured, reference=reference).identification
     known = result.posterior
-    used = study.inputs.used
-    model = study.source.model(study.s, study.parameters, result.selected, used)
-    measured = study.files[study.other].values[np.ix_(result.selected, used)]
-    misfit = Misfit(model, measured, result.prior, result.regularisation, known.shapes.penalty())
-    bounds = study.parameters.bounds
+    assert known is not None
+    used = made.study.inputs.used
+    model = made.study.source.model(2j * np.pi * made.hz, made.parameters, result.selected, used)
+    values = measured.values[np.ix_(result.selected, used)]
+    misfit = Misfit(model, values, result.prior, result.regularisation, known.shapes.penalty())
+    bounds = made.parameters.bounds
 
     def profile(bolt: int, value: float) -> float:
         rest = np.delete(known.shapes.T, bolt, axis=1)
@@ -135,11 +120,12 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path, monkeypatch: p
 NUISANCES = ("update.nuisances.temperature=2.0", "update.nuisances.gain=0.3", "update.nuisances.hammer=0.01")
 
 
-def drifted(study: Study, theta: np.ndarray, kelvin: float, gains: np.ndarray, offset: float) -> np.ndarray:
+def drifted(made: Made, theta: np.ndarray, kelvin: float, gains: np.ndarray, offset: float) -> np.ndarray:
     """FRFs with warmer air, gains [dB] and a hammer beside its node."""
-    every = np.arange(len(study.inputs.responses))
+    every = np.arange(len(made.study.responses))
     extras = [Extra("factor", "sound_speed", 0, 0.0, 0.1, (-1.0, 1.0)), Extra("shift", "hammer", 0, 0.0, 0.1, (-1.0, 1.0))]
-    model = ExtendedFrf(affine_model(study.inputs, study.stage), study.s, study.parameters, extras, every)
+    affine = affine_model(made.study.inputs, made.study.stage)
+    model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, extras, every)
     speed = 0.5 * np.log1p(kelvin / 293.15)
     return model.frf(np.concatenate([theta, [speed, offset]])) * 10.0 ** (gains / 20.0)
 
@@ -155,22 +141,17 @@ def plane_box(path: Path) -> Folder:
     return folder
 
 
-def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
     """Two kelvin, 0.3 dB and 3 mm: found within their intervals, and no bolt called loose; ignored, they go into the bolts."""
     gains = np.array([0.3, -0.3, 0.3, -0.3])
     changes = {}
+    folder, tight = plane_box(tmp_path / "box"), BOX_TRUTH["tight"]
+    made = Made(folder, *NUISANCES, relative=False)
+    files = made.measured(made.frf(tight), 0.005), made.measured(drifted(made, tight, 2.0, gains, 0.003), 0.005)
     for drift in (NUISANCES, ()):
-        path = tmp_path / ("with" if drift else "without")
-        study = Study(plane_box(path), monkeypatch, *NUISANCES, relative=False)
-        tight = BOX_TRUTH["tight"]
-        study.measure(study.tight, study.model.frf(tight), 0.005)
-        reference = study.reference()
-        study.measure(study.other, drifted(study, tight, 2.0, gains, 0.003), 0.005)
-        if not drift:
-            held = study.inputs.campaign.update.model_copy(update={"nuisances": type(study.inputs.campaign.update.nuisances)()})
-            study.inputs = replace(study.inputs, campaign=study.inputs.campaign.model_copy(update={"update": held}))
-        result = study.identify(reference)
-        tree = study.tree(result, reference)
+        study = made.study if drift else Made(folder, relative=False).study
+        reference = study.identify(made.tight, files[0])
+        tree = study.identify(made.other, files[1], reference=reference).record
         changes[bool(drift)] = np.array([bolt["change"] for bolt in tree["bolts"]])
         if drift:
             found = tree["nuisances"]
@@ -190,21 +171,22 @@ def test_drift_is_told_from_bolts(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("loose", [None, 2])
-def test_a_mixture_tells_drift_from_bolts(loose: int | None, relative: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mixture_tells_drift_from_bolts(loose: int | None, relative: bool, tmp_path: Path) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
+    # The model is exact.
     exact = replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0))
-    study = Study(plane_box(tmp_path / "box"), monkeypatch, *NUISANCES, relative=relative, statistics=exact)
+    made = Made(plane_box(tmp_path / "box"), *NUISANCES, relative=relative, statistics=exact)
     tight = BOX_TRUTH["tight"]
-    study.measure(study.tight, study.model.frf(tight), 0.005)
-    reference = study.reference()
-    z = np.zeros(study.shapes.std.size)
+    reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.005))
+    z = np.zeros(made.shapes.std.size)
     if loose is not None:
-        z[study.shapes.bolts[loose]] = -0.8
-    study.measure(study.other, drifted(study, tight + study.shapes.T @ z, 2.0, np.array([0.3, -0.3, 0.3, -0.3]), 0.003), 0.005)
-    result = study.identify(reference)
-    bolts = study.tree(result, reference)["bolts"]
-    assert [i for i, bolt in enumerate(bolts) if bolt["verdict"] == "loose"] == ([] if loose is None else [loose])
+        z[made.shapes.bolts[loose]] = -0.8
+    y = drifted(made, tight + made.shapes.T @ z, 2.0, np.array([0.3, -0.3, 0.3, -0.3]), 0.003)
+    found = made.study.identify(made.other, made.measured(y, 0.005), reference=reference)
+    assert [i for i, verdict in enumerate(found.verdicts.values()) if verdict == "loose"] == ([] if loose is None else [loose])
+    result = found.identification
     assert result.changes is not None
+    assert result.posterior is not None
     apart = (result.changes.mean - z[result.changes.bolts]) / result.changes.std
     assert np.abs(apart).max() < 3.5
     # Where the data say far more than either prior both give the same: what drifted and the reference state are marginalised alike.
@@ -306,23 +288,28 @@ def test_without_the_reference(with_baselines: Folder) -> None:
     assert {b["verdict"] for b in folder.result("loose")["bolts"]} == {"undecided"}
 
 
-def plans(folder: Folder, *words: str) -> dict[str, bool]:
+def plans(folder: Folder, *words: str, what: str = "run") -> dict[str, Any]:
     outcome = folder.run("update", "--dry-run", "--json", *[part for word in words for part in ("--override", word)])
     assert outcome.code == 0, outcome.stderr
-    return {name: job["run"] for name, job in outcome.json["jobs"].items()}
+    return {name: job[what] for name, job in outcome.json["jobs"].items()}
 
 
 def test_what_results_rest_on(with_baselines: Folder) -> None:
     folder = with_baselines
     assert folder.run("update").code == 0
     assert not any(plans(folder).values())
-    # Another baseline: those judged by it, but neither the reference nor the other baseline.
+    # Another baseline: those judged by it are judged anew, but neither the reference nor the other baseline.
     noisy(folder, "tight.uff", "again-1", 9)
-    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": True}
+    assert plans(folder) == {"tight": False, "again-1": True, "again-2": False, "loose": False}
+    assert plans(folder, what="reason")["loose"] == "unless again-1, which runs before it, comes out otherwise"
     noisy(folder, "tight.uff", "again-1", 1)
     assert all(plans(folder, "update.nuisances.gain=0.3").values())
-    assert all(plans(folder, "update.confidence=0.9").values())
-    assert plans(folder, "update.baselines=[again-2]")["loose"]
+    for words, anew in (
+        ("update.confidence=0.9", {"tight", "again-1", "again-2", "loose"}),
+        ("update.baselines=[again-2]", {"again-1", "loose"}),
+    ):
+        assert not any(plans(folder, words).values())
+        assert {name for name, judged in plans(folder, words, what="judge").items() if judged} == anew
 
 
 def test_the_gate(box: Folder) -> None:

@@ -11,7 +11,7 @@ from campaigns import Folder
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.run import plan
+from lrbc_cli.campaign.jobs import plan
 from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.method import Facts, Method, formula, noise_source, resolve
 from lrbc_cli.updating.statistics import STATISTICS
@@ -109,9 +109,11 @@ def test_a_number_of_the_statistical_model_makes_results_outdated(frame: Folder)
 
 
 def test_check_update_and_plan_take_the_same_method(frame: Folder) -> None:
-    checked = frame.run("check", "--json").json["method"]
+    found = frame.run("check", "--json").json
+    checked = found["method"]
     assert checked["approach"] == "bolts"
     assert all(frame.result(job)["method"] == checked for job in JOBS)
+    assert all(frame.result(job)["decision_rule"] == found["decision_rule"] for job in JOBS)
     assert frame.run("plan", "--draws", "0").code == 0
     assert json.loads((frame.out / "plan.json").read_text())["identification"] == checked
     text = frame.run("check").stdout

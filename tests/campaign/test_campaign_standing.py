@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from campaigns import Folder, environment
 from campaigns import frame as new_frame
 
 from lrbc_cli.campaign.documents import plain
-from lrbc_cli.campaign.standing import TightStates, content_of, finding_of, other_rests
+from lrbc_cli.campaign.standing import changes_of, finding_of, other_baselines, other_reference, state_of
 from lrbc_cli.report.results import read_job
 
 OTHERS = ["loose-2", "loose-all"]
@@ -152,38 +154,116 @@ def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     full = on_a_full_disk(folder, "again")
     assert full.returncode == 5, full.stderr
     assert folder.result("loose-2")["provenance"]["rests_on"]["baselines"] == {}
-    assert plans(folder)["loose-2"] == (True, "identified without again, which runs before it")
+    assert plans(folder)["loose-2"] == (False, "unless again, which runs before it, comes out otherwise")
     outcome = folder.run("update", "--json")
-    assert outcome.json["kept"] == ["tight"]
+    assert (outcome.json["kept"], outcome.json["judged"]) == (["tight"], ["loose-2"])
     assert list(folder.result("loose-2")["provenance"]["rests_on"]["baselines"]) == ["again"]
     assert folder.run("update", "--json").json["kept"] == ["tight", "again", "loose-2"]
     # Tight by assumption, both, so that nothing is shown without the third.
     assert folder.run("update", "--fail-on-loose", "--job", "again").code == 7
 
 
-def test_what_content_is(frame_once: Folder) -> None:
-    tree = frame_once.result("tight")
-    same = plain(tree) | {"seconds": {"total": 99.0}, "provenance": {}, "notes": ["x"], "warnings": ["y"]}
-    assert content_of(same) == content_of(tree)
-    for key in ("parameters", "covariance", "noise", "misfit_db", "nuisances", "bolts", "status"):
-        assert content_of({**tree, key: None}) != content_of(tree), key
+def test_what_others_rest_on(frame_once: Folder) -> None:
+    """The state, however it is judged; of a baseline its changes."""
+    tree = frame_once.result("loose-2")
+    same = plain(tree) | {
+        "seconds": {"total": 99.0},
+        "provenance": {},
+        "notes": ["x"],
+        "bolts": [],
+        "validity": {},
+        "status": "unexplained",
+    }
+    assert state_of(same) == state_of(tree)
+    for key in ("parameters", "covariance", "noise", "misfit_db", "nuisances"):
+        assert state_of({**tree, key: None}) != state_of(tree), key
+    other = json.loads(json.dumps(plain(tree)))
+    assert changes_of(other) == changes_of(tree)
+    for key, value in (("change", 0.1), ("change_std", 0.1), ("verdict", "undecided")):
+        other["bolts"][0][key], kept = value, other["bolts"][0][key]
+        assert changes_of(other) != changes_of(tree), key
+        other["bolts"][0][key] = kept
 
 
 def test_why_a_result_does_not_rest_on_what_there_is() -> None:
-    states = TightStates()
-    now = states.rests_on("tight", {"a": 1.0}, {"b": {"a": 2.0}})
-    assert other_rests(now, now, "tight") is None
-    assert other_rests(None, now, "tight") == "it is of an earlier version, which does not say what its verdicts rest on"
-    assert other_rests({**now, "reference": None}, now, "tight") == "it was identified without a result of tight"
-    assert "no longer there" in str(other_rests(now, {**now, "reference": None}, "tight"))
-    for baselines in ({}, {"b": "another"}, now["baselines"] | {"c": "x"}):
-        assert "baselines (" in str(other_rests(now, {**now, "baselines": baselines}, "tight"))
+    now = {"reference": "r", "baselines": {"b": "s"}}
+    assert other_reference(now, now, "tight") is None
+    assert other_reference(None, now, "tight") == "it is of an earlier version, which does not say what its verdicts rest on"
+    assert other_reference({**now, "reference": None}, now, "tight") == "it was identified without a result of tight"
+    assert "no longer there" in str(other_reference(now, {**now, "reference": None}, "tight"))
+    assert other_baselines(now, now) is None
+    for baselines in ({}, {"b": "another"}, {"b": "s", "c": "x"}):
+        assert "baselines (" in str(other_baselines(now, {**now, "baselines": baselines}))
+
+
+# -- judged anew --------------------------------------------------------------------------------------------------------
+
+#: A rule that decides otherwise on the frame: with its own of 95 % all bolts of loose-2 are judged.
+STRICT = ("--override", "update.confidence=0.999")
+
+
+def test_another_rule_judges_anew(frame: Folder, tmp_path: Path) -> None:
+    """As if run anew, from what is stored, and back again."""
+    before = frame.results()
+    stored = {name: frame.result(name)["provenance"] for name in before}
+    found = plans(frame, *STRICT)
+    assert all(found[name] == (False, "changed: the decision rule") for name in ("tight", *OTHERS))
+    outcome = frame.run("update", "--json", *STRICT)
+    assert (outcome.code, outcome.json["kept"], outcome.json["judged"]) == (0, [], ["tight", *OTHERS])
+    after = frame.results()
+    verdicts = {name: [bolt["verdict"] for bolt in tree["bolts"]] for name, tree in after.items()}
+    assert "undecided" in verdicts["loose-2"]
+    assert "undecided" not in {bolt["verdict"] for bolt in before["loose-2"]["bolts"]}
+    for name in after:
+        own = frame.result(name)["provenance"]
+        assert own["files"] == stored[name]["files"]
+        assert own["identity"] == stored[name]["identity"]
+        assert own["configuration"]["update"]["confidence"] == 0.999
+    anew = frame.run("update", "--json", "--force", *STRICT, "--override", f"output={tmp_path / 'anew'}")
+    assert anew.code == 0
+    for name, tree in anew.json["results"].items():
+        for key in ("status", "reason", "bolts", "validity", "taken_as_tight", "warnings", "notes", "prior", "parameters", "removed"):
+            assert after[name][key] == tree[key], (name, key)
+        assert frame.result(name)["provenance"]["judgement"] == tree["provenance"]["judgement"]
+    assert frame.run("report", *STRICT).code == 0
+    assert frame.run("update", "--json").json["judged"] == ["tight", *OTHERS]
+    for name, tree in frame.results().items():
+        assert tree["bolts"] == before[name]["bolts"]
+    assert frame.run("update", "--json").json["kept"] == ["tight", *OTHERS]
+
+
+@pytest.mark.parametrize(
+    ("override", "part"),
+    [
+        ("update.loose_change=-0.9", "the decision rule"),
+        ("update.largest_misfit=0.1", "the decision rule"),
+        ("jobs.loose-2.removed=[B1]", "the bolts stated as removed"),
+        ("update.baselines=[loose-2]", "its role in the campaign"),
+    ],
+)
+def test_what_only_judges(frame: Folder, override: str, part: str) -> None:
+    found = plans(frame, "--override", override)
+    assert not any(run for run, _ in found.values())
+    assert found["loose-2"][1] == f"changed: {part}"
+
+
+@pytest.mark.parametrize("damage", [lambda tree: tree.update(version=2), lambda tree: tree["bolts"][0].update(change="much")])
+def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: Callable[[dict[str, Any]], None]) -> None:
+    path = frame.out / "loose-2" / "evidence.json"
+    change(path, damage)
+    hashed = hashlib.sha256(path.read_bytes()).hexdigest()
+    change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"]["files"].update({"evidence.json": hashed}))
+    assert not plans(frame)["loose-2"][0]
+    run, reason = plans(frame, *STRICT)["loose-2"]
+    assert run
+    assert "evidence is unusable" in reason
+    assert frame.run("update", "--json", *STRICT).json["judged"] == ["tight", "loose-all"]
 
 
 # -- the files of a job -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["profile.csv", "frf.csv", "fdac.csv"])
+@pytest.mark.parametrize("name", ["profile.csv", "frf.csv", "fdac.csv", "evidence.json"])
 def test_a_table_of_another_run(frame: Folder, name: str) -> None:
     path = frame.out / "loose-2" / name
     whole = path.read_bytes()

@@ -17,6 +17,10 @@ import scipy.sparse as sp
 from campaigns import ROOT, Folder, box, frame, lrbc
 from samples import reduced_cache
 
+import lrbc_cli
+from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.config import load_campaign
+
 FACTORS = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
 
 
@@ -60,6 +64,26 @@ def fresh(tmp_path: Path) -> Folder:
     scipy.io.mmwrite(plain, matrix * 0.5, symmetry="symmetric", precision=17)
     damping.write_bytes(gzip.compress(plain.read_bytes()))
     return folder
+
+
+def test_python_uses_it_as_the_command_line_does(fresh: Folder) -> None:
+    """There is no reading a campaign without saying whether its calibration is used."""
+    assert fresh.run("calibrate").code == 0
+    assert fresh.run("simulate", "--lines", "60:64:2", "--set", "left_edge=5.5", "--out", fresh.path / "y.csv").code == 0
+    table = np.genfromtxt(fresh.path / "y.csv", delimiter=",", names=True)
+    written = table["acc1_real"] + 1j * table["acc1_imag"]
+
+    def from_python(calibration: bool) -> np.ndarray:
+        study = lrbc_cli.load(fresh.config, calibration=calibration, cache=fresh.cache)
+        return study.frf([60.0, 62.0, 64.0], left_edge=5.5)[:, 0]
+
+    np.testing.assert_allclose(from_python(True), written, rtol=1e-6)
+    assert np.linalg.norm(from_python(False) - written) > 1e-2 * np.linalg.norm(written)
+    campaign = load_campaign(fresh.config)
+    with pytest.raises(TypeError, match="calibration"):
+        read_inputs(campaign)  # type: ignore[call-arg]
+    used = [read_inputs(campaign, calibration=use).calibration for use in (True, False)]
+    assert [use.used for use in used if use is not None] == [True, False]
 
 
 def test_from_end_to_end(fresh: Folder) -> None:

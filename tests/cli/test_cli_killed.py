@@ -106,14 +106,16 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     assert outcome.json["kept"] == ["tight", "loose-2", "loose-all"]
 
 
-@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "profile.csv", "frf.csv", "fdac.csv", "result.json", "campaign.csv"])
+@pytest.mark.parametrize(
+    "file", ["campaign.json", "reduction.json", "profile.csv", "frf.csv", "evidence.json", "result.json", "campaign.csv"]
+)
 def test_update(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     folder = frame(tmp_path / "frame")
     assert folder.run("calibrate").code == 0
     kill(folder, file, "update")
     assert_whole(folder)
     for path in folder.out.glob("*/result.json"):
-        assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv"}
+        assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv", "evidence.json"}
     outcome = folder.run("update", "--json")
     assert outcome.code == 0, outcome.stderr
     assert set(outcome.json["kept"]) == ({"tight", "loose-2", "loose-all"} if file == "campaign.csv" else set())

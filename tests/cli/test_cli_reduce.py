@@ -16,7 +16,7 @@ from campaigns import Folder, box, chain_folder, frame
 
 from lrbc_cli.campaign import memory
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.io.store import read_store, write_store
+from lrbc_cli.io.hdf5.store import read_store, write_store
 
 REDUCTION_KEYS = {
     "size",

@@ -291,12 +291,12 @@ def test_several_problems_are_told_at_once(fails) -> None:  # type: ignore[no-un
 def test_formats_are_those_of_the_readers() -> None:
     from typing import get_args
 
-    matrices = pytest.importorskip("lrbc_cli.io.matrices")
+    matrices = pytest.importorskip("lrbc_cli.io.matrices.read")
     assert set(get_args(MatrixFormat)) == set(matrices.FORMATS)
 
 
 def test_text_formats_are_those_of_the_reader(write) -> None:  # type: ignore[no-untyped-def]
-    layouts = pytest.importorskip("lrbc_cli.io.text_layout")
+    layouts = pytest.importorskip("lrbc_cli.io.layout")
     text = swap("frf/bolts-00.uff", "a.csv, format: {delimiter: tab, decimal: ',', frequency: f, unit: g/N, columns: {acc 1: [2, im]}}")
     layout = load_campaign(write(text)).jobs["bolts-00"].format
     assert layout is not None

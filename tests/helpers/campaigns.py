@@ -21,7 +21,7 @@ import yaml
 from shared import shared
 from systems import chain, csc, direct_frf, duct, fe_model, unit
 
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.cli.main import main
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import write_frf
@@ -104,7 +104,7 @@ class Folder:
 
     def inputs(self, *overrides: str) -> Inputs:
         """Read model and campaign file."""
-        return read_inputs(load_campaign(self.config, overrides))
+        return read_as_exported(load_campaign(self.config, overrides))
 
     def tree(self) -> Any:
         """The campaign file as plain values."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from shared import shared
 
-from lrbc_cli.campaign.inputs import Inputs, read_inputs
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.reduction.build import Reduction
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 @cache
 def sample(name: str) -> Inputs:
     """Model, terms, loads and outputs of ``soundbox`` or ``frame``."""
-    return read_inputs(load_campaign(ROOT / "configs" / f"{name}.yaml"))
+    return read_as_exported(load_campaign(ROOT / "configs" / f"{name}.yaml"))
 
 
 def reduced_cache(name: str) -> Path:

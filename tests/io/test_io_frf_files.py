@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import TextLayout, detect_frf_format, read_coherence, read_frf, write_frf
-from lrbc_cli.io.hdf5_tools import SEAL
+from lrbc_cli.io.hdf5.tools import SEAL
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 REUSE_FOLDER = [HealthCheck.function_scoped_fixture]

@@ -16,9 +16,9 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
-from lrbc_cli.io.frf_hdf5 import write_frf_hdf5
-from lrbc_cli.io.hdf5_sparse import write_matrix_hdf5
-from lrbc_cli.io.store import write_store
+from lrbc_cli.io.hdf5.frf import write_frf_hdf5
+from lrbc_cli.io.hdf5.matrices import write_matrix_hdf5
+from lrbc_cli.io.hdf5.store import write_store
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 what, path = sys.argv[1], Path(sys.argv[2])
 frequency = np.arange(1.0, 5001.0)

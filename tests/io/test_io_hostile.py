@@ -21,9 +21,13 @@ import scipy.io
 from scipy.sparse import csc_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io import common, hdf5_tools, matrix_market, reader_process, uff_datasets
+from lrbc_cli.io import common
 from lrbc_cli.io.frf import read_frf, write_frf
-from lrbc_cli.io.matrices import read_vectors, write_matrix_hdf5
+from lrbc_cli.io.hdf5 import reader_process
+from lrbc_cli.io.hdf5 import tools as hdf5_tools
+from lrbc_cli.io.matrices import matrix_market
+from lrbc_cli.io.matrices.read import read_vectors, write_matrix_hdf5
+from lrbc_cli.io.uff import datasets as uff_datasets
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 #: Seconds that no answer takes on the busiest machine; code that hangs or takes quadratic time needs hours.
@@ -58,8 +62,8 @@ READ = """
 import sys
 from pathlib import Path
 from lrbc_cli.errors import DataError
-from lrbc_cli.io import reader_process
-from lrbc_cli.io.matrices import read_vectors
+from lrbc_cli.io.hdf5 import reader_process
+from lrbc_cli.io.matrices.read import read_vectors
 reader_process.SECONDS = float(sys.argv[1])
 print("begins", flush=True)
 try:
@@ -298,7 +302,7 @@ import sys
 from pathlib import Path
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.io.matrices import read_vectors
+from lrbc_cli.io.matrices.read import read_vectors
 for name in sys.argv[1:]:
     try:
         (read_vectors if name.endswith(".txt") else read_frf)(Path(name))

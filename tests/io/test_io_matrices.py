@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array, csc_array, csr_array, random_array, save_npz
 
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.io import matrix_market
-from lrbc_cli.io.hdf5_tools import SEAL
-from lrbc_cli.io.matrices import FORMATS, detect_format, read_matrix, read_vectors, split_reference, write_matrix_hdf5
+from lrbc_cli.io.hdf5.tools import SEAL
+from lrbc_cli.io.matrices import matrix_market
+from lrbc_cli.io.matrices.read import FORMATS, detect_format, read_matrix, read_vectors, split_reference, write_matrix_hdf5
 from lrbc_cli.io.sparse import stored_triangle
 
 DATA = Path(__file__).parents[1] / "data"

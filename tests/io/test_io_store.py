@@ -13,8 +13,8 @@ from hypothesis.extra import numpy as hnp
 from scipy.sparse import csc_array, random_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.hdf5_tools import SEAL, sealed
-from lrbc_cli.io.store import read_store, write_store
+from lrbc_cli.io.hdf5.store import read_store, write_store
+from lrbc_cli.io.hdf5.tools import SEAL, sealed
 
 REUSE_FOLDER = [HealthCheck.function_scoped_fixture]
 KEYS = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=6).filter(

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf, write_frf
-from lrbc_cli.io.uff_axis import even_axis, restore
-from lrbc_cli.io.uff_datasets import read_datasets
+from lrbc_cli.io.uff.axis import even_axis, restore
+from lrbc_cli.io.uff.datasets import read_datasets
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 DATA = Path(__file__).parents[1] / "data" / "uff"

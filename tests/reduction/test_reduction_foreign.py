@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from systems import csc, fe_model, relative, unit
 
-from lrbc_cli.io.matrices import read_matrix
+from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.reduction.build import ReductionOptions, full_ports, reduce_model
 
 DATA = Path(__file__).parents[1] / "data" / "nlevp"

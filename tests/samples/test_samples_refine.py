@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 pytest.importorskip("skfem")
 
-from lrbc_cli.campaign.inputs import read_inputs
+from lrbc_cli.campaign.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.model.coupling import coupling_of
 from rigs.coupled import factorise, lowest_modes
@@ -142,7 +142,7 @@ def test_campaign_is_read(tmp_path: Path) -> None:
     model = write_model(design, tmp_path)
     frf = ROOT / "data_samples" / "soundbox" / "frf"
     path = write_refined(design, model, terms, tmp_path, frf, {"bolts-00": [], "bolts-04": ["B08"]}, "campaign")
-    inputs = read_inputs(load_campaign(path))
+    inputs = read_as_exported(load_campaign(path))
     assert inputs.warnings == ()
     assert inputs.model.size == size(design)
     assert inputs.model.terms.size == 12

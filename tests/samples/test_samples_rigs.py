@@ -10,14 +10,14 @@ import pytest
 
 pytest.importorskip("skfem", reason="extra `samples`")
 
-from lrbc_cli.campaign.inputs import read_inputs
+from lrbc_cli.campaign.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.io.matrices import read_matrix
+from lrbc_cli.io.matrices.read import read_matrix
+from lrbc_cli.virtual.drift import Drift, Scatter
 from rigs.campaign import campaign_text, ensure_model, parse_jobs, write_campaign
 from rigs.design import Design, Foundation, Mesh
 from rigs.designs import DESIGNS, SINGLE, SOUNDBOX
-from rigs.drift import Drift, Scatter
 from rigs.measure import FREQUENCIES, Laboratory
 from rigs.nominal import bolt_table, build
 from rigs.reduced import Basis
@@ -174,7 +174,7 @@ def test_campaign_is_ready(tmp_path: Path) -> None:
         laboratory.campaign(4, jobs, at / "frf", at / "truth.json", retorque=0.3, scatter=Scatter(2.0, 0.003))
     assert (folder / "frf" / "tight.uff").read_bytes() == (tmp_path / "again" / "frf" / "tight.uff").read_bytes()
     write_campaign(COARSE, folder, model, jobs, Scatter(2.0, 0.003))
-    inputs = read_inputs(load_campaign(folder / "campaign.yaml"))
+    inputs = read_as_exported(load_campaign(folder / "campaign.yaml"))
     assert inputs.warnings == ()
     assert inputs.campaign.update.reference == "tight"
     assert inputs.campaign.update.baselines == ()

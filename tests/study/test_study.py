@@ -67,6 +67,21 @@ def test_sensitivities_are_the_derivatives_of_the_levels(study: Study) -> None:
     check_derivative(lambda p: 20 * np.log10(np.abs(study.frf(HZ, left_edge=p))), J[:, :, :count], p, rng.normal(size=count))
 
 
+def test_unknowns_by_group_or_all_at_once(study: Study) -> None:
+    theta = np.append(np.linspace(5.0, 6.0, 10), 1.5)
+    by_group = study.frf(HZ, left_edge=theta[:10], **{"left_edge.damping": 1.5})
+    np.testing.assert_array_equal(study.frf(HZ, theta), by_group)
+    np.testing.assert_array_equal(study.frf(HZ, theta, left_edge=6.5), study.frf(HZ, np.append(np.full(10, 6.5), 1.5)))
+    np.testing.assert_array_equal(
+        study.sensitivities(HZ, theta)[0], study.sensitivities(HZ, left_edge=theta[:10], **{"left_edge.damping": 1.5})[0]
+    )
+    for wrong in ({"left_edge": [6.0, 6.0]}, {"left_edge.damping": [1.0, 1.0]}):
+        with pytest.raises(ConfigError, match="number of values does not fit left_edge"):
+            study.frf(HZ, **wrong)
+    with pytest.raises(ConfigError, match="does not fit theta"):
+        study.frf(HZ, theta[:-1])
+
+
 def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) -> None:
     tight = study.identify("tight")
     loose = study.identify("loose-2", reference=tight)

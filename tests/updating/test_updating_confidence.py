@@ -1,19 +1,15 @@
-"""Bands that open where nothing is felt, and probabilities of bolts."""
+"""Bands that open where nothing is felt."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from linear import line_group
-from scipy.stats import norm
 
 from lrbc_cli.model.terms import smoothing_matrix
-from lrbc_cli.updating.confidence import CHI2_95, SCATTER_MARGIN, Rule, band, open_sides, weigh
-from lrbc_cli.updating.verdicts import BoltVerdict
+from lrbc_cli.updating.confidence import CHI2_95, band, open_sides
 
-PLACE = BoltVerdict(4.0, None, "undecided", None)
 NEVER = (np.zeros(7, dtype=bool), np.zeros(7, dtype=bool))
 
 
@@ -68,56 +64,3 @@ class TestOpenSides:
         patch = np.array([[1.0], [1.0], [0.0]])
         _, up = open_sides(self.data, self.truth, patch, self.bounds, 1.0)
         assert not up[0]
-
-
-class TestWeigh:
-    rule = Rule(-0.5, 0.95)
-
-    @pytest.mark.parametrize(
-        ("change", "std", "word"),
-        [
-            (-1.0, 0.1, "loose"),
-            (0.0, 0.1, "tight"),
-            (-0.5, 0.1, "undecided"),
-            (-1.0, 1.0, "undecided"),
-            (0.0, 1.0, "undecided"),
-            (-0.5 - 1.65 * 0.1, 0.1, "loose"),
-            (-0.5 - 1.64 * 0.1, 0.1, "undecided"),
-            (-0.5 + 1.65 * 0.1, 0.1, "tight"),
-        ],
-    )
-    def test_verdicts(self, change: float, std: float, word: str) -> None:
-        found = weigh(PLACE, change, std, self.rule)
-        assert found.verdict == word
-        assert found.probability_loose == pytest.approx(norm.cdf((-0.5 - change) / std))
-        assert (found.change, found.change_std, found.threshold) == (change, std, -0.5)
-        assert (found.note is not None) == (word == "undecided")
-
-    def test_the_confidence_counts(self) -> None:
-        words = [weigh(PLACE, -0.6, 0.08, Rule(-0.5, c)).verdict for c in (0.8, 0.95)]
-        assert words == ["loose", "undecided"]
-
-    def test_probability_falls_with_the_change(self) -> None:
-        for std in (0.01, 0.1, 1.0):
-            found = [weigh(PLACE, c, std, self.rule).probability_loose for c in np.linspace(-3.0, 2.0, 101)]
-            assert np.all(np.diff(found) <= 0)
-            assert found[0] > found[-1]
-
-    def test_scatter_of_tight_states(self) -> None:
-        """It widens the interval, and moves the threshold once four of it lie beyond."""
-        small, large = (Rule(-0.5, 0.95, s) for s in (0.1, 0.3))
-        assert small.limit == -0.5
-        assert large.limit == pytest.approx(-SCATTER_MARGIN * 0.3)
-        assert weigh(PLACE, -0.75, 0.1, self.rule).verdict == "loose"
-        assert weigh(PLACE, -0.75, 0.1, large).verdict == "undecided"
-        assert weigh(PLACE, -2.0, 0.1, large).verdict == "loose"
-        assert weigh(PLACE, 0.0, 0.1, small).change_std == pytest.approx(np.hypot(0.1, 0.1))
-
-    def test_beside_the_terms_there_is_no_verdict(self) -> None:
-        outside = BoltVerdict(None, None, "outside", "no term within half a pitch")
-        for change in (-3.0, 0.0):
-            assert weigh(outside, change, 0.1, self.rule, probability=0.7) is outside
-
-    def test_no_uncertainty(self) -> None:
-        assert weigh(PLACE, -0.6, 0.0, self.rule).probability_loose == 1.0
-        assert weigh(PLACE, -0.4, 0.0, self.rule).probability_loose == 0.0

@@ -13,7 +13,6 @@ from systems import chain, csc, dense_ports, fe_model, unit
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms, ParameterGroup, Parameterisation
-from lrbc_cli.updating.confidence import Rule
 from lrbc_cli.updating.information import (
     FACTOR,
     LOOSENING,
@@ -182,7 +181,7 @@ def test_units_of_the_terms_do_not_matter(found):
         one, two = outlook(found, used, 0.95), outlook(other, used, 0.95)
         for name in ("std", "removed", "distance", "correct"):
             np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(expectation(other, Rule(-0.5, 0.95))[0], expectation(found, Rule(-0.5, 0.95))[0], rtol=1e-6)
+    np.testing.assert_allclose(expectation(other, -0.5)[0], expectation(found, -0.5)[0], rtol=1e-6)
 
 
 def test_a_response_that_feels_nothing_ranks_last(found):
@@ -268,13 +267,13 @@ def test_bounds_stop_a_change(found):
 
 def test_what_an_identification_would_state(found):
     """The prior draws the change to zero: the less, the more the data say."""
-    expected, loose = expectation(found, Rule(-0.5, 0.95))
+    expected, loose = expectation(found, -0.5)
     assert np.all((expected <= 0.0) & (expected >= -1.5))
-    clear, certain = expectation(look(sigma=0.05), Rule(-0.5, 0.95))
+    clear, certain = expectation(look(sigma=0.05), -0.5)
     assert np.all(clear <= expected + 1e-9)
     np.testing.assert_allclose(clear, -1.5, rtol=0.2)
     assert np.all(certain >= loose - 1e-9)
-    tightened, none = expectation(look(change=1.5), Rule(-0.5, 0.95))
+    tightened, none = expectation(look(change=1.5), -0.5)
     assert np.all(tightened >= 0.0)
     assert np.isnan(none).all()
 

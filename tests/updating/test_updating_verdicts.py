@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.verdicts import Edge, foot, judge, pitch_of
+from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule, Evidence, at_bolts
+from lrbc_cli.updating.decide import judge as decide
+from lrbc_cli.updating.verdicts import Edge, foot, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)
 XYZ = np.column_stack([0 * Y, Y, 0 * Y])
@@ -22,6 +24,25 @@ def profile(tight, loose=None, at=()):
     for bolt in at:
         p[np.abs(Y - BOLTS[bolt, 1]) <= 0.025] = loose
     return p
+
+
+def judge(edges, bolts, loose_change, is_reference):
+    """By the values along the edges alone."""
+    evidence = Evidence(
+        job="x",
+        status="converged",
+        reason="",
+        along_edges=True,
+        bolts=at_bolts(edges, [str(i) for i in range(len(bolts))], np.asarray(bolts)),
+        missing_reference=None,
+        prior_std=0.35,
+        compared="validation channels",
+        misfit_db=0.1,
+        unvalidated="",
+        repeats=None,
+        setting="",
+    )
+    return list(decide(evidence, DecisionRule(loose_change=loose_change), REFERENCE if is_reference else JOB).bolts)
 
 
 def verdicts(edges, bolts=BOLTS, loose_change=-1.0, is_reference=False):
@@ -116,7 +137,8 @@ class TestPlaces:
             found = judge(edges, BOLTS, -1.0, False)
             assert [v.verdict for v in found] == ["tight"] * 7 + ["loose"] + ["tight"]
             # The fifth stands at the joint.
-            assert [edges[v.edge] is parts[1] for v in found[:4] + found[5:]] == [False] * 4 + [True] * 4
+            where = places(edges, BOLTS)
+            assert [edges[place.edge] is parts[1] for place in where[:4] + where[5:]] == [False] * 4 + [True] * 4
 
     def test_the_far_edge_reaches_nothing(self):
         """Beyond the end of its own edge a bolt is not judged by the opposite one, which is longer."""

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5_sparse import read_hdf5_matrix, write_matrix_hdf5
-from lrbc_cli.io.hdf5_tools import is_hdf5
-from lrbc_cli.io.mat5 import is_mat5, read_mat5_matrix
-from lrbc_cli.io.matrix_market import explain_text, is_matrix_market, read_matrix_market
-from lrbc_cli.io.npz import SIGNATURE as NPZ_SIGNATURE
-from lrbc_cli.io.npz import read_npz_matrix
+from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix, write_matrix_hdf5
+from lrbc_cli.io.hdf5.tools import is_hdf5
+from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
+from lrbc_cli.io.matrices.matrix_market import explain_text, is_matrix_market, read_matrix_market
+from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
+from lrbc_cli.io.matrices.npz import read_npz_matrix
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
 __all__ = ["FORMATS", "MatrixFile", "detect_format", "read_matrix", "read_vectors", "split_reference", "write_matrix_hdf5"]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, not_finite, scaled
-from lrbc_cli.io.text import unfinished
-from lrbc_cli.io.text_layout import TextLayout
-from lrbc_cli.io.text_sniff import TextTable, read_table
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 

@@ -12,9 +12,9 @@ from scipy.sparse import issparse
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import damaged, listing
 from lrbc_cli.io.frf_common import check_frequencies, first_bad, not_finite, scaled
-from lrbc_cli.io.mat5 import list_variables, load_variables
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.matlab.variables import list_variables, load_variables
 from lrbc_cli.io.sparse import numeric
-from lrbc_cli.io.text_layout import TextLayout
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _AXES = ("frequency_hz", "frequency", "freq", "f", "fhz", "f_hz", "freqs", "frequencies")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
-from lrbc_cli.io.uff_axis import even_axis
+from lrbc_cli.io.uff.axis import even_axis
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _NUMERATORS = {"displacement": (8, "m"), "velocity": (11, "m/s"), "acceleration": (12, "m/s^2"), "pressure": (15, "Pa"), None: (0, "NONE")}

@@ -27,8 +27,8 @@ from lrbc_cli.io.common import (
     damaged,
     require_file,
 )
+from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates
-from lrbc_cli.io.text import unfinished
 
 BANNER = b"%%matrixmarket"
 _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import LONGEST_NUMBER
-from lrbc_cli.io.text import decode
-from lrbc_cli.io.uff_axis import even_axis
-from lrbc_cli.io.uff_form import DataForm, data_form
+from lrbc_cli.io.encoding import decode
+from lrbc_cli.io.uff.axis import even_axis
+from lrbc_cli.io.uff.form import DataForm, data_form
 
 _DELIMITER = re.compile(rb"^[ \t]*-1[ \t]*\r?(?:\n|\Z)", re.MULTILINE)
 _IDENTIFIER = re.compile(r"\s*(\d{1,6})([bB])?(?![\w.])(.*)")

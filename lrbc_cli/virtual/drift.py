@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rigs.design import Array
+Floats = NDArray[np.float64]
 
 #: Temperature at which the design's air has its properties [K].
 ROOM = 293.15
@@ -36,7 +37,7 @@ class Drift:
         """Factor on the squared speed of sound, and the inverse of that on the density of the air."""
         return (ROOM + self.kelvin) / ROOM
 
-    def gains(self, names: Sequence[str]) -> Array:
+    def gains(self, names: Sequence[str]) -> Floats:
         """(r,) linear gains."""
         return np.array([10 ** (self.gain.get(name, 0.0) / 20) for name in names])
 

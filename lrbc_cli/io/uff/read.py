@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled
-from lrbc_cli.io.text_layout import TextLayout
-from lrbc_cli.io.uff_datasets import Axis, UffFunction, UffUnits, read_datasets
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.uff.datasets import Axis, UffFunction, UffUnits, read_datasets
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 

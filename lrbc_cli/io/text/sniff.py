@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import LONGEST_NUMBER
-from lrbc_cli.io.text import read_lines
-from lrbc_cli.io.text_layout import TextLayout
+from lrbc_cli.io.encoding import read_lines
+from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.units import parse_unit
 
 # Each digit can be matched in one way only: what is no number is found out in linear time.

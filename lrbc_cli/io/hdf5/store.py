@@ -18,7 +18,7 @@ from scipy.sparse import csc_array, issparse
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_path
 from lrbc_cli.io.common import require_file
-from lrbc_cli.io.hdf5_tools import (
+from lrbc_cli.io.hdf5.tools import (
     changed,
     fixed_texts,
     hdf5_image,

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.hdf5_tools import hdf5_image, load, lookup, open_hdf5, read_safely, sealed, shape_attribute, text_attribute
+from lrbc_cli.io.hdf5.tools import hdf5_image, load, lookup, open_hdf5, read_safely, sealed, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
 ENCODING_VERSION = "0.1.0"

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing, require_file
-from lrbc_cli.io.text import read_lines
+from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigs.design import Array
-
-ComplexArray = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Chain:
     corner: float = 25.0
     hits: int = 5
 
-    def force(self, frequencies: Array, rng: np.random.Generator) -> ComplexArray:
+    def force(self, frequencies: Floats, rng: np.random.Generator) -> Complexes:
         """Spectrum of one hit [N s]: a half-sine pulse of random strength, duration and delay."""
         duration = self.duration * np.exp(rng.normal(0.0, 0.05))
         peak = self.peak * np.exp(rng.normal(0.0, 0.25))
@@ -49,7 +49,7 @@ class Chain:
         delay = rng.uniform(0.01, 0.02) + duration / 2
         return np.asarray(2 * peak * duration / np.pi * shape * np.exp(-2j * np.pi * frequencies * delay))
 
-    def measure(self, frfs: ComplexArray, frequencies: Array, rng: np.random.Generator) -> tuple[ComplexArray, Array]:
+    def measure(self, frfs: Complexes, frequencies: Floats, rng: np.random.Generator) -> tuple[Complexes, Floats]:
         """H1 estimate and coherence over the hits.
 
         Parameters
@@ -66,10 +66,10 @@ class Chain:
         coherence : (f, r) array
         """
 
-        def noise(*shape: int) -> ComplexArray:
-            return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+        def noise(*shape: int) -> Complexes:
+            return np.asarray((rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2))
 
-        cross = np.zeros(frfs.shape, dtype=complex)
+        cross: Complexes = np.zeros(frfs.shape, dtype=complex)
         force_power = np.zeros(frequencies.size)
         response_power = np.zeros(frfs.shape)
         colour = np.sqrt(1 + (self.corner / frequencies) ** 4)
@@ -82,5 +82,4 @@ class Chain:
             cross += response * force.conj()[:, None]
             force_power += np.abs(force) ** 2
             response_power += np.abs(response) ** 2
-        estimate = cross / force_power[:, None]
-        return estimate, np.abs(cross) ** 2 / (force_power[:, None] * response_power)
+        return cross / force_power[:, None], np.abs(cross) ** 2 / (force_power[:, None] * response_power)

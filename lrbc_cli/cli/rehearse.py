@@ -1,0 +1,96 @@
+"""The command ``lrbc rehearse``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lrbc_cli.campaign.simulate import parse_lines
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.config.skeleton import FILE
+from lrbc_cli.virtual.campaign import RECORD, declared_scatter, job_list
+from lrbc_cli.virtual.campaign import rehearse as write
+from lrbc_cli.virtual.drift import Scatter
+from lrbc_cli.virtual.structure import Settings
+
+STD = click.FloatRange(min=0.0, max=1e3)
+DECLARED = "; absent: what `update.nuisances` says."
+
+
+@click.command()
+@campaign_options
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the rehearsal.")
+@click.option("--loose", multiple=True, metavar="B03,B04", help="A job with these bolts loose; repeatable. Absent: one, drawn.")
+@click.option("--tight", type=click.IntRange(min=1), metavar="N", help="Jobs with all bolts tight (1); the first is the reference.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of all that is drawn.")
+@click.option(
+    "--noise",
+    type=STD,
+    default=Settings.noise,
+    show_default=True,
+    metavar="S",
+    help="Of a line, over the response's rms.",
+)
+@click.option("--depth", type=STD, default=Settings.depth, show_default=True, metavar="DECADES", help="What a loose bolt takes away.")
+@click.option("--reach", type=STD, metavar="M", help="Radius of a bolt's patch along the edge; absent: half the bolt pitch.")
+@click.option("--level", type=float, metavar="LOG10", help="Stiffness of a tight term; absent: the campaign's start value.")
+@click.option(
+    "--retorque", type=STD, default=Settings.retorque, show_default=True, metavar="S", help="Log stiffness of tight bolts, job to job."
+)
+@click.option(
+    "--perturb", type=STD, default=Settings.perturb, show_default=True, metavar="S", help="Errors of the model's stiffness and mass."
+)
+@click.option("--damping", type=STD, default=Settings.damping, show_default=True, metavar="S", help="Errors of the log of its damping.")
+@click.option("--temperature", type=STD, metavar="K", help=f"Drift of the air between jobs{DECLARED}")
+@click.option("--hammer", type=STD, metavar="M", help=f"Drift of the hits along the surface{DECLARED}")
+@click.option("--gain", type=STD, metavar="DB", help=f"Drift of each response's gain{DECLARED}")
+@click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
+@click.option("--force", is_flag=True, help="Replace the files of an earlier rehearsal.")
+def rehearse(
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    out: Path,
+    loose: tuple[str, ...],
+    tight: int | None,
+    seed: int,
+    temperature: float | None,
+    hammer: float | None,
+    gain: float | None,
+    lines: str | None,
+    force: bool,
+    **settings: Any,
+) -> None:
+    """Measure your own model, a little off, with noise, drift and loosened bolts; write a campaign of it to run, before any test.
+
+    The FRF files of CONFIG need not exist. Numbers are standard deviations of what is drawn for every rehearsal or job.
+    """
+    # As exported: a stored calibration belongs to other measurements.
+    inputs = load(config, overrides, own_output=False, calibration=None)
+    jobs = job_list(inputs, loose, tight, seed)
+    declared = declared_scatter(inputs)
+    scatter = Scatter(
+        *(own if given is None else given for given, own in zip((temperature, hammer, gain), vars(declared).values(), strict=True))
+    )
+    record = write(
+        inputs,
+        cache_folder(cache),
+        out,
+        jobs,
+        settings=Settings(**settings, scatter=scatter),
+        seed=seed,
+        lines=parse_lines(lines, inputs.campaign.reduction.band),
+        replace=force,
+        progress=progress(),
+    )
+    if as_json:
+        say_json({"file": out / FILE, "record": out / RECORD} | record)
+    else:
+        for job, removed in jobs.items():
+            click.echo(f"{job}: {', '.join(removed) + ' loose' if removed else 'all bolts tight'}")
+        click.echo(f"what was drawn: {out / RECORD}")
+        click.echo(f"next: lrbc update {out / FILE}")

@@ -1,0 +1,433 @@
+"""Judging: from what an identification says of the bolts to verdicts, by a decision rule. A pure function of values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from lrbc_cli.updating.mixture import ChangeSamples
+from lrbc_cli.updating.verdicts import Edge, Place, places
+
+Floats = NDArray[np.float64]
+
+#: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
+TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
+
+#: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
+REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
+
+#: Which channels a misfit was taken over.
+VALIDATION, USED = "validation channels", "channels used"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionRule:
+    """When a bolt is judged, and when none may be.
+
+    Attributes
+    ----------
+    loose_change : float
+        Change of log10 stiffness below which a bolt is loose, where its posterior is Gaussian (negative) [decades]. To a third of the
+        stiffness: four standard deviations of what repeated tight states showed on virtual rigs.
+    mixture_change : float
+        The same where the change was sampled as tight or loose: less spreads to the neighbours.
+    confidence : float
+        Posterior probability that a verdict, loose or tight, needs.
+    largest_misfit : float
+        Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB].
+    scatter_margin : float
+        Standard deviations of the changes between tight states that the threshold keeps from zero: one false alarm in 30 000 bolts.
+    contrast_quantile : float
+        Without a tight state bolts are compared with this quantile of them: most are tight, some of a row may be loose.
+    implausible_rise : float
+        A bolt tighter than in the tight state by this many standard deviations of its prior is an error of the model (1 in 160).
+    """
+
+    loose_change: float = -0.5
+    mixture_change: float = -0.35
+    confidence: float = 0.95
+    largest_misfit: float = 3.0
+    scatter_margin: float = 4.0
+    contrast_quantile: float = 0.75
+    implausible_rise: float = 2.5
+
+    def limit(self, change: float, scatter: float) -> float:
+        """A threshold, or further down where tight states scatter that much [decades]."""
+        return min(change, -self.scatter_margin * scatter)
+
+    def word(self, probability: float) -> str:
+        """Verdict at a posterior probability of being loose."""
+        return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledChange:
+    """Posterior of a change as a sum of pairs of Gaussians, see ``mixture.ChangeSamples``; equal pairs are counted.
+
+    Attributes
+    ----------
+    count, loose : (s,) tuples of float
+        How often a pair was drawn, and the probability of its loose Gaussian.
+    means, stds : two (s,) tuples each
+        Of the tight and of the loose Gaussian [decades].
+    """
+
+    count: tuple[float, ...] = field(repr=False)
+    loose: tuple[float, ...] = field(repr=False)
+    means: tuple[tuple[float, ...], tuple[float, ...]] = field(repr=False)
+    stds: tuple[tuple[float, ...], tuple[float, ...]] = field(repr=False)
+
+    @classmethod
+    def of(cls, samples: ChangeSamples, at: int) -> SampledChange:
+        """Those of one of the sampled bolts."""
+        rows = np.column_stack([samples.loose[:, at], samples.means[:, at], samples.stds[:, at]])
+        unique, count = np.unique(rows, axis=0, return_counts=True)
+        loose, tight_mean, loose_mean, tight_std, loose_std = (tuple(column.tolist()) for column in unique.T)
+        return cls(count=tuple(count.tolist()), loose=loose, means=(tight_mean, loose_mean), stds=(tight_std, loose_std))
+
+    def below(self, limit: float, scatter: float) -> float:
+        """Probability that the change lies below a limit, with a further standard deviation [decades]."""
+        loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
+        tight_cdf, loose_cdf = norm.cdf((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
+        return float(weight @ ((1.0 - loose) * tight_cdf + loose * loose_cdf))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """Posterior of a bolt's change against the tight state [decades].
+
+    Attributes
+    ----------
+    mean, std : float
+    ceiling : float or None
+        The largest change that the FRFs would feel; None: none.
+    excess : float
+        How far the tight state lies above saturation, which is uncertain as much: part of ``mean`` and ``std``.
+    leakage : float
+        Change that a tight bolt would show of its neighbours' (negative): a loose bolt changes more than that.
+    sampled : SampledChange or None
+        Its distribution without ``excess``; None: Gaussian.
+    """
+
+    mean: float
+    std: float
+    ceiling: float | None = None
+    excess: float = 0.0
+    leakage: float = 0.0
+    sampled: SampledChange | None = None
+
+    def below(self, limit: float, scatter: float) -> float:
+        """Posterior probability of a change below a limit, where tight states scatter so much."""
+        if self.sampled is not None:
+            return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)))
+        return float(norm.cdf((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoltEvidence:
+    """What an identification says of one bolt.
+
+    Attributes
+    ----------
+    name : str
+    position : (3,) tuple of float
+        [m].
+    outside : str or None
+        Why no term reaches it: then there are no numbers.
+    log10_stiffness : float or None
+        Mean log10 stiffness within half a pitch along the edge.
+    felt : float or None
+        The same with values above saturation counted as saturated.
+    difference : float or None
+        ``felt`` less that of the tight state, where there is one [decades].
+    change : Change or None
+        Its posterior, where the job was identified against a tight state.
+    probability_changed : float or None
+        That it is loose rather than tight at all, however little it changed.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    outside: str | None = None
+    log10_stiffness: float | None = None
+    felt: float | None = None
+    difference: float | None = None
+    change: Change | None = None
+    probability_changed: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What an identification says, as far as it is needed to judge it.
+
+    Attributes
+    ----------
+    job : str
+    status, reason : str
+        How the optimisation ended.
+    along_edges : bool
+        Whether stiffness was identified along edges at which bolts can lie.
+    bolts : tuple of BoltEvidence
+    missing_reference : str or None
+        The job that changes were wanted against, and which had no result.
+    prior_std : float
+        Of the changes [decades].
+    compared : str or None
+        The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
+    misfit_db : float or None
+        Their mean misfit.
+    unvalidated : str
+        Why none of them is a validation channel.
+    repeats : str or None
+        What is wrong with the file where it holds the measurement of the reference job once more.
+    setting : str
+        What was compared, and what constant factors explain, for messages.
+    data_warnings, warnings, notes : tuples of str
+        On the measurement; what the user has to act on; the rest.
+    """
+
+    job: str
+    status: str
+    reason: str
+    along_edges: bool
+    bolts: tuple[BoltEvidence, ...]
+    missing_reference: str | None
+    prior_std: float
+    compared: str | None
+    misfit_db: float | None
+    unvalidated: str
+    repeats: str | None
+    setting: str
+    data_warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validity:
+    """Whether the model explains the measurement.
+
+    Attributes
+    ----------
+    passed : bool or None
+        By the validation channels; None where there are none and nothing speaks against it: then it is not validated.
+    compared : str or None
+        The channels whose misfit was compared: ``validation channels`` or ``channels used``.
+    misfit_db : float or None
+        Their mean misfit.
+    limit_db : float
+    reason : str
+    """
+
+    passed: bool | None
+    compared: str | None
+    misfit_db: float | None
+    limit_db: float
+    reason: str
+
+    @property
+    def explained(self) -> bool:
+        """Whether bolts may be judged."""
+        return self.passed is not False
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoltVerdict:
+    """What is said of one bolt.
+
+    Attributes
+    ----------
+    name : str
+    verdict : str
+        ``tight``, ``loose``, ``undecided``, or ``outside`` where no term reaches the bolt.
+    note : str or None
+    log10_stiffness : float or None
+    change, change_std : float or None
+        Against the tight state, and its standard deviation, scatter of tight states included [decades].
+    probability_loose : float or None
+        That the change lies below the threshold.
+    threshold : float or None
+        Of the change [decades].
+    suspect : bool
+        Taken as tight, but it would be loose in another job.
+    """
+
+    name: str
+    verdict: str
+    note: str | None = None
+    log10_stiffness: float | None = None
+    change: float | None = None
+    change_std: float | None = None
+    probability_loose: float | None = None
+    threshold: float | None = None
+    suspect: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """What is said of a job.
+
+    Attributes
+    ----------
+    validity : Validity
+    bolts : tuple of BoltVerdict
+        In the order of the evidence.
+    implausible : tuple of str
+        Bolts that come out tighter than in the tight state by more than their prior allows.
+    """
+
+    validity: Validity
+    bolts: tuple[BoltVerdict, ...]
+    implausible: tuple[str, ...]
+
+
+def at_bolts(
+    edges: Sequence[Edge], names: Sequence[str], xyz: Floats, change_of: Callable[[int, Place, float | None], Change | None] | None = None
+) -> tuple[BoltEvidence, ...]:
+    """What the values along the edges say of each bolt.
+
+    Parameters
+    ----------
+    edges : sequence of Edge
+        At least one where there are bolts.
+    names : (m,) sequence of str
+    xyz : (m, 3) float array
+    change_of : callable or None
+        Posterior of the change of a bolt by its number, place and difference, where the job was identified against a tight state.
+    """
+    found = []
+    for b, (name, place) in enumerate(zip(names, places(edges, xyz) if len(names) else [], strict=True)):
+        position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))
+        if not place.reached:
+            found.append(BoltEvidence(name=name, position=position, outside=place.note))
+            continue
+        edge, near = edges[place.edge], place.near
+        felt = float(np.mean(np.minimum(edge.log10[near], edge.cap)))
+        difference = None if edge.reference is None else felt - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
+        found.append(
+            BoltEvidence(
+                name=name,
+                position=position,
+                log10_stiffness=float(np.mean(edge.log10[near])),
+                felt=felt,
+                difference=difference,
+                change=None if change_of is None else change_of(b, place, difference),
+            )
+        )
+    return tuple(found)
+
+
+def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
+    """Compare the misfit of the validation channels with ``rule.largest_misfit``.
+
+    Where there are none, the channels used must stay below it, which is necessary and shows nothing: they were fitted. Nor does a
+    measurement that was not exchanged tell anything of the bolts.
+    """
+    limit, misfit = rule.largest_misfit, evidence.misfit_db
+    if misfit is None:
+        return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
+    within = misfit <= limit
+    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {'within' if within else 'above'} the limit of {limit:g} dB"
+    passed: bool | None = within
+    if within and evidence.repeats is not None:
+        passed, reason = None, f"not validated: {evidence.repeats}"
+    elif within and evidence.compared != VALIDATION:
+        passed, reason = None, f"not validated: {evidence.unvalidated}; {reason}"
+    return Validity(passed=passed, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason)
+
+
+def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: float = 0.0) -> Judgement:
+    """Judge the bolts of a job.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    rule : DecisionRule
+    role : str
+        ``reference``, ``baseline`` or ``job``.
+    scatter : float
+        Standard deviation of the changes between tight states [decades], see ``scatter_of``; 0 where there is only one.
+
+    Returns
+    -------
+    Judgement
+        Without stiffness along edges every bolt is undecided.
+    """
+    valid = validity(evidence, rule)
+    felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
+    level = float(np.quantile(felt, rule.contrast_quantile)) if felt else 0.0
+    found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in evidence.bolts)
+    limit = rule.implausible_rise * evidence.prior_std
+    rises = tuple(v.name for v in found if v.change_std is not None and v.change is not None and v.change > limit)
+    return Judgement(validity=valid, bolts=found, implausible=rises)
+
+
+def _verdict(
+    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: float, level: float, explained: bool
+) -> BoltVerdict:
+    """On one bolt; ``level`` is that of the others."""
+    if not evidence.along_edges:
+        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group with positions")
+    if bolt.outside is not None:
+        return BoltVerdict(name=bolt.name, verdict=OUTSIDE, note=bolt.outside)
+    word, note, change, std, probability, threshold = _by_role(bolt, evidence, rule, role, scatter, level)
+    suspect = role == BASELINE and word == LOOSE
+    if role == BASELINE:
+        word, probability = TIGHT, None
+        tight = "a baseline, taken as tight"
+        note = f"{tight}, but against the reference job it comes out loose" if suspect else note or tight
+    if not explained:
+        word, probability, note = UNDECIDED, None, "the model does not explain the measurement"
+    return BoltVerdict(
+        name=bolt.name,
+        verdict=word,
+        note=note,
+        log10_stiffness=bolt.log10_stiffness,
+        change=change,
+        change_std=std,
+        probability_loose=probability,
+        threshold=threshold,
+        suspect=suspect and explained,
+    )
+
+
+def _by_role(
+    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: float, level: float
+) -> tuple[str, str | None, float | None, float | None, float | None, float | None]:
+    """Verdict, note, change and its standard deviation, probability of being loose, threshold."""
+    if role == REFERENCE:
+        return TIGHT, "reference state, taken as tight", 0.0, None, None, None
+    if bolt.change is not None:
+        posterior = bolt.change
+        # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
+        own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
+        limit = rule.limit(own, scatter)
+        probability = posterior.below(limit, scatter)
+        word = rule.word(probability)
+        note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
+        change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
+        return word, note, change, float(np.hypot(posterior.std, scatter)), probability, limit
+    if evidence.missing_reference is not None:
+        # Changes were wanted: a contrast between bolts is no answer.
+        return UNDECIDED, f"no result of {evidence.missing_reference} to compare with", bolt.difference, None, None, None
+    if bolt.difference is not None:
+        return LOOSE if bolt.difference <= rule.loose_change else TIGHT, None, bolt.difference, None, None, None
+    # Without a tight state nothing says that a bolt is tight: all may be loose.
+    loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
+    note = "no tight state to compare with: loose by contrast with the other bolts, or undecided"
+    return LOOSE if loose else UNDECIDED, note, None, None, None, None
+
+
+def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> float:
+    """Root mean square of the changes at the bolts of further tight jobs [decades]; 0 without any."""
+    changes = [
+        bolt.change
+        for bolts in baselines
+        for bolt in bolts
+        if bolt.change is not None and bolt.change_std is not None and bolt.verdict != UNDECIDED
+    ]
+    return float(np.sqrt(np.mean(np.square(changes)))) if changes else 0.0

@@ -1,0 +1,157 @@
+"""Measurements of a user's own model with noise, drift and loosened joints, as a campaign to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign.documents import versions, write_json
+from lrbc_cli.campaign.drift import speed_std
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.protect import require_new, require_no_input
+from lrbc_cli.campaign.simulate import require_in_band
+from lrbc_cli.config.document import as_yaml
+from lrbc_cli.config.fields import NAME_LENGTH, is_name
+from lrbc_cli.config.skeleton import FILE
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.frf import write_frf
+from lrbc_cli.virtual.drift import ROOM, Scatter
+from lrbc_cli.virtual.structure import Settings, VirtualStructure
+
+REHEARSAL_FORMAT, REHEARSAL_VERSION = "lrbc-rehearsal", 1
+RECORD = "rehearsal.json"
+
+Jobs = Mapping[str, Sequence[str]]
+
+
+def declared_scatter(inputs: Inputs) -> Scatter:
+    """What the campaign says may drift between jobs (``update.nuisances``)."""
+    nuisances = inputs.campaign.update.nuisances
+    return Scatter(2.0 * ROOM * (speed_std(nuisances) or 0.0), nuisances.hammer or 0.0, nuisances.gain or 0.0)
+
+
+def job_list(inputs: Inputs, loose: Sequence[str], tight: int | None = None, seed: int = 1) -> dict[str, list[str]]:
+    """Loosened bolts by job: the tight ones first, the first of them under the name of the campaign's reference.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    loose : sequence of str
+        Names of bolts, comma-separated, one text a job.
+    tight : int or None
+        Jobs with all bolts tight; None: one, and where ``loose`` is empty a job with one bolt loose that ``seed`` draws.
+    seed : int
+
+    Raises
+    ------
+    ConfigError
+        Where a bolt does not exist.
+    """
+    known = inputs.bolts.name if inputs.bolts else ()
+    if not loose and tight is None and known:
+        loose = [known[int(np.random.default_rng(seed).integers(len(known)))]]
+    jobs: dict[str, list[str]] = {inputs.campaign.update.reference or "tight": []}
+    jobs |= {f"tight-{k}": [] for k in range(2, (tight or 1) + 1)}
+    for number, text in enumerate(loose, 1):
+        names = [name.strip() for name in text.split(",")]
+        if unknown := [name for name in names if name not in known]:
+            raise ConfigError(
+                "no such bolt", place=f"--loose {text}", expected=", ".join(known) or "bolts in the campaign", found=", ".join(unknown)
+            )
+        called = "loose-" + "-".join(names)
+        usable = is_name(called) and len(called) <= NAME_LENGTH and called not in jobs
+        jobs[called if usable else f"loose-{number}"] = names
+    return jobs
+
+
+def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
+    """The user's campaign file with other jobs; its paths are absolute, so that it can lie anywhere."""
+    reference = next(iter(jobs))
+    tree: dict[str, Any] = inputs.campaign.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    tree |= {"campaign": f"{tree['campaign']} (rehearsal)"[:200], "output": "output"}
+    tree["update"] = {key: value for key, value in tree.get("update", {}).items() if key != "baselines"} | {"reference": reference}
+    if tree.get("calibration"):
+        tree["calibration"] |= {"job": reference}
+    tree["jobs"] = {job: {"frf": f"frf/{job}.uff"} | ({"removed": list(removed)} if removed else {}) for job, removed in jobs.items()}
+    return tree
+
+
+def rehearse(
+    inputs: Inputs,
+    cache: Path,
+    out: Path,
+    jobs: Jobs,
+    *,
+    settings: Settings | None = None,
+    seed: int = 1,
+    lines: np.ndarray[Any, np.dtype[np.float64]],
+    replace: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Measure a virtual structure, and write ``campaign.yaml``, ``frf/JOB.uff`` and ``rehearsal.json``.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        As exported: a stored calibration belongs to other measurements.
+    cache : Path
+        Folder of reduced models.
+    out : Path
+    jobs : mapping
+        Loosened bolts by job, the reference first.
+    settings : Settings or None
+        None: the defaults, with the drift that the campaign declares.
+    seed : int
+    lines : (F,) float array
+        [Hz]
+    replace : bool
+        Replace the files of an earlier rehearsal.
+    progress : callable
+
+    Returns
+    -------
+    dict
+        The content of ``rehearsal.json``: what was drawn. Nothing reads it.
+
+    Raises
+    ------
+    ConfigError
+        Where a file exists or is an input, the folder cannot be written, lines lie outside the band or bolts cannot be loosened.
+    NumericalError
+        Where a reduced model does not reach its tolerance.
+    """
+    files = {job: out / "frf" / f"{job}.uff" for job in jobs}
+    for file in (out / FILE, out / RECORD, *files.values()):
+        require_no_input(file, inputs.campaign, "--out")
+        if not replace:
+            require_new(file, "--out", "--force")
+    require_in_band(lines, inputs.campaign.reduction.band)
+    settings = settings or Settings(scatter=declared_scatter(inputs))
+    structure = VirtualStructure(inputs, settings, seed, cache, lines, progress)
+    record: dict[str, Any] = {
+        "format": REHEARSAL_FORMAT,
+        "version": REHEARSAL_VERSION,
+        "campaign": inputs.campaign.path,
+        "seed": seed,
+        "settings": asdict(settings),
+        "factors": structure.factors,
+        "jobs": {},
+        "versions": versions(),
+    }
+    try:
+        for job, removed in jobs.items():
+            progress(f"measuring {job}")
+            frf, record["jobs"][job] = structure.measure(removed)
+            write_frf(files[job], frf)
+        with atomic_write(out / FILE) as stream:
+            stream.write(f"# A rehearsal of {inputs.campaign.path.name}, written by lrbc rehearse; {RECORD} says what was drawn.\n\n")
+            stream.write(as_yaml(campaign_tree(inputs, jobs)))
+    except OSError as error:
+        raise ConfigError(f"the folder cannot be written ({error.strerror or error})", file=out, place="--out") from error
+    write_json(out / RECORD, record)
+    return record

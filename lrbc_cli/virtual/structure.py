@@ -1,0 +1,266 @@
+"""A user's model as the structure might turn out: a little off, with loosened joints, measured by a noisy chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.memory import options_of
+from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
+from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.config.structure import RecordRef
+from lrbc_cli.errors import ConfigError, NumericalError
+from lrbc_cli.model.factors import SOUND_SPEED, with_factors
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.model.shifts import load_shifts
+from lrbc_cli.reduction.build import reduce_model
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.updating.verdicts import Edge, foot, pitch_of
+from lrbc_cli.virtual.chain import Chain
+from lrbc_cli.virtual.drift import Drift, Scatter
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is simulated.
+
+    Attributes
+    ----------
+    depth : float
+        Decades by which the stiffness at a loose bolt is lowered.
+    reach : float or None
+        Radius of a bolt's patch along the edge [m]; None: half the bolt pitch.
+    level : float or None
+        log10 of a tight term; None: the campaign's start value.
+    noise : float
+        Of a response line relative to its root mean square; half of it on the force.
+    retorque : float
+        Standard deviation of the log stiffness of tight bolts from job to job.
+    perturb : float
+        Standard deviation of the factors on structural stiffness, structural mass and air stiffness.
+    damping : float
+        Standard deviation of the log of the factors on the damping of structure and air.
+    scatter : Scatter
+        What drifts between jobs.
+    """
+
+    depth: float = 2.0
+    reach: float | None = None
+    level: float | None = None
+    noise: float = 0.004
+    retorque: float = 0.08
+    perturb: float = 0.005
+    damping: float = 0.1
+    scatter: Scatter = field(default_factory=Scatter)
+
+
+def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:
+    """Share of each bolt in each parameter of the stiffness groups near it.
+
+    Returns
+    -------
+    dict
+        By bolt and group: (k,) weights ``exp(-(r / reach)^4)``, r along the edge, summing to at most 1 over the bolts.
+
+    Raises
+    ------
+    ConfigError
+        Where there are no bolts, or no stiffness groups with positions.
+    """
+    campaign, bolts = inputs.campaign, inputs.bolts
+    groups = [g for g in inputs.groups if g.config.kind == "stiffness" and g.xyz is not None and g.arc_length is not None]
+    if bolts is None or not groups:
+        raise ConfigError(
+            "bolts cannot be loosened" + (": the campaign has none" if bolts is None else ": no stiffness group has positions"),
+            file=campaign.path,
+            expected="bolts: a CSV file, and a group of kind stiffness whose terms have coordinates",
+        )
+    reach = reach or 0.5 * pitch_of(bolts.xyz)
+    weights: dict[str, dict[str, Floats]] = {name: {} for name in bolts.name}
+    for name, xyz in zip(bolts.name, bolts.xyz, strict=True):
+        feet = {}
+        for group in groups:
+            assert group.xyz is not None
+            assert group.arc_length is not None
+            feet[group.name] = foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz)
+        nearest = min(distance for _, distance in feet.values())
+        for group in groups:
+            at, distance = feet[group.name]
+            if distance <= nearest + 0.5 * (reach or 0.0):
+                along = np.abs(np.asarray(group.arc_length) - at)
+                weights[name][group.name] = np.exp(-((along / reach) ** 4)) if reach else np.ones(group.count)
+    for group in groups:
+        total = np.sum([w[group.name] for w in weights.values() if group.name in w], axis=0)
+        for w in weights.values():
+            if group.name in w:
+                w[group.name] = w[group.name] / np.maximum(total, 1.0)
+    return weights
+
+
+def moved_loads(inputs: Inputs, offset: tuple[float, float]) -> sp.csc_array:
+    """(n, n_in) loads with every hit moved along the two axes of the surface that it hits, in the order x, y, z [m].
+
+    Raises
+    ------
+    ConfigError
+        Where an excitation is not a translation of the DOF table.
+    """
+    table, columns = inputs.dofs, []
+    for index, name in enumerate(inputs.excitations):
+        load = sp.csc_array(inputs.model.B[:, [index]])
+        found = load_shifts(table, int(load.indices[0])) if table is not None and load.nnz == 1 else None
+        if found is None:
+            raise ConfigError(
+                "this hit cannot be moved",
+                file=inputs.campaign.path,
+                place=f"excitation.{name}",
+                expected="a DOF UX, UY or UZ of the DOF table",
+                hint="give --hammer 0",
+            )
+        columns.append(load + sp.csc_array(load.data[0] * (found[0] @ np.asarray(offset))[:, None]))
+    return sp.csc_array(sp.hstack(columns, format="csc"))
+
+
+class VirtualStructure:
+    """A user's model as it might turn out, measured with some bolts loose.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Of the user's campaign, as exported.
+    settings : Settings
+    seed : int
+    cache : Path
+        Folder of reduced models of the user's own model, as of ``lrbc``.
+    frequency_hz : (F,) array
+        Lines [Hz].
+    progress : callable
+
+    Raises
+    ------
+    ConfigError
+        Where bolts cannot be loosened, or the air is to warm in a model without.
+    """
+
+    def __init__(
+        self,
+        inputs: Inputs,
+        settings: Settings,
+        seed: int,
+        cache: Path,
+        frequency_hz: Floats,
+        progress: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.inputs, self.settings, self.seed, self.progress = inputs, settings, seed, progress
+        self.frequency_hz, self.s = frequency_hz, 2j * np.pi * frequency_hz
+        rng, self._settle, self._noise, self._drift = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4))
+        self.patches = patches(inputs, settings.reach)
+        if settings.scatter.kelvin and SOUND_SPEED not in inputs.recipe.names:
+            raise ConfigError("the model has no air to warm", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
+        stage = obtain_reduction(inputs, cache, progress=progress)
+        self.parameters = parameterise(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage)), self.s)[0]
+        draw = rng.standard_normal(5)
+        damped = np.exp(settings.damping * draw[3:])
+        undamped = ("stiffness.structure", "mass.structure", "stiffness.acoustic")
+        drawn = {name: float(1 + settings.perturb * d) for name, d in zip(undamped, draw, strict=False)}
+        for kind in ("damping", "alpha", "beta"):
+            drawn |= {f"{kind}.structure": float(damped[0]), f"{kind}.acoustic": float(damped[1])}
+        self.factors = {name: value for name, value in drawn.items() if name in inputs.recipe.names}
+        self._ports: dict[tuple[float, tuple[float, float]], PortFrf] = {}
+
+    def model(self, drift: Drift) -> FeModel:
+        """The model of one job; what K holds of the joints (``baseline``) is not part of what is off."""
+        air = {SOUND_SPEED: float(np.sqrt(drift.warming))} if drift.kelvin else {}
+        model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | air)
+        terms = model.terms
+        held = np.where(terms.power == 0, terms.baseline, 0.0) * (1 - self.factors.get("stiffness.structure", 1.0))
+        return replace(
+            model,
+            K=sp.csc_array(model.K + (terms.left * held[None, :]) @ terms.right.T),
+            B=moved_loads(self.inputs, drift.hammer) if any(drift.hammer) else model.B[:, : len(self.inputs.excitations)],
+        )
+
+    def _table(self, drift: Drift) -> PortFrf:
+        key = drift.kelvin, drift.hammer
+        if key not in self._ports:
+            options, backend = options_of(self.inputs), self.inputs.campaign.reduction.backend
+            reduction = reduce_model(self.model(drift), self.inputs.input_of, options, backend=backend, progress=self.progress)
+            if not reduction.reached:
+                raise NumericalError(
+                    "the reduced model of the virtual structure does not reach its tolerance",
+                    expected=f"{options.tolerance:.1e}",
+                    found=f"{reduction.worst:.1e}",
+                    hint="raise reduction.tolerance",
+                )
+            self._ports[key] = reduction.model.ports(self.s)
+        return self._ports[key]
+
+    def profile(self, removed: Sequence[str]) -> tuple[Complexes, dict[str, list[float]], dict[str, float]]:
+        """(F, nt) dynamic values of the terms, log10 of each parameter by group, and each bolt's change [decades]."""
+        settings = self.settings
+        change = {}
+        for name in self.patches:
+            scatter = settings.retorque * float(self._settle.standard_normal()) / np.log(10)
+            change[name] = -settings.depth if name in removed else scatter
+        theta = self.parameters.initial
+        D = self.parameters.spectra(theta, self.s)
+        kappa = np.zeros(self.parameters.terms)
+        values: dict[str, list[float]] = {}
+        for group, (where, _) in zip(self.parameters.groups, self.parameters.slices, strict=True):
+            level = theta[where].copy()
+            if group.kind == "stiffness":
+                if settings.level is not None:
+                    level[:] = settings.level
+                for name, share in self.patches.items():
+                    level = level + change[name] * share.get(group.name, 0.0)
+            kappa[group.terms] = 10.0 ** level[group.parameter]
+            values[group.name] = [round(float(v), 4) for v in level]
+        return D * kappa - self.parameters.baseline(self.s), values, change
+
+    def measure(self, removed: Sequence[str]) -> tuple[FrfSet, dict[str, Any]]:
+        """FRFs of one job with noise and coherence, and what was drawn for it."""
+        inputs, noise = self.inputs, self.settings.noise
+        names = [response.name for response in inputs.responses]
+        drift = self.settings.scatter.draw(names, self._drift)
+        D, values, change = self.profile(removed)
+        frfs = self._table(drift).evaluate(D) * drift.gains(names)
+        low, high = inputs.campaign.reduction.band
+        # The pulse has lost 10 dB at the end of the band, noise rises at its beginning.
+        chain = Chain(duration=1 / high, force_noise=noise / 2, response_noise=noise, corner=1.25 * low)
+        measured, coherence = np.empty(frfs.shape, dtype=complex), np.empty(frfs.shape)
+        for index in range(len(inputs.excitations)):
+            rows = np.flatnonzero(inputs.input_of == index)
+            measured[:, rows], coherence[:, rows] = chain.measure(frfs[:, rows], self.frequency_hz, self._noise)
+        records = tuple(self._record(row, measured[:, row], coherence[:, row]) for row in range(len(names)))
+        decades = {name: round(value, 4) for name, value in change.items()}
+        return FrfSet("rehearsal", records), {"removed": list(removed), "decades": decades, "log10": values, "drift": drift.as_dict()}
+
+    def _record(self, row: int, values: Complexes, coherence: Floats) -> FrfRecord:
+        response = self.inputs.responses[row]
+        called = self.inputs.campaign.responses[response.name].record
+        node, direction = response.node, response.direction or 0
+        if isinstance(called, RecordRef):
+            node, direction = called.node, called.direction
+        hammer, along = self.inputs.excitation_points[response.input]
+        return FrfRecord(
+            called if isinstance(called, str) else response.name,
+            self.frequency_hz,
+            np.asarray(values, dtype=np.complex128),
+            response.quantity,
+            response_node=node,
+            response_direction=direction,
+            reference_node=hammer,
+            reference_direction=along or 0,
+            coherence=coherence,
+        )

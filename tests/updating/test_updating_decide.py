@@ -1,0 +1,210 @@
+"""Judging: a pure function of what was identified, a decision rule and a role."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from lrbc_cli.updating.decide import (
+    BASELINE,
+    JOB,
+    REFERENCE,
+    USED,
+    VALIDATION,
+    BoltEvidence,
+    BoltVerdict,
+    Change,
+    DecisionRule,
+    Evidence,
+    SampledChange,
+    judge,
+    scatter_of,
+    validity,
+)
+from lrbc_cli.updating.mixture import ChangeSamples
+
+RULE = DecisionRule()
+PLACE = BoltEvidence(name="B1", position=(0.0, 0.0, 0.0), log10_stiffness=4.0, felt=4.0)
+
+
+def evidence(*bolts: BoltEvidence, **kwargs: Any) -> Evidence:
+    known: dict[str, Any] = {
+        "job": "x",
+        "status": "converged",
+        "reason": "",
+        "along_edges": True,
+        "bolts": bolts,
+        "missing_reference": None,
+        "prior_std": 0.35,
+        "compared": VALIDATION,
+        "misfit_db": 0.5,
+        "unvalidated": "",
+        "repeats": None,
+        "setting": "",
+    }
+    return Evidence(**(known | kwargs))
+
+
+def changed(mean: float, std: float, **kwargs: Any) -> BoltEvidence:
+    return replace(PLACE, difference=mean, change=Change(mean=mean, std=std, **kwargs))
+
+
+def one(bolt: BoltEvidence, rule: DecisionRule = RULE, role: str = JOB, scatter: float = 0.0, **kwargs: Any) -> BoltVerdict:
+    return judge(evidence(bolt, **kwargs), rule, role, scatter).bolts[0]
+
+
+class TestByTheChange:
+    @pytest.mark.parametrize(
+        ("change", "std", "word"),
+        [
+            (-1.0, 0.1, "loose"),
+            (0.0, 0.1, "tight"),
+            (-0.5, 0.1, "undecided"),
+            (-1.0, 1.0, "undecided"),
+            (0.0, 1.0, "undecided"),
+            (-0.5 - 1.65 * 0.1, 0.1, "loose"),
+            (-0.5 - 1.64 * 0.1, 0.1, "undecided"),
+            (-0.5 + 1.65 * 0.1, 0.1, "tight"),
+        ],
+    )
+    def test_verdicts(self, change: float, std: float, word: str) -> None:
+        found = one(changed(change, std))
+        assert found.verdict == word
+        assert found.probability_loose == pytest.approx(norm.cdf((-0.5 - change) / std))
+        assert (found.change, found.change_std, found.threshold) == (change, std, -0.5)
+        assert (found.note is not None) == (word == "undecided")
+
+    def test_the_confidence_counts(self) -> None:
+        words = [one(changed(-0.6, 0.08), DecisionRule(confidence=c)).verdict for c in (0.8, 0.95)]
+        assert words == ["loose", "undecided"]
+
+    def test_probability_falls_with_the_change(self) -> None:
+        for std in (0.01, 0.1, 1.0):
+            found = np.array([one(changed(c, std)).probability_loose for c in np.linspace(-3.0, 2.0, 101)])
+            assert np.all(np.diff(found) <= 0)
+            assert found[0] > found[-1]
+
+    def test_scatter_of_tight_states(self) -> None:
+        """It widens the interval, and moves the threshold once four of it lie beyond."""
+        assert one(changed(0.0, 0.1), scatter=0.1).threshold == -0.5
+        assert one(changed(0.0, 0.1), scatter=0.3).threshold == pytest.approx(-RULE.scatter_margin * 0.3)
+        assert one(changed(-0.75, 0.1)).verdict == "loose"
+        assert one(changed(-0.75, 0.1), scatter=0.3).verdict == "undecided"
+        assert one(changed(-2.0, 0.1), scatter=0.3).verdict == "loose"
+        assert one(changed(0.0, 0.1), scatter=0.1).change_std == pytest.approx(np.hypot(0.1, 0.1))
+
+    def test_no_uncertainty(self) -> None:
+        assert one(changed(-0.6, 0.0)).probability_loose == 1.0
+        assert one(changed(-0.4, 0.0)).probability_loose == 0.0
+
+    def test_a_rise_that_is_not_felt_is_shown_as_its_ceiling(self) -> None:
+        found = one(changed(2.0, 0.1, ceiling=0.3))
+        assert (found.change, found.verdict) == (0.3, "tight")
+
+
+def samples(seed: int) -> ChangeSamples:
+    rng = np.random.default_rng(seed)
+    few = rng.integers(0, 4, size=(50, 3))
+    loose = rng.uniform(size=(4, 3))[few, np.arange(3)]
+    means = rng.normal(size=(4, 3, 2))[few, np.arange(3)]
+    stds = rng.uniform(0.05, 0.5, size=(4, 3, 2))[few, np.arange(3)]
+    return ChangeSamples(bolts=np.arange(3), loose=loose, means=means, stds=stds, kinds=np.zeros(3, dtype=bool), neighbours=[(0, 1)])
+
+
+class TestSampled:
+    @given(st.integers(0, 10_000), st.floats(-2, 1), st.floats(0, 1))
+    def test_what_is_stored_says_what_was_sampled(self, seed: int, limit: float, scatter: float) -> None:
+        drawn = samples(seed)
+        for at in range(3):
+            stored = SampledChange.of(drawn, at)
+            assert len(stored.count) <= 4
+            assert stored.below(limit, scatter) == pytest.approx(drawn.below(limit, scatter)[at], abs=1e-12)
+
+    def test_beside_a_gap_the_threshold_lies_below_what_leaks(self) -> None:
+        sampled = SampledChange.of(samples(1), 0)
+        own = Change(mean=-0.4, std=0.1, sampled=sampled)
+        assert one(replace(PLACE, change=own)).threshold == RULE.mixture_change
+        assert one(replace(PLACE, change=replace(own, leakage=-0.7))).threshold == -0.7
+
+    def test_what_lies_above_saturation_widens_it(self) -> None:
+        sampled = SampledChange(count=(1.0,), loose=(0.0,), means=((-1.0,), (-1.0,)), stds=((0.1,), (0.1,)))
+        own = replace(PLACE, change=Change(mean=-0.5, std=0.5, excess=0.5, sampled=sampled))
+        assert one(own).probability_loose == pytest.approx(norm.cdf((-0.35 - 0.5 + 1.0) / np.hypot(0.1, 0.5)))
+
+
+class TestRoles:
+    def test_the_reference_is_tight_whatever_comes_out(self) -> None:
+        found = one(replace(PLACE, difference=-3.0), role=REFERENCE)
+        assert (found.verdict, found.change, found.suspect) == ("tight", 0.0, False)
+
+    def test_a_baseline_that_comes_out_loose_is_suspect(self) -> None:
+        found = one(changed(-2.0, 0.1), role=BASELINE)
+        assert (found.verdict, found.probability_loose, found.change, found.suspect) == ("tight", None, -2.0, True)
+        assert "comes out loose" in (found.note or "")
+        calm = one(changed(0.0, 0.1), role=BASELINE)
+        assert (calm.verdict, calm.suspect) == ("tight", False)
+
+    def test_without_the_reference_that_was_wanted_nothing_is_judged(self) -> None:
+        found = one(PLACE, missing_reference="tight")
+        assert (found.verdict, found.probability_loose) == ("undecided", None)
+        assert "tight" in (found.note or "")
+
+    def test_outside_stays_outside(self) -> None:
+        outside = BoltEvidence(name="B9", position=(0.0, 0.0, 0.0), outside="no term within half a pitch")
+        for role in (JOB, BASELINE, REFERENCE):
+            for misfit in (0.1, 9.0):
+                found = one(outside, role=role, misfit_db=misfit)
+                assert found == BoltVerdict(name="B9", verdict="outside", note="no term within half a pitch")
+
+    def test_no_edge_no_verdict(self) -> None:
+        """Bolts beside nothing that was identified are undecided, never tight."""
+        for role in (JOB, BASELINE, REFERENCE):
+            assert one(PLACE, role=role, along_edges=False).verdict == "undecided"
+
+    def test_a_state_of_other_groups_is_no_tight_state(self) -> None:
+        """A result of the reference job from which no change follows does not make a bolt tight."""
+        assert one(PLACE).verdict == "undecided"
+
+
+class TestValidity:
+    def test_above_the_limit_no_bolt_is_judged(self) -> None:
+        found = judge(evidence(changed(-2.0, 0.1), changed(0.0, 0.1), misfit_db=3.1), RULE)
+        assert found.validity.passed is False
+        assert [(bolt.verdict, bolt.probability_loose) for bolt in found.bolts] == [("undecided", None)] * 2
+        assert judge(evidence(changed(-2.0, 0.1), misfit_db=3.1), DecisionRule(largest_misfit=4.0)).bolts[0].verdict == "loose"
+
+    @pytest.mark.parametrize(
+        ("known", "passed"),
+        [
+            ({}, True),
+            ({"compared": USED, "unvalidated": "there are no validation channels"}, None),
+            ({"repeats": "tight.csv holds the measurement of tight once more"}, None),
+            ({"repeats": "tight.csv holds the measurement of tight once more", "misfit_db": 5.0}, False),
+            ({"compared": None, "misfit_db": None}, False),
+        ],
+    )
+    def test_only_validation_channels_validate(self, known: dict[str, Any], passed: bool | None) -> None:
+        found = validity(evidence(**known), RULE)
+        assert found.passed is passed
+        assert found.explained is (passed is not False)
+
+
+def test_tighter_than_tight_is_implausible() -> None:
+    limit = RULE.implausible_rise * 0.35
+    found = judge(evidence(changed(1.01 * limit, 0.1), replace(changed(0.99 * limit, 0.1), name="B2")), RULE)
+    assert found.implausible == ("B1",)
+
+
+def test_scatter_is_the_rms_of_judged_changes() -> None:
+    def tight(change: float | None, std: float | None = 0.1, word: str = "tight") -> BoltVerdict:
+        return BoltVerdict(name="B", verdict=word, change=change, change_std=std)
+
+    assert scatter_of([]) == 0.0
+    found = scatter_of([[tight(0.3), tight(None), tight(9.0, None)], [tight(-0.4), tight(9.0, word="undecided")]])
+    assert found == pytest.approx(np.sqrt((0.09 + 0.16) / 2))

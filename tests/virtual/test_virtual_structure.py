@@ -1,0 +1,112 @@
+"""A user's model as the structure might turn out: what is off, what is loosened, how it is measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import lrbc
+from samples import reduced_cache, sample
+
+from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.config import load_campaign
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.io.frf import read_frf
+from lrbc_cli.virtual.drift import Drift, Scatter
+from lrbc_cli.virtual.structure import Settings, VirtualStructure, moved_loads, patches
+
+FRAME = Path(__file__).parents[2] / "configs" / "frame.yaml"
+EXACT = Settings(noise=0.0, retorque=0.0, perturb=0.0, damping=0.0)
+LINES = np.arange(30.0, 500.0, 7.0)
+
+
+def structure(settings: Settings, *overrides: str) -> VirtualStructure:
+    inputs = read_as_exported(load_campaign(FRAME, overrides))
+    return VirtualStructure(inputs, settings, 1, reduced_cache("frame"), LINES)
+
+
+def linear_field(inputs: Inputs, a: float, b: float, c: float) -> np.ndarray:
+    """DOFs of the deflection a + b x + c y."""
+    table = inputs.dofs
+    assert table is not None
+    x, y, _ = table.xyz.T
+    values = {"UZ": a + b * x + c * y, "ROTX": np.full(x.size, c), "ROTY": np.full(x.size, -b), "TWIST": np.zeros(x.size)}
+    return np.select([table.component == name for name in values], list(values.values()))
+
+
+@pytest.mark.parametrize("rotations", [True, False], ids=["moment", "gradient"])
+def test_moved_hit_works_on_the_moved_deflection(rotations: bool) -> None:
+    inputs = sample("frame")
+    table = inputs.dofs
+    assert table is not None
+    if not rotations:
+        inputs = replace(inputs, dofs=replace(table, component=np.where(table.component == "UZ", "UZ", "OTHER")))
+    load = moved_loads(inputs, (0.004, -0.003)).toarray()[:, 0]
+    field = linear_field(sample("frame"), 0.2, 1.5, -0.7)
+    x, y = 0.16, 0.12
+    assert load @ field == pytest.approx(0.2 + 1.5 * (x + 0.004) - 0.7 * (y - 0.003), rel=1e-9)
+
+
+def test_patches_share_the_edge() -> None:
+    inputs = sample("frame")
+    found = patches(inputs, None)
+    total = np.sum([w["left_edge"] for w in found.values()], axis=0)
+    assert np.all(total <= 1 + 1e-12)
+    assert np.all(total > 0.3)
+    arc = inputs.groups[0].arc_length
+    assert arc is not None
+    centres = [float(arc @ w["left_edge"] / w["left_edge"].sum()) for w in found.values()]
+    assert np.all(np.diff(centres) > 0.04)
+    with pytest.raises(ConfigError, match="the campaign has none"):
+        patches(replace(inputs, bolts=None), None)
+
+
+def test_nothing_wrong_and_nothing_loose_is_the_model(tmp_path: Path) -> None:
+    plain = "parameters.left_edge.smoothing=null"
+    frf, _ = structure(EXACT, plain).measure([])
+    out = tmp_path / "model.uff"
+    assert lrbc("simulate", FRAME, "--override", plain, "--cache", tmp_path, "--out", out, "--lines", "30:500:7", "--full").code == 0
+    for found, expected in zip(frf.records, read_frf(out).records, strict=True):
+        assert found.name == expected.name
+        np.testing.assert_allclose(found.values, expected.values, rtol=0, atol=1e-3 * np.abs(expected.values).max())
+
+
+@pytest.mark.parametrize(
+    ("settings", "removed"),
+    [
+        (replace(EXACT, perturb=0.005), ()),
+        (replace(EXACT, damping=0.1), ()),
+        (replace(EXACT, noise=0.01), ()),
+        (replace(EXACT, retorque=0.3), ()),
+        (replace(EXACT, level=7.0), ()),
+        (replace(EXACT, scatter=Scatter(hammer=0.003)), ()),
+        (replace(EXACT, scatter=Scatter(gain=0.5)), ()),
+        (EXACT, ("B3",)),
+    ],
+)
+def test_drift_and_faults_change_the_measurement(settings: Settings, removed: tuple[str, ...]) -> None:
+    def values(settings: Settings, removed: tuple[str, ...] = ()) -> np.ndarray:
+        return np.array([r.values for r in structure(settings).measure(removed)[0].records])
+
+    plain = values(EXACT)
+    assert np.linalg.norm(values(settings, removed) - plain) > 1e-3 * np.linalg.norm(plain)
+
+
+def test_no_air_warms_in_a_frame() -> None:
+    with pytest.raises(ConfigError, match="no air to warm"):
+        structure(replace(EXACT, scatter=Scatter(kelvin=2.0)))
+
+
+@pytest.mark.slow
+def test_warm_air_of_a_coupled_model() -> None:
+    """As the frequencies of a gas: stiffness of the air by the temperature, all else as it was (its proportional damping follows)."""
+    inputs = sample("soundbox")
+    warm = VirtualStructure(inputs, EXACT, 1, reduced_cache("soundbox"), np.arange(20.0, 401.0)).model(Drift(kelvin=5.0))
+    field, factor = inputs.model.is_acoustic, 1 + 5 / 293.15
+    air = np.ix_(field, field)
+    assert abs(warm.K[air] - factor * inputs.model.K[air]).max() <= 1e-12 * abs(inputs.model.K[air]).max()
+    other = np.ix_(~field, field)
+    assert abs(warm.K[other] - inputs.model.K[other]).max() == 0.0
+    assert abs(warm.M - inputs.model.M).max() == 0.0
