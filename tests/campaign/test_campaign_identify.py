@@ -432,7 +432,7 @@ def test_what_the_approaches_draw_to(box: Folder) -> None:
     strong = (AUTO, "update.prior_std=1e-4", "parameters.springs.initial=4.0", anyway)
     tight = values(identify(box, *strong, job="tight"))
     for _ in range(2):
-        loose = identify(box, *strong)
+        loose = identify(box, *strong, says="job loose")
         assert loose["method"]["approach"] == "bolts"
         np.testing.assert_allclose(values(loose), tight, atol=0.05)
         (box.out / "loose" / "result.json").unlink()
