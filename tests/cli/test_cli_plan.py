@@ -216,8 +216,9 @@ def test_values_where_there_are_no_bolts(bare: Folder) -> None:
 
 
 def test_drift_costs_information(bare: Folder) -> None:
-    held = planned(bare)
-    drifting = planned(bare, "--override", "update.nuisances={temperature: 3.0, gain: 3.0}")
+    auto = ("--override", "update.regularisation=auto")
+    held = planned(bare, *auto)
+    drifting = planned(bare, *auto, "--override", "update.nuisances={temperature: 3.0, gain: 3.0}")
     kinds = [entry["kind"] for entry in drifting["nuisances"]]
     assert kinds.count("gain") == 4
     assert kinds.count("factor") == 1
