@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms, ParameterGroup, Parameterisation
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
+from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.updating.misfit import port_model
 
 Floats = NDArray[np.float64]
@@ -33,6 +36,7 @@ class TermModel:
 
     model: FeModel
     reduction: Reduction
+    _tables: dict[bytes, PortFrf] = field(default_factory=dict, repr=False)
 
     def frf(self, hz: ArrayLike, values: ArrayLike) -> Complexes:
         """(F, R) FRFs.
@@ -44,11 +48,11 @@ class TermModel:
         values : (nt,) array
             Linear value of each term; ``inf`` clamps.
         """
-        s = np.asarray(2j * np.pi * np.atleast_1d(np.asarray(hz, dtype=float)))
+        s = self._lines(hz)
         kappa = np.broadcast_to(np.asarray(values, dtype=float), (self.model.terms.size,))
         with np.errstate(invalid="ignore"):
             D = np.where(np.isfinite(kappa), np.where(np.isfinite(kappa), kappa, 0.0) * s[:, None] ** self.model.terms.power, np.inf)
-        return self.reduction.model.ports(s).evaluate(D)
+        return self._table(s).evaluate(D)
 
     def sensitivities(self, hz: ArrayLike, log10: ArrayLike) -> tuple[Complexes, Floats]:
         """FRFs and the derivative of their levels to the log10 values.
@@ -59,7 +63,7 @@ class TermModel:
         J : (F, R, nt) float array
             dB per decade, eq. (35).
         """
-        s = np.asarray(2j * np.pi * np.atleast_1d(np.asarray(hz, dtype=float)))
+        s = self._lines(hz)
         terms = self.model.terms
         p = np.broadcast_to(np.asarray(log10, dtype=float), (terms.size,))
         groups = []
@@ -69,8 +73,21 @@ class TermModel:
                 bounds = np.tile([-np.inf, np.inf], (own.size, 1))
                 groups.append(ParameterGroup(kind, kind, own, np.arange(own.size), p[own], bounds, np.eye(own.size)))
         order = np.concatenate([group.terms for group in groups])
-        y, J = port_model(self.reduction.model.ports(s), Parameterisation(tuple(groups))).sensitivities(p[order])
+        y, J = port_model(self._table(s), Parameterisation(tuple(groups))).sensitivities(p[order])
         return y, np.asarray(J.real[:, :, np.argsort(order)])
+
+    def _table(self, s: Complexes) -> PortFrf:
+        """FRFs between ports on the lines s; those of the last lines are kept for whoever optimises."""
+        key = s.tobytes()
+        if key not in self._tables:
+            self._tables.clear()
+            self._tables[key] = self.reduction.model.ports(s)
+        return self._tables[key]
+
+    def _lines(self, hz: ArrayLike) -> Complexes:
+        lines = np.atleast_1d(np.asarray(hz, dtype=float))
+        require_in_band(lines, self.reduction.options.band_hz)
+        return np.asarray(2j * np.pi * lines)
 
 
 def reduce(
@@ -83,7 +100,8 @@ def reduce(
     terms: Any,
     band_hz: tuple[float, float],
     right: Any = None,
-    kind: str = "stiffness",
+    kind: str | Sequence[str] = "stiffness",
+    load_of: ArrayLike | None = None,
     quantity: str = "displacement",
     acoustic: ArrayLike | None = None,
     tolerance: float = 1e-3,
@@ -101,8 +119,10 @@ def reduce(
     band_hz : (float, float)
     right : (n, nt) array or None
         Right vectors c; the left ones where None.
-    kind : str
-        ``stiffness``, ``damping`` or ``mass``.
+    kind : str or sequence of str
+        ``stiffness``, ``damping`` or ``mass``: of all terms, or of each.
+    load_of : (n_out,) int array or None
+        Column of ``loads`` that each output belongs to; None where there is one load.
     quantity : str
         Of all outputs: ``displacement``, ``velocity``, ``acceleration`` or ``pressure``.
     acoustic : (n,) bool array or None
@@ -124,28 +144,37 @@ def reduce(
     >>> y.shape, J.shape, bool(chain.reduction.worst < 1e-3)
     ((2, 1), (2, 1, 1), True)
     """
-    for name, value, known in (("kind", kind, KIND_POWER), ("quantity", quantity, QUANTITIES)):
-        if value not in known:
-            raise ConfigError(f"no such {name}", expected=", ".join(known), found=value)
-    stiffness, left = sp.csc_array(K), sp.csc_array(terms)
+    stiffness, left, B, L = sp.csc_array(K), sp.csc_array(terms), sp.csc_array(loads), sp.csc_array(outputs)
     n, nt = stiffness.shape[0], left.shape[1]
+    kinds = [kind] * nt if isinstance(kind, str) else list(kind)
+    for name, values, known in (("kind", kinds, KIND_POWER), ("quantity", [quantity], QUANTITIES)):
+        if wrong := [value for value in values if value not in known]:
+            raise ConfigError(f"no such {name}", expected=", ".join(known), found=wrong[0])
+    expected, given = (L.shape[0],), np.zeros(L.shape[0], dtype=np.int64) if load_of is None else np.asarray(load_of, dtype=np.int64)
+    if len(kinds) != nt or given.shape != expected or np.any((given < 0) | (given >= B.shape[1])) or (load_of is None and B.shape[1] != 1):
+        raise ConfigError(
+            "kinds or loads do not fit",
+            expected=f"a kind for each of {nt} terms, and in load_of a column from 0 to {B.shape[1] - 1} for each of {L.shape[0]} outputs",
+        )
     mask = np.zeros(n, dtype=bool) if acoustic is None else np.asarray(acoustic, dtype=bool)
     damping = sp.csc_array((n, n)) if C is None else sp.csc_array(C)
     low_rank = LowRankTerms(
-        left=left, right=left if right is None else sp.csc_array(right), power=np.full(nt, KIND_POWER[kind]), baseline=np.zeros(nt)
+        left=left,
+        right=left if right is None else sp.csc_array(right),
+        power=np.array([KIND_POWER[k] for k in kinds], dtype=np.int64),
+        baseline=np.zeros(nt),
     )
-    L = sp.csc_array(outputs)
     model = FeModel(
         K=stiffness,
         C=damping,
         M=sp.csc_array(M),
-        B=sp.csc_array(loads),
+        B=B,
         L=L,
         output_power=np.full(L.shape[0], QUANTITIES[quantity]),
         is_acoustic=mask,
         terms=low_rank,
     )
-    return TermModel(model, reduce_model(model, np.zeros(L.shape[0], dtype=np.int64), ReductionOptions(band_hz, tolerance)))
+    return TermModel(model, reduce_model(model, given, ReductionOptions(band_hz, tolerance)))
 
 
 __all__ = ["TermModel", "reduce"]

@@ -19,20 +19,24 @@ from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of
+from lrbc_cli.campaign.judging import role_of, scatter_of_trees
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.results import result_tree
-from lrbc_cli.campaign.simulate import require_in_band
+from lrbc_cli.campaign.rehearsal import DRAWS
+from lrbc_cli.campaign.results import identified_tree, with_judgement
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.method import rule_of
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction
-from lrbc_cli.updating.decide import BoltVerdict, judge
+from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.fields import plain
+from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.updating.decide import Evidence, Judgement, judge
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -47,12 +51,15 @@ class Identified:
     name : str
     identification : Identification
         Values, posterior, FRFs before and after.
+    evidence : Evidence
+        What judging needs of it.
     record : mapping
-        What ``result.json`` would hold, see ``lrbc guide results``.
+        What ``result.json`` would hold, in plain values: see ``lrbc guide results``.
     """
 
     name: str
     identification: Identification = field(repr=False)
+    evidence: Evidence = field(repr=False)
     record: Mapping[str, Any] = field(repr=False)
 
     @property
@@ -142,9 +149,10 @@ class Study:
 
     @property
     def source(self) -> FrfSource:
-        """FRFs of the reduced model on any lines of its band."""
+        """FRFs on any lines of the band: of the reduced model, unless the campaign says ``evaluation: full``."""
         if self._source is None:
-            self._source = frf_source(self.inputs, self.stage, self._progress)
+            full = self.inputs.campaign.update.evaluation == "full"
+            self._source = frf_source(self.inputs, None if full else self.stage, self._progress)
         return self._source
 
     def parameters(self, hz: ArrayLike) -> Parameterisation:
@@ -216,7 +224,14 @@ class Study:
             frequency_hz=lines, values=H, coherence=known, notes=("handed over as arrays",), warnings=(), records=(), hashes={}
         )
 
-    def identify(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Identified:
+    def identify(
+        self,
+        job: str,
+        measurement: Measurement | None = None,
+        *,
+        reference: Identified | None = None,
+        baselines: Sequence[Identified] = (),
+    ) -> Identified:
         """Identify one job, and judge it.
 
         Parameters
@@ -227,6 +242,8 @@ class Study:
             Instead of the job's file, see ``measurement``.
         reference : Identified or None
             The reference job, for changes and verdicts; None: a direct identification, as of the reference job itself.
+        baselines : sequence of Identified
+            Other jobs with all bolts tight: how much they scatter moves the threshold.
 
         Raises
         ------
@@ -240,30 +257,49 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        return Identified(job, found, result_tree(inputs, self.stage, found, before))
+        evidence = evidence_of(inputs, found, before)
+        tree = identified_tree(inputs, self.source.stage, found, before)
+        record = with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines})
+        return Identified(name=job, identification=found, evidence=evidence, record=plain(record))
 
-    def judge(self, found: Identified, reference: Identified, **rule: Any) -> list[BoltVerdict]:
+    def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
 
         Parameters
         ----------
-        found, reference : Identified
+        found : Identified
+        baselines : sequence of Identified
+            Other jobs with all bolts tight.
         **rule
-            Keys of ``update`` that decide: ``confidence``, ``loose_change``, ``largest_misfit``.
-        """
-        unknown = set(rule) - {"confidence", "loose_change", "largest_misfit"}
-        if unknown:
-            raise ConfigError("not part of the decision rule", expected="confidence, loose_change or largest_misfit", found=sorted(unknown))
-        inputs = self._with_job(found.name, True)
-        campaign = inputs.campaign
-        update = type(campaign.update).model_validate(campaign.update.model_dump(by_alias=True) | rule)
-        inputs = replace(inputs, campaign=campaign.model_copy(update={"update": update}))
-        evidence = evidence_of(inputs, found.identification, reference.record)
-        return list(judge(evidence, inputs.method.rule, role_of(update, found.name)).bolts)
+            Keys of ``update`` that decide: ``confidence``, ``loose_change``, ``largest_misfit``; others as in the campaign.
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None) -> dict[str, Any]:
-        """What the planned responses can tell of each bolt: the content of ``plan.json``, see ``lrbc guide sensors``."""
-        return make_plan(self.inputs, self._folder, Request(state, noise_db), progress=self._progress)
+        Raises
+        ------
+        ConfigError
+            Where a key is no part of the rule, or its value is none.
+        """
+        update, expected = self.inputs.campaign.update, "confidence, loose_change or largest_misfit"
+        if unknown := set(rule) - {"confidence", "loose_change", "largest_misfit"}:
+            raise ConfigError("not part of the decision rule", expected=expected, found=", ".join(sorted(unknown)))
+        try:
+            update = type(update).model_validate(update.model_dump(by_alias=True) | rule)
+        except ValueError as error:
+            raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
+        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_trees(other.record for other in baselines))
+
+    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> PlanRecord:
+        """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``.
+
+        Parameters
+        ----------
+        state : str or None
+            ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's stored result, else ``initial``.
+        noise_db : float or None
+            Standard deviation of a line [dB]; None: what the reference job tells.
+        draws : int
+            Rehearsals of each bolt; 0 gives linearised figures only.
+        """
+        return make_plan(self.inputs, self._folder, Request(state, noise_db, draws=draws), progress=self._progress)
 
     def read(self, job: str) -> Measurement:
         """The measurement of a job, in SI units on the lines of the band."""
@@ -301,7 +337,7 @@ class Study:
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = np.atleast_1d(np.asarray(hz, dtype=float))
-        require_in_band(lines, self.inputs.campaign.reduction.band)
+        require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
         return np.asarray(2j * np.pi * lines)
 
     def _with_job(self, job: str, measured: bool) -> Inputs:

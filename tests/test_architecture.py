@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -22,14 +23,15 @@ ALLOWED = {
     "config": {"errors", "model"},
     "reduction": {"errors", "model"},
     "updating": {"errors", "model", "reduction"},
+    "results": {"errors", "io", "updating"},
     "method": {"errors", "config", "updating"},
-    "report": {"errors", "model", "io", "config", "reduction", "updating"},
-    "campaign": {"errors", "model", "io", "config", "reduction", "updating", "method"},
-    "virtual": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
+    "report": {"errors", "model", "io", "config", "reduction", "updating", "results"},
+    "campaign": {"errors", "model", "io", "config", "reduction", "updating", "results", "method"},
+    "virtual": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign"},
     "guide": {"config"},
     "matrices": {"errors", "model", "reduction", "updating"},
-    "study": {"errors", "model", "io", "config", "reduction", "updating", "campaign"},
-    "cli": {"errors", "model", "io", "config", "reduction", "updating", "campaign", "virtual", "report", "guide"},
+    "study": {"errors", "model", "io", "config", "reduction", "updating", "results", "method", "campaign"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign", "virtual", "report", "guide"},
     "__main__": {"cli"},
 }
 
@@ -43,6 +45,7 @@ FORBIDDEN = {
     "io": {"yaml", "click", "matplotlib", "pydantic"},
     "config": {"h5py", "click", "matplotlib", "scipy"},
     "method": NO_FILES,
+    "results": {"yaml", "h5py", "click", "matplotlib", "scipy"},
     "campaign": {"yaml", "click", "matplotlib"},
     "virtual": {"yaml", "h5py", "click", "matplotlib", "pydantic"},
     "report": {"yaml", "h5py", "click", "pydantic"},
@@ -71,6 +74,7 @@ def room_of(module: str) -> str | None:
     return parts[1] if parts[0] == "lrbc_cli" and len(parts) > 1 else None
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Every imported module, also inside functions and under TYPE_CHECKING, relative ones resolved."""
     module = name_of(path)

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.calibration import CALIBRATION_FORMAT, FILE, fitting, key_of, key_parts
-from lrbc_cli.campaign.documents import RESULT_VERSION, versions, write_csv, write_json
+from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.doubts import calibration_doubts, refuse_units
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
@@ -26,6 +25,9 @@ from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.certify import lines_between, measured_errors
 from lrbc_cli.reduction.outcome import HeldOut
+from lrbc_cli.results.model import CalibrationRecord
+from lrbc_cli.results.store import versions, write
+from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.misfit import mean_misfit
 
@@ -94,7 +96,7 @@ class Outcome:
 
 def run_calibration(
     inputs: Inputs, folder: Path, *, force: bool = False, accept: bool = False, progress: Callable[[str], None] = lambda _: None
-) -> tuple[dict[str, Any], bool]:
+) -> tuple[CalibrationRecord, bool]:
     """Calibrate, or keep what still fits; writes ``calibration.json`` and ``calibration/frf.csv``.
 
     Parameters
@@ -111,7 +113,7 @@ def run_calibration(
 
     Returns
     -------
-    dict
+    CalibrationRecord
         The content of ``calibration.json``.
     bool
         Whether it was kept.
@@ -132,13 +134,13 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
-    tree = calibration_tree(inputs, outcome, parts, settings.job)
+    record = calibration_record(inputs, outcome, parts, settings.job)
     write_csv(output / "calibration" / "frf.csv", *frf_rows(inputs, outcome))
-    write_json(output / FILE, tree)
+    write(output / FILE, record)
     # The results that are there stay those of the jobs, but the report has to know the campaign.
     if not (output / "campaign.json").is_file():
         write_campaign(output, inputs)
-    return tree, False
+    return record, False
 
 
 def require_calibration(inputs: Inputs) -> Any:
@@ -254,7 +256,7 @@ def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Calla
     return measured_errors(inputs.model, inputs.input_of, reduced, settings.band, lines, backend=settings.backend, progress=tell)
 
 
-def calibration_tree(inputs: Inputs, outcome: Outcome, parts: dict[str, str], job: str) -> dict[str, Any]:
+def calibration_record(inputs: Inputs, outcome: Outcome, parts: dict[str, str], job: str) -> CalibrationRecord:
     """The content of ``calibration.json``."""
     fit, problem = outcome.fit, outcome.fit.problem
     status, reason = fit.solution.status, fit.solution.reason
@@ -275,50 +277,50 @@ def calibration_tree(inputs: Inputs, outcome: Outcome, parts: dict[str, str], jo
         boundary[group.name] = {"log10": fit.solution.theta[values]}
         if at is not None:
             boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
-    return {
-        "format": CALIBRATION_FORMAT,
-        "version": RESULT_VERSION,
-        "job": job,
-        "key": key_of(parts),
-        "parts": parts,
-        "used": True,
-        "status": status,
-        "reason": reason,
-        "factors": factors,
-        "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.further.items()},
-        "boundary": boundary,
-        "boundary_held": problem.hold,
-        "misfit_db": {
-            "initial": mean(before, inputs.used),
-            "final": mean(after, inputs.used),
-            "held_out_initial": mean(before, inputs.held_out),
-            "held_out_final": mean(after, inputs.held_out),
-            "responses": {
-                response.name: {"initial": before[i], "final": after[i], "used": bool(i in inputs.used)}
-                for i, response in enumerate(inputs.responses)
+    return CalibrationRecord.checked(
+        {
+            "job": job,
+            "key": key_of(parts),
+            "parts": parts,
+            "used": True,
+            "status": status,
+            "reason": reason,
+            "factors": factors,
+            "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.further.items()},
+            "boundary": boundary,
+            "boundary_held": problem.hold,
+            "misfit_db": {
+                "initial": mean(before, inputs.used),
+                "final": mean(after, inputs.used),
+                "held_out_initial": mean(before, inputs.held_out),
+                "held_out_final": mean(after, inputs.held_out),
+                "responses": {
+                    response.name: {"initial": before[i], "final": after[i], "used": bool(i in inputs.used)}
+                    for i, response in enumerate(inputs.responses)
+                },
             },
-        },
-        "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor},
-        "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
-        "stages": [
-            {"width_hz": stage.width_hz, "before_db": stage.before_db, "after_db": stage.after_db, "evaluations": stage.evaluations}
-            for stage in fit.stages
-        ],
-        "reduction": {
-            "worst": outcome.rounds[-1].error,
-            "tolerance": inputs.campaign.reduction.tolerance,
-            "size": outcome.rounds[-1].size,
-            "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in outcome.rounds[-1].held_out],
-        },
-        "lines": {"frequency_hz": outcome.measurement.frequency_hz[outcome.selected], "count": int(outcome.selected.size)},
-        "frf": "calibration/frf.csv",
-        "seconds": outcome.seconds["total"],
-        "seconds_by_stage": outcome.seconds,
-        "warnings": list(outcome.warnings),
-        "notes": list(outcome.notes),
-        "provenance": {
-            "versions": versions(),
-            "inputs": inputs.hashes | outcome.measurement.hashes,
-            "configuration": inputs.campaign.resolved(),
-        },
-    }
+            "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor},
+            "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
+            "stages": [
+                {"width_hz": stage.width_hz, "before_db": stage.before_db, "after_db": stage.after_db, "evaluations": stage.evaluations}
+                for stage in fit.stages
+            ],
+            "reduction": {
+                "worst": outcome.rounds[-1].error,
+                "tolerance": inputs.campaign.reduction.tolerance,
+                "size": outcome.rounds[-1].size,
+                "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in outcome.rounds[-1].held_out],
+            },
+            "lines": {"frequency_hz": outcome.measurement.frequency_hz[outcome.selected], "count": int(outcome.selected.size)},
+            "frf": "calibration/frf.csv",
+            "seconds": outcome.seconds["total"],
+            "seconds_by_stage": outcome.seconds,
+            "warnings": list(outcome.warnings),
+            "notes": list(outcome.notes),
+            "provenance": {
+                "versions": versions(),
+                "inputs": inputs.hashes | outcome.measurement.hashes,
+                "configuration": inputs.campaign.resolved(),
+            },
+        }
+    )

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.documents import read_json
 from lrbc_cli.campaign.factors import CalibrationUse
 from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.model.factors import with_factors
+from lrbc_cli.results.model import CalibrationRecord
+from lrbc_cli.results.store import read
 
-CALIBRATION_FORMAT = "lrbc-calibration"
 FILE = "calibration.json"
 
 #: Increased whenever the same input would give other factors.
 CALIBRATION_VERSION = 2
-
-#: Factors beyond these are not what a calibration finds: its bounds lie closer to one.
-PLAUSIBLE = (0.01, 100.0)
 
 #: What of the update's settings a calibration follows.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")
@@ -85,56 +80,25 @@ def key_of(parts: Mapping[str, str]) -> str:
     return cache.digest(sorted(parts.items()))[:32]
 
 
-def read_calibration(path: Path) -> dict[str, Any] | None:
-    """Read ``calibration.json``; None where there is none.
-
-    Raises
-    ------
-    DataError
-        Where it is damaged.
-    """
-    try:
-        tree = read_json(path, CALIBRATION_FORMAT)
-    except DataError as error:
-        raise _damaged(path, error.problem) from error
-    if tree is None:
-        return None
-    factors, parts = tree.get("factors"), tree.get("parts")
-    for key in ("key", "job", "status"):
-        if not isinstance(tree.get(key), str):
-            raise _damaged(path, f"{key} is missing")
-    if not isinstance(parts, dict) or not isinstance(factors, dict) or not factors:
-        raise _damaged(path, "factors or parts are missing")
-    for name, entry in factors.items():
-        value = entry.get("value") if isinstance(entry, dict) else None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not PLAUSIBLE[0] <= value <= PLAUSIBLE[1]:
-            raise _damaged(path, f"factors.{name}.value is no number from {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}")
-    return tree
-
-
-def _damaged(path: Path, problem: str) -> DataError:
-    return DataError(f"this calibration is damaged: {problem}", file=path, hint="run lrbc calibrate to write it anew")
-
-
-def fitting(inputs: Inputs) -> tuple[dict[str, Any] | None, str]:
+def fitting(inputs: Inputs) -> tuple[CalibrationRecord | None, str]:
     """The stored calibration where it fits these inputs (as exported), or why there is none that does."""
     try:
-        tree = read_calibration(inputs.campaign.output / FILE)
+        stored = read(inputs.campaign.output / FILE, CalibrationRecord)
     except DataError as error:
-        return None, f"unusable ({error.problem})"
-    if tree is None:
+        return None, f"unusable ({': '.join(part for part in (error.problem, error.place) if part)})"
+    if stored is None:
         return None, "none yet"
     try:
         parts = key_parts(inputs)
     except DataError as error:
         return None, f"not comparable ({error.problem})"
-    if tree["key"] != key_of(parts):
-        changed = [words for name, words in PARTS.items() if tree["parts"].get(name) != parts[name]]
+    if stored.key != key_of(parts):
+        changed = [words for name, words in PARTS.items() if stored.parts.get(name) != parts[name]]
         return None, f"changed since: {'; '.join(changed) or 'its file'}"
-    unknown = [name for name in tree["factors"] if name not in inputs.recipe.names]
+    unknown = [name for name in stored.factors if name not in inputs.recipe.names]
     if unknown:
         return None, f"unusable (unknown factor {unknown[0]})"
-    return tree, "nothing changed"
+    return stored, "nothing changed"
 
 
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
@@ -166,12 +130,12 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
         return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
     if not calibration:
         return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
-    tree, reason = fitting(inputs)
-    if tree is None:
+    stored, reason = fitting(inputs)
+    if stored is None:
         text = "none yet; `lrbc calibrate` identifies it" if reason == "none yet" else f"ignored: {reason}; run `lrbc calibrate`"
         return replace(inputs, calibration=CalibrationUse(False, text, stale=reason != "none yet"))
-    factors = {name: float(entry["value"]) for name, entry in tree["factors"].items()}
+    factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
-    limits = "" if tree["status"] == "converged" else f"; {tree['status']}: {tree.get('reason', '')}"
-    text = f"used ({tree['job']}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
-    return replace(inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, tree["key"], factors))
+    limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
+    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
+    return replace(inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors))

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
 
-from lrbc_cli.campaign.documents import EVIDENCE_FORMAT, RESULT_VERSION, read_json, write_json
 from lrbc_cli.campaign.doubts import doubts
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import MIN_LINES
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.results.evidence import EvidenceRecord
+from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
 from lrbc_cli.updating.levels import near_tie
@@ -31,8 +31,6 @@ COPIED = 1e-6
 
 #: What is stored of an identification so that it can be judged by another rule.
 FILE = "evidence.json"
-
-_ADAPTER = TypeAdapter(Evidence)
 
 
 def effective(group: ParameterGroup, p: Floats) -> Floats:
@@ -93,7 +91,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: Mapping[str, 
 
 def write_evidence(folder: Path, evidence: Evidence) -> str:
     """Store it; returns the SHA-256 of the file."""
-    return write_json(folder / FILE, {"format": EVIDENCE_FORMAT, "version": RESULT_VERSION, **asdict(evidence)})
+    return write(folder / FILE, EvidenceRecord.of(evidence))
 
 
 def read_evidence(folder: Path) -> Evidence:
@@ -104,21 +102,10 @@ def read_evidence(folder: Path) -> Evidence:
     DataError
         Where it is missing, damaged or of another version.
     """
-    tree = read_json(folder / FILE, EVIDENCE_FORMAT)
-    if tree is None:
-        raise DataError("a result file is missing", file=folder / FILE, hint="run lrbc update --force")
-    try:
-        return _ADAPTER.validate_python({key: value for key, value in tree.items() if key not in ("format", "version")})
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise DataError(
-            "this result file is damaged",
-            file=folder / FILE,
-            place=".".join(str(part) for part in first["loc"]),
-            expected=first["msg"],
-            found=repr(first["input"])[:60],
-            hint="run lrbc update --force",
-        ) from error
+    record = read(folder / FILE, EvidenceRecord)
+    if record is None:
+        raise DataError("this result file is missing", file=folder / FILE, hint=EvidenceRecord.HINT)
+    return record.evidence
 
 
 def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.documents import versions
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reader import DIRECTIONS
@@ -22,6 +21,7 @@ from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, StateSpace, complex_matrix, state_space
+from lrbc_cli.results.store import versions
 
 ENCODING = "lrbc-reduced-model"
 

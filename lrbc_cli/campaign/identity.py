@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
@@ -42,6 +43,10 @@ class Identity:
 
     digest: str
     parts: dict[str, str]
+
+    def tree(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {"identity": self.digest, "parts": self.parts}
 
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
+from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.evidence import read_evidence
 from lrbc_cli.campaign.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.inputs import Inputs
@@ -108,7 +108,7 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
 def _alone(folder: Path, job: JobPlan) -> JobPlan:
     """As far as its own files and settings tell."""
     try:
-        tree = read_json(folder / "result.json", RESULT_FORMAT)
+        tree = read_tree(folder.parent, job.name)
     except DataError as error:
         return replace(job, reason=f"the earlier result is unusable ({error.problem})")
     if tree is None:
@@ -124,8 +124,6 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
 
 def _outdated(tree: dict[str, Any], job: JobPlan, folder: Path) -> str | None:
     """Why a stored identification does not count any more by itself."""
-    if tree["job"] != job.name:
-        return f"the earlier result is unusable (it is that of job {tree['job']})"
     if tree["status"] == "failed":
         return "it failed before"
     if not tree["provenance"].get("files"):

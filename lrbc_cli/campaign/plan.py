@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
+from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
@@ -23,6 +23,9 @@ from lrbc_cli.campaign.worth import Target, judged
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.store import versions, write
+from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_DB, distance_for, experiment
 from lrbc_cli.updating.lines import resonance_lines
@@ -33,7 +36,6 @@ from lrbc_cli.updating.verdicts import Edge, foot
 
 Floats = NDArray[np.float64]
 
-PLAN_FORMAT = "lrbc-plan"
 STATES = ("initial", "clamped", "free")
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
@@ -64,7 +66,7 @@ class Request:
 
 def make_plan(
     inputs: Inputs, folder: Path, request: Request, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None
-) -> dict[str, Any]:
+) -> PlanRecord:
     """Say what the responses of a campaign can tell of its bolts.
 
     Parameters
@@ -79,7 +81,7 @@ def make_plan(
 
     Returns
     -------
-    dict
+    PlanRecord
         The content of ``plan.json``.
 
     Raises
@@ -132,8 +134,6 @@ def make_plan(
     else:
         assumes = [f"state: {_words(state)}", *_linearised(inputs, by, change, request.draws)]
     tree = {
-        "format": PLAN_FORMAT,
-        "version": RESULT_VERSION,
         "campaign": inputs.campaign.name,
         "state": state,
         "noise": {"sigma_db": noise.sigma, "correlation_factor": noise.factor, "source": origin},
@@ -163,7 +163,7 @@ def make_plan(
             "certificate": {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst},
         },
     }
-    return tree
+    return PlanRecord.checked(tree)
 
 
 def _grid(inputs: Inputs) -> Floats:
@@ -208,10 +208,10 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
     tree: Mapping[str, Any] | None = None
     if job is not None:
         theta = job_values(inputs, job, parameters)
-        tree = read_json(campaign.output / job / "result.json", RESULT_FORMAT)
+        tree = read_tree(campaign.output, job)
         state = f"job:{job}"
     elif request.state is None or request.state in STATES:
-        tree = read_json(campaign.output / reference / "result.json", RESULT_FORMAT) if reference is not None else None
+        tree = read_tree(campaign.output, reference) if reference is not None else None
         known = stored_theta(parameters, tree)
         tree = None if known is None else tree
         state = request.state or ("initial" if known is None else f"job:{reference}")
@@ -229,7 +229,7 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
     if tree is not None and reference is not None and job != reference:
         # A job that is compared states what its changes leave, which is far less than what the model lacks.
-        job, tree = reference, read_json(campaign.output / reference / "result.json", RESULT_FORMAT)
+        job, tree = reference, read_tree(campaign.output, reference)
     known_noise = tree.get("noise") if tree is not None else None
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if known_noise and known_noise.get("sigma_db") and known_noise.get("correlation_factor"):
@@ -355,7 +355,7 @@ COLUMNS = (
 )
 
 
-def write_plan(output: Path, tree: Mapping[str, Any]) -> None:
+def write_plan(output: Path, record: PlanRecord) -> None:
     """Write ``plan.csv`` and ``plan.json``.
 
     Raises
@@ -364,9 +364,9 @@ def write_plan(output: Path, tree: Mapping[str, Any]) -> None:
         Where the output folder cannot be written.
     """
     rows = []
-    for bolt in tree["bolts"]:
-        position = [None] * 3 if bolt["position"] is None else list(bolt["position"])
-        plain = [bolt[key] for key in COLUMNS[6:16]]
-        rows.append([bolt["name"], bolt["group"], *position, bolt["arc_length"], *plain, bolt["all_responses"]["d_prime"], bolt["note"]])
+    for bolt in record.bolts:
+        position = [None] * 3 if bolt.position is None else list(bolt.position)
+        plain = [getattr(bolt, key) for key in COLUMNS[6:16]]
+        rows.append([bolt.name, bolt.group, *position, bolt.arc_length, *plain, bolt.all_responses.d_prime, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)
-    write_json(output / "plan.json", tree)
+    write(output / "plan.json", record)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
+from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identify import identify
@@ -352,7 +352,7 @@ def _scatter(inputs: Inputs) -> float:
     trees = []
     for name in inputs.campaign.update.baselines:
         try:
-            tree = read_json(inputs.campaign.output / name / "result.json", RESULT_FORMAT)
+            tree = read_tree(inputs.campaign.output, name)
         except DataError:
             continue
         trees += [] if tree is None else [tree]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from lrbc_cli import __version__
 from lrbc_cli.campaign.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
-from lrbc_cli.campaign.documents import RESULT_FORMAT, RESULT_VERSION, read_json, versions, write_csv, write_json
 from lrbc_cli.campaign.drift import drift_tree
 from lrbc_cli.campaign.evidence import bands, effective, evidence_of, mean_of, write_evidence
 from lrbc_cli.campaign.identification import Identification
@@ -24,6 +22,10 @@ from lrbc_cli.campaign.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
+from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.model import CampaignRecord, ReductionRecord
+from lrbc_cli.results.store import read_job, versions, write
+from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.decide import Evidence
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
@@ -96,9 +98,8 @@ def write_result(
         "evidence.json": write_evidence(folder, evidence),
     }
     own, judgement = identities
-    tree["provenance"] |= {"identity": own.digest, "parts": own.parts, "judgement": asdict(judgement), "rests_on": rests, "files": files}
-    write_json(folder / "result.json", tree)
-    return tree
+    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests, "files": files}
+    return _written(folder, tree)
 
 
 def write_judgement(
@@ -112,9 +113,14 @@ def write_judgement(
 ) -> dict[str, Any]:
     """Judge a stored identification anew and write its result.json; the other files stay as they are."""
     tree = with_judgement(inputs, {key: value for key, value in stored.items() if key not in JUDGED}, evidence, baselines)
-    tree["provenance"] = {**tree["provenance"], "judgement": asdict(judgement), "rests_on": rests}
-    write_json(output / evidence.job / "result.json", tree)
-    return tree
+    tree["provenance"] = {**tree["provenance"], "judgement": judgement.tree(), "rests_on": rests}
+    return _written(output / evidence.job, tree)
+
+
+def _written(folder: Path, tree: Mapping[str, Any]) -> dict[str, Any]:
+    record = JobRecord.checked(tree)
+    write(folder / "result.json", record)
+    return record.tree()
 
 
 def with_judgement(
@@ -124,8 +130,7 @@ def with_judgement(
     said = judged(inputs, evidence, baselines)
     prior = {**identified["prior"], "scatter": said.pop("scatter")}
     provenance = {**identified["provenance"], "configuration": inputs.campaign.resolved()}
-    head = {"format": RESULT_FORMAT, "version": RESULT_VERSION, "job": evidence.job}
-    return {**head, **said, **identified, "prior": prior, "provenance": provenance}
+    return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
 
 
 def result_tree(
@@ -348,20 +353,18 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
     """Record a job that failed; an earlier success is kept as ``result.previous.json``, its tables and figures stay."""
     path = output / name / "result.json"
     try:
-        before = read_json(path, RESULT_FORMAT)
+        before = read_job(output, name)
     except DataError:
         before = None
-    if before is not None and before["status"] != "failed":
+    if isinstance(before, JobRecord):
         path.replace(path.with_name("result.previous.json"))
     tree = {
-        "format": RESULT_FORMAT,
-        "version": RESULT_VERSION,
         "job": name,
         "status": "failed",
         "reason": reason,
         "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
     }
-    write_json(path, tree)
+    write(path, FailedJob.checked(tree))
     return tree
 
 
@@ -369,11 +372,8 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
     """Write ``campaign.json``: what the report needs to know of the campaign."""
     campaign = inputs.campaign
     bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
-    write_json(
-        output / "campaign.json",
+    record = CampaignRecord.checked(
         {
-            "format": "lrbc-campaign",
-            "version": 1,
             "campaign": campaign.name,
             "reference": campaign.update.reference,
             "jobs": list(campaign.jobs),
@@ -385,8 +385,9 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             # Empty: the jobs rest on the model as exported although there is a calibration.
             "calibration": None if inputs.calibration is None else (inputs.calibration.key if inputs.calibration.used else ""),
             "tool": {"name": "lrbc", "version": __version__},
-        },
+        }
     )
+    write(output / "campaign.json", record)
 
 
 def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict[str, Any]:
@@ -395,8 +396,6 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
     seconds = dict(r.seconds)
     seconds["full_lines_worth"] = seconds["total"] / seconds["full_line"]
     tree = {
-        "format": "lrbc-reduction",
-        "version": 1,
         "size": r.model.size,
         "size_structure": r.model.structure,
         "size_acoustic": r.model.size - r.model.structure,
@@ -436,5 +435,6 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> dict
         "cache": {"key": stage.decision.key, "hit": stage.decision.hit, "reason": stage.decision.reason},
         "versions": versions(),
     }
-    write_json(output / "reduction.json", tree)
-    return tree
+    record = ReductionRecord.checked(tree)
+    write(output / "reduction.json", record)
+    return record.tree()

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
+from lrbc_cli.campaign.documents import read_tree
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.jobs import JobPlan, choose_jobs, needs, plan, settled
@@ -203,7 +203,7 @@ def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: Reducti
     if reference in outcome.results:
         return outcome.results[reference]
     try:
-        before = read_json(inputs.campaign.output / reference / "result.previous.json", RESULT_FORMAT)
+        before = read_tree(inputs.campaign.output, reference, "result.previous.json")
     except DataError:
         return None
     # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.

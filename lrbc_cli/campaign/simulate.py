@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -18,6 +17,9 @@ from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
 
 Floats = NDArray[np.float64]
 
@@ -65,24 +67,6 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
     if lines[0] <= 0:
         raise refuse("lines start above 0 Hz", f"{lines[0]:g} Hz")
     return np.asarray(lines, dtype=np.float64)
-
-
-def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str = "change reduction.band") -> None:
-    """Refuse lines [Hz] on which the reduced model was not certified.
-
-    Raises
-    ------
-    ConfigError
-        Naming the lines.
-    """
-    if lines.size == 0 or not (band[0] * (1 - 1e-9) <= lines.min() and lines.max() <= band[1] * (1 + 1e-9)):
-        raise ConfigError(
-            "the reduced model does not hold outside its band",
-            place=place,
-            expected=f"lines from {band[0]:g} to {band[1]:g} Hz",
-            found=f"{lines.min():g} to {lines.max():g} Hz" if lines.size else "none",
-            hint=hint,
-        )
 
 
 def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta: Floats) -> Floats:
@@ -160,10 +144,10 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
             f"no job '{name}' in this campaign", file=campaign.path, place="--job", expected=", ".join(campaign.jobs) or "a job", found=name
         )
     path = campaign.output / name / "result.json"
-    tree = read_json(path, RESULT_FORMAT)
-    if tree is None or tree["status"] == "failed":
+    job = read_job(campaign.output, name)
+    if not isinstance(job, JobRecord):
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
-    theta = stored_theta(parameters, tree)
+    theta = stored_theta(parameters, job.tree())
     if theta is None:
         raise DataError(
             f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lrbc_cli.campaign.documents import plain
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.results.fields import plain
 from lrbc_cli.updating.clearance import BoltFinding, JobFinding
 
 #: Tables beside ``result.json``, which vouches for them by their hashes.

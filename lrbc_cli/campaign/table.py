@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from lrbc_cli.campaign.documents import RESULT_FORMAT, read_json, write_csv
-from lrbc_cli.campaign.standing import finding_of
 from lrbc_cli.errors import DataError
+from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.store import read_job
+from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.clearance import sentence
 
 CAMPAIGN_COLUMNS = [
@@ -39,53 +39,47 @@ CAMPAIGN_COLUMNS = [
 
 def write_table(output: Path, jobs: Sequence[str]) -> None:
     """Write ``campaign.csv``, one row a job that has a result."""
-    rows = []
+    rows: list[list[str | float | None]] = []
     for name in jobs:
         try:
-            tree = read_json(output / name / "result.json", RESULT_FORMAT)
+            job = read_job(output, name)
         except DataError:
             continue
-        if tree is None:
+        if isinstance(job, FailedJob):
+            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), job.reason, sentence(job.finding)])
+        if not isinstance(job, JobRecord):
             continue
-        if tree["status"] == "failed":
-            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), tree["reason"], sentence(finding_of(tree))])
-            continue
-        damped = [group for group in tree["parameters"].values() if "damping_exponent" in group]
-        misfit, correlation = tree["misfit_db"], tree.get("correlation") or {}
+        damped, misfit, correlation = job.damped.values(), job.misfit_db, job.correlation
         rows.append(
             [
                 name,
-                tree["status"],
-                _names(tree["bolts"], "loose"),
-                _probabilities(tree["bolts"]),
-                _names(tree["bolts"], "undecided"),
-                _names(tree["bolts"], "outside"),
-                " ".join(tree["removed"] or []),
-                " ".join(f"{g['damping_exponent']:.6g}" for g in damped),
-                " ".join(f"{g['damping_factor']:.6g}" for g in damped),
-                misfit["initial"],
-                misfit["final"],
-                misfit["held_out_final"],
-                correlation.get("frac_initial"),
-                correlation.get("frac_final"),
-                tree["cost"]["initial"],
-                tree["cost"]["final"],
-                tree["iterations"],
-                tree["evaluations"],
-                tree["line_evaluations"],
-                tree["seconds"]["total"],
-                tree["reason"],
-                sentence(finding_of(tree)),
+                job.status,
+                " ".join(job.names("loose")),
+                _probabilities(job),
+                " ".join(job.names("undecided")),
+                " ".join(job.names("outside")),
+                " ".join(job.removed or ()),
+                " ".join(f"{group.damping_exponent:.6g}" for group in damped),
+                " ".join(f"{group.damping_factor:.6g}" for group in damped),
+                misfit.initial,
+                misfit.final,
+                misfit.held_out_final,
+                None if correlation is None else correlation.frac_initial,
+                None if correlation is None else correlation.frac_final,
+                job.cost.initial,
+                job.cost.final,
+                job.iterations,
+                job.evaluations,
+                job.line_evaluations,
+                job.seconds["total"],
+                job.reason,
+                sentence(job.finding),
             ]
         )
     write_csv(output / "campaign.csv", CAMPAIGN_COLUMNS, rows)
 
 
-def _names(bolts: Sequence[Mapping[str, Any]], verdict: str) -> str:
-    return " ".join(bolt["name"] for bolt in bolts if bolt["verdict"] == verdict)
-
-
-def _probabilities(bolts: Sequence[Mapping[str, Any]]) -> str:
+def _probabilities(job: JobRecord) -> str:
     """Of being loose, in the order of the names of the loose bolts; empty where no bolt has one."""
-    known = [bolt.get("probability_loose") for bolt in bolts if bolt["verdict"] == "loose"]
+    known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose"]
     return " ".join("-" if p is None else f"{p:.3g}" for p in known) if any(p is not None for p in known) else ""

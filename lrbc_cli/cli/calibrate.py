@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -12,6 +12,7 @@ from lrbc_cli.campaign.calibrate import require_calibration, run_calibration
 from lrbc_cli.campaign.calibration import FILE, fitting
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.results.model import CalibrationRecord
 
 
 @click.command()
@@ -46,33 +47,36 @@ def calibrate(
             click.echo(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
             click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         return
-    tree, kept = run_calibration(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
+    record, kept = run_calibration(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
     if as_json:
-        say_json(tree)
+        say_json(record.tree())
     else:
-        click.echo("\n".join(describe(tree, kept)))
+        click.echo("\n".join(describe(record, kept)))
         click.echo(f"{inputs.campaign.output / FILE}")
 
 
-def describe(tree: dict[str, Any], kept: bool) -> list[str]:
+def describe(record: CalibrationRecord, kept: bool) -> list[str]:
     """The calibration in a few lines."""
-    misfit, reduction = tree["misfit_db"], tree["reduction"]
+    misfit, reduction = record.misfit_db, record.reduction
 
-    def change(part: str) -> str:
-        before, after = misfit[f"{part}initial"], misfit[f"{part}final"]
-        return "none" if after is None else f"{before:.2f} -> {after:.2f} dB"
+    def change(before: float, after: float) -> str:
+        return "none" if math.isnan(after) else f"{before:.2f} -> {after:.2f} dB"
+
+    def limit(value: float | None) -> str:
+        return "open" if value is None else f"{value:.5g}"
 
     lines = [
-        f"calibration from {tree['job']}: {tree['status']} ({tree['reason']}){', kept: nothing changed' if kept else ''}",
-        f"mean misfit over all lines: responses used {change('')}, held out {change('held_out_')}",
+        f"calibration from {record.job}: {record.status} ({record.reason}){', kept: nothing changed' if kept else ''}",
+        f"mean misfit over all lines: responses used {change(misfit.initial, misfit.final)}, "
+        f"held out {change(misfit.held_out_initial, misfit.held_out_final)}",
     ]
-    width = max(len(name) for name in tree["factors"])
-    for name, entry in tree["factors"].items():
-        lines.append(f"  {name:<{width}}  {entry['value']:.5g}  95 % {entry['lower95']:.5g} to {entry['upper95']:.5g}")
-    rounds = len(tree["rounds"])
+    width = max(len(name) for name in record.factors)
+    for name, entry in record.factors.items():
+        lines.append(f"  {name:<{width}}  {entry.value:.5g}  95 % {limit(entry.lower95)} to {limit(entry.upper95)}")
+    rounds = len(record.rounds)
     lines.append(
-        f"error of the reduced model at these factors: at most {reduction['worst']:.1e} (tolerance {reduction['tolerance']:.0e}) at "
-        f"{len(reduction['held_out'])} full lines; {rounds} round{'s' if rounds > 1 else ''}, {tree['seconds']:.1f} s"
+        f"error of the reduced model at these factors: at most {reduction.worst:.1e} (tolerance {reduction.tolerance:.0e}) at "
+        f"{len(reduction.held_out)} full lines; {rounds} round{'s' if rounds > 1 else ''}, {record.seconds:.1f} s"
     )
-    lines += [f"note: {note}" for note in tree["notes"]]
+    lines += [f"note: {note}" for note in record.notes]
     return lines

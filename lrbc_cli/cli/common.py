@@ -14,10 +14,11 @@ import click
 
 from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.documents import plain, require_own_output
+from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign
+from lrbc_cli.results.fields import plain
 
 __all__ = ["cache_folder", "load", "progress", "say_json"]
 

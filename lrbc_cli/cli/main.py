@@ -31,7 +31,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
-    "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign file."),
+    "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign file, or of the result files."),
     "guide": ("lrbc_cli.cli.guide:guide", "Show the pages of the guide."),
 }
 DEFECT = 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -47,11 +46,11 @@ def plan(
     inputs = load(config, overrides, calibration=calibration)
     output = inputs.campaign.output
     request = Request(state, noise, by, draws)
-    tree: dict[str, Any] = make_plan(inputs, cache_folder(cache), request, accept=accept_tolerance, progress=progress())
-    write_plan(output, tree)
+    record = make_plan(inputs, cache_folder(cache), request, accept=accept_tolerance, progress=progress())
+    write_plan(output, record)
     draw_plan(output)
     if as_json:
-        say_json(tree)
+        say_json(record.tree())
     else:
         click.echo(plan_text(output))
         click.echo(f"plan in {output}: plan.json, plan.csv, plan.png")

@@ -180,7 +180,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
         statistics=replace(statistics, values=replace(statistics.values, std=update.prior_std)),
-        rule=_rule(update),
+        rule=rule_of(update),
         reasons=reasons,
         warnings=tuple(warnings),
     )
@@ -198,7 +198,8 @@ def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     return "bolts", "there is a reference job to compare with"
 
 
-def _rule(update: UpdateConfig) -> DecisionRule:
+def rule_of(update: UpdateConfig) -> DecisionRule:
+    """The decision rule of the settings: a given ``loose_change`` holds for either posterior."""
     rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
     given = update.loose_change
     return rule if given is None else replace(rule, loose_change=given, mixture_change=given)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.errors import ConfigError
+
 Floats = NDArray[np.float64]
 
 #: Bands whose ends lie further apart than this ratio are wide.
@@ -14,6 +16,24 @@ WIDE_BAND = 40.0
 
 #: Share of the grid that a line keeps from expansion points.
 APART = 0.01
+
+
+def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str | None = None) -> None:
+    """Refuse lines [Hz] on which the reduced model was not certified.
+
+    Raises
+    ------
+    ConfigError
+        Naming the lines.
+    """
+    if lines.size == 0 or not (band[0] * (1 - 1e-9) <= lines.min() and lines.max() <= band[1] * (1 + 1e-9)):
+        raise ConfigError(
+            "the reduced model does not hold outside its band",
+            place=place,
+            expected=f"lines from {band[0]:g} to {band[1]:g} Hz",
+            found=f"{lines.min():g} to {lines.max():g} Hz" if lines.size else "none",
+            hint=hint,
+        )
 
 
 class Grid:
@@ -75,4 +95,4 @@ class Grid:
         return chosen
 
 
-__all__ = ["WIDE_BAND", "Grid"]
+__all__ = ["WIDE_BAND", "Grid", "require_in_band"]

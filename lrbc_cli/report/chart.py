@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.report.reading import FloatArray
+from lrbc_cli.results.fields import Floats
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Curve:
     """A line through points; NaN interrupts it. An empty label keeps it out of the legend."""
 
     role: str
-    x: FloatArray
-    y: FloatArray
+    x: Floats
+    y: Floats
     label: str = ""
 
 
@@ -36,9 +36,9 @@ class Area:
     """A filled band between two curves."""
 
     role: str
-    x: FloatArray
-    low: FloatArray
-    high: FloatArray
+    x: Floats
+    low: Floats
+    high: Floats
     label: str = ""
 
 
@@ -47,7 +47,7 @@ class Span:
     """Vertical stripes over the whole height, (n, 2) edges."""
 
     role: str
-    edges: FloatArray
+    edges: Floats
     label: str = ""
 
 
@@ -65,8 +65,8 @@ class Marks:
     """Symbols at points, or, where ``y`` is None, at the fraction ``at`` of the height."""
 
     role: str
-    x: FloatArray
-    y: FloatArray | None = None
+    x: Floats
+    y: Floats | None = None
     label: str = ""
     at: float = 0.0
     names: tuple[str, ...] = ()
@@ -88,7 +88,7 @@ class Tiles:
     """Filled rectangles, (n, 4) edges left, right, low, high; ``names`` are shown where one is pointed at."""
 
     role: str
-    edges: FloatArray
+    edges: Floats
     label: str = ""
     names: tuple[str, ...] = ()
 
@@ -197,7 +197,7 @@ def decade_axis(label: str, low: float, high: float, count: int = 6) -> Axis:
     return Axis(label, float(low), float(high), ticks, powers=True)
 
 
-def span_of(arrays: Iterable[FloatArray]) -> tuple[float, float]:
+def span_of(arrays: Iterable[Floats]) -> tuple[float, float]:
     """Return the smallest and largest finite value of all arrays; NaN where there is none."""
     finite = [array[np.isfinite(array)] for array in arrays]
     values = np.concatenate([np.empty(0), *finite])

@@ -8,13 +8,14 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.chart import Chart, Curve, Item, Panel, Tiles, linear_axis
-from lrbc_cli.report.evidence import Correlation, Fdac, Peak
 from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
 from lrbc_cli.report.layout import BOTTOM, RIGHT, TITLE, TOP
-from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.results import Campaign, JobResult
 from lrbc_cli.report.style import COSINES
 from lrbc_cli.report.svg import legend, svg
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import CorrelationRecord, JobRecord, Peak
+from lrbc_cli.results.model import CampaignRecord
+from lrbc_cli.results.tables import Fdac
 
 #: Side of an FDAC map in points.
 _SIDE = 215.0
@@ -23,7 +24,7 @@ _MAPS = 12
 _LEVELS = ((0, "−1: opposite phase"), (2, "−0.6"), (COSINES - 3, "0.6"), (COSINES - 1, "1: same shape"))
 
 
-def fdac_chart(job: JobResult, fdac: Fdac) -> Chart:
+def fdac_chart(job: JobRecord, fdac: Fdac) -> Chart:
     """Return the maps before and after side by side, each with its diagonal."""
     f = fdac.frequency_hz
     edges = np.concatenate([[1.5 * f[0] - 0.5 * f[1]], 0.5 * (f[1:] + f[:-1]), [1.5 * f[-1] - 0.5 * f[-2]]])
@@ -46,12 +47,12 @@ def fdac_chart(job: JobResult, fdac: Fdac) -> Chart:
     return Chart(f"FDAC · {job.job}", subtitle, alt, tuple(panels), width, height, beside=True)
 
 
-def _mean(values: FloatArray) -> float:
+def _mean(values: Floats) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else float("nan")
 
 
-def _tiles(values: FloatArray, edges: FloatArray) -> list[Item]:
+def _tiles(values: Floats, edges: Floats) -> list[Item]:
     """Return one item a step of the scale; equal neighbours in a row are one rectangle."""
     steps = np.full(values.shape, -1)
     known = np.isfinite(values)
@@ -64,7 +65,7 @@ def _tiles(values: FloatArray, edges: FloatArray) -> list[Item]:
     return [Tiles("unknown" if step < 0 else f"fdac{step}", np.array(found)) for step, found in sorted(boxes.items())]
 
 
-def correlation_parts(campaign: Campaign, jobs: Sequence[JobResult], maps: Mapping[str, Chart]) -> list[Markup | None] | None:
+def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps: Mapping[str, Chart]) -> list[Markup | None] | None:
     """Return the section's parts; None where no job has any figure of correlation."""
     shown = [(job, job.correlation) for job in jobs if job.correlation is not None]
     if not shown and not maps:
@@ -87,16 +88,16 @@ def correlation_parts(campaign: Campaign, jobs: Sequence[JobResult], maps: Mappi
     return parts
 
 
-def _overview(shown: Sequence[tuple[JobResult, Correlation]]) -> Markup:
+def _overview(shown: Sequence[tuple[JobRecord, CorrelationRecord]]) -> Markup:
     rows: list[list[str | Cell]] = []
     for job, found in shown:
-        total = len(found.peaks)
-        before, after = (sum(np.isfinite(values)) for values in _matched(found.peaks))
+        total = len(found.mean_spectrum.peaks)
+        before, after = (sum(np.isfinite(values)) for values in _matched(found.mean_spectrum.peaks))
         rows.append(
             [
                 job.job,
                 fmt.change(found.frac_initial, found.frac_final, 2),
-                fmt.change(found.shift_initial, found.shift_final, 2),
+                fmt.change(found.peak_shift_percent_initial, found.peak_shift_percent_final, 2),
                 f"{before} → {after} of {total}" if total else fmt.MISSING,
             ]
         )
@@ -109,18 +110,18 @@ def _overview(shown: Sequence[tuple[JobResult, Correlation]]) -> Markup:
     return table("Correlation, before → after", head, rows)
 
 
-def _matched(peaks: Sequence[Peak]) -> tuple[FloatArray, FloatArray]:
-    return np.array([peak.initial for peak in peaks]), np.array([peak.final for peak in peaks])
+def _matched(peaks: Sequence[Peak]) -> tuple[Floats, Floats]:
+    return np.array([peak.initial_hz for peak in peaks]), np.array([peak.final_hz for peak in peaks])
 
 
-def _by_response(campaign: Campaign, shown: Sequence[tuple[JobResult, Correlation]]) -> Markup | None:
+def _by_response(campaign: CampaignRecord, shown: Sequence[tuple[JobRecord, CorrelationRecord]]) -> Markup | None:
     names = list(dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for _, found in shown for name in found.responses)]))
     names = [name for name in names if any(name in found.responses for _, found in shown)]
     if not names:
         return None
     head: list[str | Cell] = ["Job"]
     for name in names:
-        unseen = any(name in job.responses and not job.responses[name].used for job, _ in shown)
+        unseen = any(name in job.misfit_db.responses and not job.misfit_db.responses[name].used for job, _ in shown)
         head.append(Cell(name, tag("small", " validation") if unseen else None))
     rows: list[list[str | Cell]] = []
     for job, found in shown:
@@ -138,27 +139,27 @@ def _by_response(campaign: Campaign, shown: Sequence[tuple[JobResult, Correlatio
     return details(f"By response ({len(names)})", table(caption, head, rows, class_="misfits"))
 
 
-def _shift(peaks: Sequence[Peak], model: FloatArray) -> float:
+def _shift(peaks: Sequence[Peak], model: Floats) -> float:
     """Mean absolute shift [%] over the peaks matched both times, as the result's own mean is."""
-    measured = np.array([peak.measured for peak in peaks])
+    measured = np.array([peak.measured_hz for peak in peaks])
     both = np.isfinite(sum(_matched(peaks), np.zeros(len(peaks))))
     return 100.0 * float(np.mean(np.abs(model[both] / measured[both] - 1.0))) if both.any() else float("nan")
 
 
-def _peaks(shown: Sequence[tuple[JobResult, Correlation]]) -> Markup | None:
+def _peaks(shown: Sequence[tuple[JobRecord, CorrelationRecord]]) -> Markup | None:
     tables = []
     for job, found in shown:
-        if not found.peaks:
+        if not found.mean_spectrum.peaks:
             continue
         rows: list[list[str | Cell]] = [
             [
-                fmt.fixed(peak.measured, 1),
-                fmt.fixed(peak.initial, 1),
-                fmt.fixed(peak.final, 1),
-                fmt.signed(100.0 * (peak.initial / peak.measured - 1.0), 2),
-                fmt.signed(100.0 * (peak.final / peak.measured - 1.0), 2),
+                fmt.fixed(peak.measured_hz, 1),
+                fmt.fixed(peak.initial_hz, 1),
+                fmt.fixed(peak.final_hz, 1),
+                fmt.signed(100.0 * (peak.initial_hz / peak.measured_hz - 1.0), 2),
+                fmt.signed(100.0 * (peak.final_hz / peak.measured_hz - 1.0), 2),
             ]
-            for peak in found.peaks
+            for peak in found.mean_spectrum.peaks
         ]
         head = ["Measured", "Initial", "Updated", "Shift before [%]", "after [%]"]
         tables.append(tag("div", table(f"{job.job}: peaks of the mean spectrum [Hz]", head, rows, text_columns=0)))

@@ -9,11 +9,12 @@ import numpy as np
 
 from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, decade_axis, linear_axis, number, span_of
 from lrbc_cli.report.places import bolts_of
-from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.reduction import Reduction
-from lrbc_cli.report.results import BoltVerdict, Frf, Group, JobResult, Response
 from lrbc_cli.report.style import SERIES, STEPS
 from lrbc_cli.report.tables import loose_of
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import Bolt, JobRecord, Parameter
+from lrbc_cli.results.model import ReductionRecord, ResponseRecord
+from lrbc_cli.results.tables import Frf
 
 #: Below this ordinary coherence a measured line is shaded as doubtful.
 COHERENCE = 0.8
@@ -27,7 +28,7 @@ _OUTSIDE = "outside: not observable"
 _STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 
 
-def changes_of(job: JobResult) -> str:
+def changes_of(job: JobRecord) -> str:
     """Say in a few words what is known and what was found."""
     parts = []
     if job.removed is not None:
@@ -40,36 +41,49 @@ def changes_of(job: JobResult) -> str:
     return ", ".join(parts)
 
 
-def profile_scales(jobs: Sequence[JobResult]) -> dict[str, tuple[float, float]]:
+def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
     """Return one range of whole decades for each group, over all jobs."""
     scales = {}
-    for name in dict.fromkeys(group.name for job in jobs for group in job.groups):
-        groups = [group for job in jobs for group in job.groups if group.name == name]
-        arrays = [values for group in groups for values in (group.effective, group.initial, group.reference) if values is not None]
+    for name in dict.fromkeys(name for job in jobs for name in job.parameters):
+        groups = [job.parameters[name] for job in jobs if name in job.parameters]
+        arrays = [
+            values
+            for group in groups
+            for values in (group.log10_effective, group.initial, group.reference_log10_effective)
+            if values is not None
+        ]
         low, high = span_of(arrays)
         # A wide confidence band may widen the range by a decade, no more.
-        bands = [values for group in groups for values in (group.lower, group.upper) if values is not None]
+        bands = [values for group in groups for values in (group.lower95, group.upper95) if values is not None]
         lowest, highest = span_of([*bands, np.array([low, high])])
         low, high = max(low - 1.0, lowest), min(high + 1.0, highest)
         scales[name] = (float(np.floor(low)), float(np.ceil(high))) if np.isfinite([low, high]).all() else (0.0, 1.0)
     return scales
 
 
-def profile_chart(job: JobResult, scales: dict[str, tuple[float, float]]) -> Chart | None:
+def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Chart | None:
     """Return the identified profile of each group along its edge, bolts marked below (paper, Fig. 6); None without groups."""
-    groups = [group for group in job.groups if len(group.log10)]
+    groups = {name: group for name, group in job.parameters.items() if len(group.log10)}
     if not groups:
         return None
     # Without a verdict no bolt is marked as loose.
-    bolts = job.bolts if job.explained else tuple(bolt if bolt.outside else changed(bolt, verdict="undecided") for bolt in job.bolts)
-    panels = tuple(_profile_panel(group, bolts_of(group, groups, bolts), scales[group.name], several=len(groups) > 1) for group in groups)
+    bolts = (
+        job.bolts
+        if job.explained
+        else tuple(bolt if bolt.outside else bolt.model_copy(update={"verdict": "undecided"}) for bolt in job.bolts)
+    )
+    several = [*groups.values()]
+    panels = tuple(
+        _profile_panel(group, bolts_of(group, several, bolts), scales[name], name if len(several) > 1 else group.kind)
+        for name, group in groups.items()
+    )
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
-    alt = f"Identified {', '.join(group.name for group in groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
+    alt = f"Identified {', '.join(groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
     return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
 
 
-def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], scale: tuple[float, float], *, several: bool) -> Panel:
+def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str) -> Panel:
     place = _places(group)
     items: list[Item] = []
     along = np.array([where for _, where in bolts])
@@ -86,26 +100,25 @@ def _profile_panel(group: Group, bolts: Sequence[tuple[BoltVerdict, float]], sca
     ]
     bottom = scale[0] - 0.13 * (scale[1] - scale[0]) if bolts else scale[0]
     top = scale[1] + 0.16 * (scale[1] - scale[0])
-    if group.lower is not None and group.upper is not None:
-        items += _band(place, group.effective, group.lower, group.upper, (scale[0], top))
+    if group.lower95 is not None and group.upper95 is not None:
+        items += _band(place, group.log10_effective, group.lower95, group.upper95, (scale[0], top))
     items.append(Curve("initial", place, group.initial, "initial"))
-    if group.reference is not None:
-        items.append(Curve("reference", place, group.reference, "reference job"))
-    items.append(Curve("identified", place, group.effective, "identified"))
+    if group.reference_log10_effective is not None:
+        items.append(Curve("reference", place, group.reference_log10_effective, "reference job"))
+    items.append(Curve("identified", place, group.log10_effective, "identified"))
     for role, known, label in (("tight", False, "bolt in place"), ("removed", True, "bolt removed"), ("bolt", None, "bolt")):
         standing = [(bolt.name, where) for bolt, where in bolts if bolt.removed is known]
         if standing:
             items.append(Marks(role, np.array([where for _, where in standing]), None, label, 0.055, tuple(name for name, _ in standing)))
     x_label = "along the edge [m]" if group.arc_length is not None else "term"
     unit = f" [{group.unit}]" if group.unit else ""
-    y_label = f"{group.name}{unit}" if several else f"{group.kind}{unit}"
     # Room above for the names of loose bolts.
-    y = decade_axis(y_label, bottom, top)
+    y = decade_axis(f"{title}{unit}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
     return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
 
 
-def _band(place: FloatArray, value: FloatArray, lower: FloatArray, upper: FloatArray, limits: tuple[float, float]) -> list[Item]:
+def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
     """Return the confidence band; where it is open it fades from the value to the edge of the figure, and an arrow says so."""
     items: list[Item] = []
     open_below, open_above = (np.asarray(~np.isfinite(side)) for side in (lower, upper))
@@ -129,33 +142,33 @@ def _band(place: FloatArray, value: FloatArray, lower: FloatArray, upper: FloatA
     return items
 
 
-def _stretched(place: FloatArray, run: np.ndarray) -> FloatArray:
+def _stretched(place: Floats, run: np.ndarray) -> Floats:
     """Return the places of neighbours, half a step wider on both sides, so that one alone has a width as well."""
     step = float(np.median(np.diff(place))) if len(place) > 1 else 0.1
     return np.concatenate([[place[run[0]] - 0.5 * step], place[run], [place[run[-1]] + 0.5 * step]])
 
 
-def _places(group: Group) -> FloatArray:
+def _places(group: Parameter) -> Floats:
     return np.arange(len(group.log10), dtype=float) if group.arc_length is None else group.arc_length
 
 
-def _half_pitch(along: FloatArray, length: float) -> float:
+def _half_pitch(along: Floats, length: float) -> float:
     gaps = np.diff(np.unique(along))
     return 0.42 * float(np.median(gaps)) if gaps.size else 0.02 * length
 
 
-def frf_chart(job: JobResult, response: Response, frf: Frf) -> Chart:
+def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf) -> Chart:
     """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7)."""
-    change = job.responses.get(response.name)
+    change = job.misfit_db.responses.get(response.name)
     used = response.used if change is None else change.used
     role = "used for updating" if used else "validation channel: not used for updating"
     misfit = "" if change is None else f" · misfit {change.initial:.1f} → {change.final:.1f} dB"
-    lines = job.lines_hz if used else np.empty(0)
+    lines = job.lines.frequency_hz if used else np.empty(0)
     return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines)
 
 
 def overlay_chart(
-    response: Response, frf: Frf, labels: Mapping[str, str], title: str, subtitle: str, lines_hz: FloatArray | None = None
+    response: ResponseRecord, frf: Frf, labels: Mapping[str, str], title: str, subtitle: str, lines_hz: Floats | None = None
 ) -> Chart:
     """Return measured and computed FRFs of one response, magnitude above phase.
 
@@ -193,7 +206,7 @@ def overlay_chart(
     return Chart(title, subtitle, alt, panels)
 
 
-def _level_range(levels: dict[str, FloatArray]) -> tuple[float, float]:
+def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:
     low, high = span_of([levels["measured"]])
     if not np.isfinite([low, high]).all():
         low, high = span_of(levels.values())
@@ -204,7 +217,7 @@ def _level_range(levels: dict[str, FloatArray]) -> tuple[float, float]:
     return low - 2 * margin, high + margin
 
 
-def _runs(x: FloatArray, where: np.ndarray) -> FloatArray:
+def _runs(x: Floats, where: np.ndarray) -> Floats:
     """Return the (n, 2) edges of the runs of True, half a line wider on both sides."""
     half = 0.5 * float(np.median(np.diff(x))) if len(x) > 1 else 0.5
     padded = np.concatenate([[False], where, [False]])
@@ -212,7 +225,7 @@ def _runs(x: FloatArray, where: np.ndarray) -> FloatArray:
     return np.column_stack([x[starts] - half, x[ends] + half])
 
 
-def _thinned(frequency: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, dict[str, FloatArray]]:
+def _thinned(frequency: Floats, columns: Mapping[str, Floats]) -> tuple[Floats, dict[str, Floats]]:
     """Thin very dense lines for drawing: per bucket the lines where each column is smallest and largest, so that no peak is lost."""
     if len(frequency) <= _DENSE:
         return frequency, dict(columns)
@@ -226,14 +239,14 @@ def _thinned(frequency: FloatArray, columns: Mapping[str, FloatArray]) -> tuple[
     return frequency[order], {name: values[order] for name, values in columns.items()}
 
 
-def _wrapped(degrees: FloatArray) -> FloatArray:
+def _wrapped(degrees: Floats) -> Floats:
     """Wrap into ±180 degrees and cut the line where it jumps from one side to the other."""
     wrapped = (degrees + 180.0) % 360.0 - 180.0
     wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
     return wrapped
 
 
-def convergence_charts(jobs: Sequence[JobResult]) -> list[Chart]:
+def convergence_charts(jobs: Sequence[JobRecord]) -> list[Chart]:
     """Return cost and mean misfit per evaluation, all jobs; nothing where no job has a history."""
     known = [job for job in jobs if any(entry.accepted for entry in job.history)]
     charts = []
@@ -245,7 +258,7 @@ def convergence_charts(jobs: Sequence[JobResult]) -> list[Chart]:
             values = [entry.cost if title == "Cost" else entry.misfit_db for entry in accepted]
             few = len(known) <= SERIES
             role, name = (f"series{index}", job.job) if few else ("quiet", "each line: one job")
-            curves.append(Curve(role, np.array([entry.number for entry in accepted]), np.array(values), name))
+            curves.append(Curve(role, np.array([float(entry.evaluation) for entry in accepted]), np.array(values), name))
         low, high = span_of(curve.y for curve in curves)
         if not np.isfinite([low, high]).all():
             continue
@@ -260,14 +273,15 @@ def convergence_charts(jobs: Sequence[JobResult]) -> list[Chart]:
     return charts
 
 
-def certificate_chart(reduction: Reduction) -> Chart | None:
+def certificate_chart(reduction: ReductionRecord) -> Chart | None:
     """Return the measured errors at lines outside the basis, per kind of parameter vector; None without held-out lines."""
-    if not reduction.held_out:
+    held_out, worst_error = reduction.certificate.held_out, reduction.certificate.worst
+    if not held_out:
         return None
-    kinds = list(dict.fromkeys(kind for line in reduction.held_out for kind in line.errors))
+    kinds = list(dict.fromkeys(kind for line in held_out for kind in line.errors))
     items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
     for index, kind in enumerate(kinds):
-        lines = [line for line in reduction.held_out if kind in line.errors]
+        lines = [line for line in held_out if kind in line.errors]
         x = np.array([line.frequency_hz for line in lines])
         y = np.array([_log10(line.errors[kind]) for line in lines])
         items.append(Marks(f"series{index % SERIES}", x, y, kind))
@@ -275,31 +289,31 @@ def certificate_chart(reduction: Reduction) -> Chart | None:
         [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
     )
     y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
-    worst = "" if reduction.worst is None else f" The worst is {reduction.worst:.1e}, the tolerance {reduction.tolerance:.0e}."
-    alt = f"Measured error of the reduced model at {len(reduction.held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
+    worst = "" if worst_error is None else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
+    alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
     panel = Panel(linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y_axis, tuple(items))
     return Chart("Measured error", "at lines outside the basis", alt, (panel,), width=620.0, height=300.0)
 
 
-def trace_chart(reduction: Reduction) -> Chart | None:
+def trace_chart(reduction: ReductionRecord) -> Chart | None:
     """Return the estimated error over the band after each adaptive step; None without a trace."""
     # Steps at held-out lines leave the estimate as it was.
-    steps = [step for step in reduction.steps if np.any(np.isfinite(step.estimate))]
+    steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
     if not steps:
         return None
     items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
     curves: list[Curve] = []
-    expanded = {frequency for frequency, _, _ in reduction.points}
+    expanded = {point.frequency_hz for point in reduction.expansion_points}
     for index, step in enumerate(steps):
         shade = STEPS - 1 if len(steps) == 1 else round(index * (STEPS - 1) / (len(steps) - 1))
         with np.errstate(divide="ignore", invalid="ignore"):
             estimate = np.log10(np.maximum(step.estimate, 0.0))
         estimate[~np.isfinite(estimate)] = np.nan
-        points = sum(1 for other in reduction.steps if other.number <= step.number and other.factorised_hz in expanded)
+        points = sum(1 for other in reduction.trace if other.step <= step.step and other.factorised_hz in expanded)
         name = "compressed" if step.factorised_hz is None else f"{points} points"
         label = f"{name}: {step.size:g} DOFs" if len(steps) <= 8 or index in {0, len(steps) - 1} else ""
         curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
-    taken = np.array([frequency for frequency, _, _ in reduction.points])
+    taken = np.array([point.frequency_hz for point in reduction.expansion_points])
     if taken.size:
         items.append(Marks("taken", taken, None, "expansion points", 0.02))
     low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])

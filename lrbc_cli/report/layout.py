@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.report.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, Tiles, Word
-from lrbc_cli.report.reading import FloatArray
+from lrbc_cli.results.fields import Floats
 
 RIGHT, TOP, BOTTOM, GAP, TITLE = 10.0, 8.0, 36.0, 12.0, 14.0
 SMALL, NORMAL, LARGE = 9.0, 10.0, 12.5
@@ -19,7 +19,7 @@ class Line:
     """A stroked line, (n, 2) points, NaN interrupts; ``label`` names curves for readouts."""
 
     role: str
-    points: FloatArray
+    points: Floats
     label: str = ""
 
 
@@ -28,7 +28,7 @@ class Fill:
     """A filled polygon, (n, 2) corners."""
 
     role: str
-    points: FloatArray
+    points: Floats
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Symbols:
     """Markers of the role's shape at (n, 2) points."""
 
     role: str
-    points: FloatArray
+    points: Floats
     names: tuple[str, ...] = ()
 
 
@@ -59,7 +59,7 @@ class Mosaic:
     """Filled rectangles, (n, 4) left, top, right, bottom."""
 
     role: str
-    points: FloatArray
+    points: Floats
     names: tuple[str, ...] = ()
 
 
@@ -169,7 +169,7 @@ def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
     return [Line(role, np.array([[x, y], [x + 16, y]]))]
 
 
-def _scale(axis: Axis, values: FloatArray, start: float, end: float) -> FloatArray:
+def _scale(axis: Axis, values: Floats, start: float, end: float) -> Floats:
     scaled = start + (np.asarray(values, dtype=float) - axis.low) / (axis.high - axis.low) * (end - start)
     # Infinite values (a free or clamped term) stop at the frame; NaN stays a gap.
     return np.clip(scaled, min(start, end), max(start, end))
@@ -203,10 +203,10 @@ def _axes(panel: Panel, box: tuple[float, float, float, float], *, label_x: bool
 def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> list[Shape]:
     left, top, right, bottom = box
 
-    def across(values: FloatArray) -> FloatArray:
+    def across(values: Floats) -> Floats:
         return _scale(panel.x, values, left, right)
 
-    def up(values: FloatArray) -> FloatArray:
+    def up(values: Floats) -> Floats:
         return _scale(panel.y, values, bottom, top)
 
     match item:

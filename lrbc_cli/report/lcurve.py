@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lrbc_cli.report.chart import Axis, Chart, Curve, Item, Marks, Note, Panel, decade_axis, number, span_of
-from lrbc_cli.report.results import JobResult
+from lrbc_cli.results.job import JobRecord
 
 
-def l_curve_chart(job: JobResult) -> Chart | None:
+def l_curve_chart(job: JobRecord) -> Chart | None:
     """Return the L-curve of a job, its corner marked; None where the weight was given."""
     curve = job.l_curve
     if curve is None:
@@ -20,8 +20,8 @@ def l_curve_chart(job: JobResult) -> Chart | None:
     labels = tuple(f"η = {number(float(value), 3)}" for value in eta)
     items: list[Item] = [Curve("identified", x, y, "weights tried"), Marks("series0", x, y, names=labels)]
     (x_low, x_high), (y_low, y_high) = span_of([x]), span_of([y])
-    if curve.corner is not None:
-        at, up = np.log10(curve.corner[0]), np.log10(curve.corner[1])
+    if curve.at is not None:
+        at, up = np.log10(curve.at.data), np.log10(curve.at.penalty)
         items.append(Marks("corner", np.array([at]), np.array([up]), "corner", names=(f"η = {number(curve.chosen, 3)}",)))
         subtitle = f"corner at η = {number(curve.chosen, 3)}"
     else:

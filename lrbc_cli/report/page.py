@@ -16,20 +16,22 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report import tables
-from lrbc_cli.report.calibration import Calibration, calibration_parts
+from lrbc_cli.report.calibration import calibration_parts, serves
 from lrbc_cli.report.certificate import certificate_parts
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.correlation import correlation_parts
 from lrbc_cli.report.figures import convergence_charts
 from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
-from lrbc_cli.report.plan import Plan, plan_parts
+from lrbc_cli.report.plan import plan_parts
 from lrbc_cli.report.provenance import provenance
-from lrbc_cli.report.reduction import Reduction
 from lrbc_cli.report.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
-from lrbc_cli.report.results import STATUSES, Campaign, JobResult
 from lrbc_cli.report.style import css
 from lrbc_cli.report.svg import legend, own_size, svg
+from lrbc_cli.results.job import STATUSES, Job, JobRecord
+from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
+from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.tables import Frf
 
 #: Profiles beyond this number are folded away.
 _PROFILES = 24
@@ -51,17 +53,23 @@ class FrfFigure:
 class Content:
     """Everything that the page shows."""
 
-    campaign: Campaign
-    jobs: Sequence[JobResult]
-    reduction: Reduction | None
+    campaign: CampaignRecord
+    jobs: Sequence[Job]
+    reduction: ReductionRecord | None
     profiles: Mapping[str, Chart]
     frfs: Sequence[FrfFigure]
     strip: Chart | None = None
     maps: Mapping[str, Chart] = field(default_factory=dict)
     fdac: Mapping[str, Chart] = field(default_factory=dict)
-    calibration: Calibration | None = None
+    calibration: CalibrationRecord | None = None
+    calibration_frf: Frf | None = None
     l_curves: Sequence[Chart] = ()
-    plan: Plan | None = None
+    plan: PlanRecord | None = None
+
+    @property
+    def done(self) -> list[JobRecord]:
+        """The jobs that have a result."""
+        return [job for job in self.jobs if isinstance(job, JobRecord)]
 
 
 def render(content: Content, written: datetime | None = None) -> str:
@@ -81,7 +89,7 @@ def render(content: Content, written: datetime | None = None) -> str:
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
     sections = [part for part in _sections(content) if part is not None]
     links = [tag("li", tag("a", re.split(":| of ", title)[0], href=f"#{anchor}")) for anchor, title, _ in sections]
-    name = content.campaign.name
+    name = content.campaign.campaign
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
@@ -97,7 +105,7 @@ def render(content: Content, written: datetime | None = None) -> str:
         tag("main", *(tag("section", tag("h2", title), *parts, id=anchor) for anchor, title, parts in sections)),
         tag(
             "footer",
-            f"Written by {content.campaign.tool or 'lrbc'} from the result files beside this page; nothing was computed for it anew.",
+            f"Written by {_tool(content)} from the result files beside this page; nothing was computed for it anew.",
         ),
         tag("script", Markup(script)),
     )
@@ -108,14 +116,18 @@ _Section = tuple[str, str, list[Markup | None]]
 
 
 def _sections(content: Content) -> Iterable[_Section | None]:
-    done = [job for job in content.jobs if job.complete]
+    done = content.done
     yield _verdicts(content)
     yield _part("remarks", "Confidence and notes", remarks_parts(done))
     yield _profiles(content)
     yield _frfs(content)
     yield _part("correlation", "Correlation", correlation_parts(content.campaign, done, content.fdac))
     if content.calibration is not None:
-        yield _part("calibration", "Calibration of the reference model", calibration_parts(content.calibration, content.campaign))
+        yield _part(
+            "calibration",
+            "Calibration of the reference model",
+            calibration_parts(content.calibration, content.calibration_frf, content.campaign),
+        )
     if content.plan is not None:
         yield _part("plan", "Plan: what can be seen", plan_parts(content.plan))
     yield _damping(done)
@@ -137,7 +149,7 @@ def _drawn(chart: Chart, **attributes: str | bool | None) -> Markup:
 
 def _header(content: Content, written: datetime) -> Markup:
     reduction = content.reduction
-    parts = [f"Report of {written:%d %B %Y, %H:%M %Z}".strip(), content.campaign.tool]
+    parts = [f"Report of {written:%d %B %Y, %H:%M %Z}".strip(), _tool(content)]
     if reduction is not None:
         machine = ", ".join(str(reduction.machine[key]) for key in ("processor", "platform") if reduction.machine.get(key))
         cores = reduction.machine.get("cores")
@@ -145,10 +157,14 @@ def _header(content: Content, written: datetime) -> Markup:
     return tag(
         "header",
         tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
-        tag("h1", content.campaign.name),
+        tag("h1", content.campaign.campaign),
         tag("p", " · ".join(part for part in parts if part), class_="meta"),
         tag("dl", *_tiles(content), class_="tiles"),
     )
+
+
+def _tool(content: Content) -> str:
+    return f"{content.campaign.tool.name} {content.campaign.tool.version}"
 
 
 def _date(text: str) -> str:
@@ -160,34 +176,34 @@ def _date(text: str) -> str:
 
 def _tiles(content: Content) -> Iterable[Markup]:
     jobs, reduction = content.jobs, content.reduction
-    done = [job for job in jobs if job.complete]
+    done = content.done
     states = [f"{count} {state}" for state in STATUSES if (count := sum(job.status == state for job in jobs))]
     yield _tile("Jobs", str(len(jobs)), ", ".join(states))
     if any(job.bolts for job in done):
-        yield _loose(jobs)
-    known = [job.misfit for job in done if job.misfit is not None and math.isfinite(job.misfit.initial + job.misfit.final)]
+        yield _loose(done, len(jobs))
+    known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
         yield _tile("Mean misfit before → after", value, "over all lines of the band, responses used, jobs")
     if reduction is not None:
         reached = "reached" if reduction.reached else "NOT reached"
-        note = f"measured error {fmt.small(reduction.worst)}, tolerance {fmt.small(reduction.tolerance)} {reached}"
+        note = f"measured error {fmt.small(reduction.certificate.worst)}, tolerance {fmt.small(reduction.tolerance)} {reached}"
         yield _tile("Degrees of freedom", f"{fmt.count(reduction.full_size)} → {fmt.count(reduction.size)}", note)
     times = tables.account(jobs, reduction)
     if times is not None and times.full is not None:
         note = f"with the full model about {fmt.seconds(times.full)}: {fmt.factor(times.speed_up)}"
         calibration = content.calibration
-        if calibration is not None and calibration.seconds is not None and calibration.serves(content.campaign):
+        if calibration is not None and serves(calibration, content.campaign):
             note += f"; calibration, {fmt.seconds(calibration.seconds)}, not included"
         yield _tile("Time, reduction included", fmt.seconds(times.spent), note)
 
 
-def _loose(jobs: Sequence[JobResult]) -> Markup:
+def _loose(jobs: Sequence[JobRecord], count: int) -> Markup:
     """Jobs with loose bolts among all, and those that may have some: no silence may pass for an all-clear."""
     judged = [job for job in jobs if job.explained and job.observable]
     removed = [bolt for job in judged for bolt in job.observable if bolt.removed]
     counts = (
-        (len(jobs) - len(judged), "without verdict"),
+        (count - len(judged), "without verdict"),
         (sum(not job.validated for job in judged), "not validated"),
         (sum(bool(job.names("undecided")) for job in judged), "with undecided bolts"),
     )
@@ -196,7 +212,7 @@ def _loose(jobs: Sequence[JobResult]) -> Markup:
         found = sum(bolt.verdict == "loose" for bolt in removed)
         notes.append(f"{found} of {len(removed)} observable bolts known to be removed are found")
     loose = sum(bool(job.names("loose")) for job in judged)
-    return _tile("Jobs with loose bolts", f"{loose} of {len(jobs)}" if judged else fmt.MISSING, ", ".join(notes))
+    return _tile("Jobs with loose bolts", f"{loose} of {count}" if judged else fmt.MISSING, ", ".join(notes))
 
 
 def _tile(title: str, value: str, note: str) -> Markup:
@@ -204,7 +220,7 @@ def _tile(title: str, value: str, note: str) -> Markup:
 
 
 def _verdicts(content: Content) -> _Section:
-    done = [job for job in content.jobs if job.complete]
+    done = content.done
     anchors = {job: f"profile-{index}" for index, job in enumerate(content.profiles)}
     grid = tables.bolt_grid(content.campaign, done)
     parts: list[Markup | None] = []
@@ -264,10 +280,10 @@ def _profiles(content: Content) -> _Section | None:
         "Identified values along the edge, all jobs on one scale (paper, Fig. 6). "
         "Bolts stand below the profile; stripes mark those that are judged loose or undecided"
     )
-    text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.jobs for b in job.bolts) else "."
+    text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.done for b in job.bolts) else "."
     richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
     more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
-    kinds = {group.kind for job in content.jobs for group in job.groups}
+    kinds = {group.kind for job in content.done for group in job.parameters.values()}
     title = "Stiffness along the edge" if kinds == {"stiffness"} else "Identified profiles"
     return "profiles", title, [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
 
@@ -297,7 +313,7 @@ def _frfs(content: Content) -> _Section | None:
     used, unseen = [name for name, flag in responses.items() if flag], [name for name, flag in responses.items() if not flag]
     text = f"Used for updating: {', '.join(used) or 'none'}. Validation channels, which test the result: {', '.join(unseen) or 'none'}. "
     text += "Ticks at the foot mark the lines that the updating uses (paper, Fig. 7). Point at a curve to read its values."
-    done = [job for job in content.jobs if job.complete]
+    done = content.done
     misfits = tables.misfit_table(content.campaign, done)
     richest = max((entry.chart for entry in content.frfs), key=lambda chart: len(chart.legend()))
     return (
@@ -345,7 +361,7 @@ def _links(left: Sequence[FrfFigure]) -> Markup | None:
     return details(title, table(title, ["Job", "Figures"], rows, text_columns=2))
 
 
-def _damping(jobs: Sequence[JobResult]) -> _Section | None:
+def _damping(jobs: Sequence[JobRecord]) -> _Section | None:
     made = tables.damping_table(jobs)
     if made is None:
         return None
@@ -356,13 +372,13 @@ def _damping(jobs: Sequence[JobResult]) -> _Section | None:
     return "damping", "Damping", [tag("p", text), made]
 
 
-def _convergence(jobs: Sequence[JobResult]) -> _Section | None:
+def _convergence(jobs: Sequence[JobRecord]) -> _Section | None:
     charts = convergence_charts(jobs)
     if not charts:
         return None
     drawn = [_drawn(chart) for chart in charts]
     text = "Accepted evaluations only."
-    counts = sorted({job.starts for job in jobs if job.starts})
+    counts = sorted({len(job.optimiser.starts) for job in jobs if job.optimiser.starts})
     if counts:
         number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
         text += (

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.results import BoltVerdict, Group, JobResult
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import Bolt, JobRecord, Parameter
 
 
-def bolts_of(group: Group, groups: Sequence[Group], bolts: Sequence[BoltVerdict]) -> list[tuple[BoltVerdict, float]]:
+def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt]) -> list[tuple[Bolt, float]]:
     """Return the bolts nearest to this group, each with its arc length (beyond the ends along the last segment)."""
     if group.positions is None or group.arc_length is None or len(group.positions) < 2:
         return []
@@ -24,25 +24,26 @@ def bolts_of(group: Group, groups: Sequence[Group], bolts: Sequence[BoltVerdict]
     return found
 
 
-def along_the_edges(names: Sequence[str], jobs: Sequence[JobResult]) -> list[list[str]]:
+def along_the_edges(names: Sequence[str], jobs: Sequence[JobRecord]) -> list[list[str]]:
     """Return the names of the bolts edge by edge, in order along each; those of no edge come last, in their own order."""
     left = list(names)
     rows: list[list[str]] = []
     for job in jobs:
-        for group in job.groups:
-            found = [(where, bolt.name) for bolt, where in bolts_of(group, job.groups, job.bolts) if bolt.name in left]
+        groups = [*job.parameters.values()]
+        for group in groups:
+            found = [(where, bolt.name) for bolt, where in bolts_of(group, groups, job.bolts) if bolt.name in left]
             if found:
                 rows.append([name for _, name in sorted(found, key=lambda pair: pair[0])])
                 left = [name for name in left if name not in rows[-1]]
     return [*rows, left] if left else rows
 
 
-def _distance(group: Group, bolt: BoltVerdict) -> float:
+def _distance(group: Parameter, bolt: Bolt) -> float:
     positions = np.empty((0, 3)) if group.positions is None else group.positions
     return float(np.linalg.norm(positions - bolt.position, axis=1).min())
 
 
-def _arc_length(group: Group, point: FloatArray) -> float:
+def _arc_length(group: Parameter, point: Floats) -> float:
     if group.positions is None or group.arc_length is None:
         raise ValueError("a group without positions has no arc length")
     order = np.argsort(group.arc_length)

@@ -1,10 +1,9 @@
-"""The plan of a measurement: what ``plan.json`` says, its figure, its table in the terminal and its part of the page."""
+"""The plan of a measurement: its figure, its table in the terminal and its part of the page."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,11 @@ from lrbc_cli.report import format as fmt
 from lrbc_cli.report.chart import Axis, Chart, Item, Level, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.html import Cell, Markup, figure, table, tag
 from lrbc_cli.report.layout import BOTTOM, RIGHT, SMALL, TOP
-from lrbc_cli.report.reading import Node, numbers_of, read_document
 from lrbc_cli.report.svg import legend, own_size, svg
+from lrbc_cli.results.plan import Excitation, PlannedBolt, PlanRecord, Visibility, Worst, Worth
+from lrbc_cli.results.store import read
 
-VERDICTS = ("seen", "weak", "blind")
+VERDICTS: tuple[Visibility, ...] = ("seen", "weak", "blind")
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
@@ -27,152 +27,25 @@ _GLYPH = 0.6
 _CUT = 5.0
 
 
-@dataclass(frozen=True)
-class Bolt:
-    """What the planned responses can tell of one bolt; NaN where nothing is known."""
-
-    name: str
-    group: str | None
-    arc_length: float | None
-    verdict: str
-    distance: float
-    correct: float
-    std: float
-    removed: float
-    expected: float
-    loose: float
-    best: float
-    note: str | None
-    #: Rehearsals with a right verdict, of how many, and tight bolts that they called loose.
-    right: int = 0
-    draws: int = 0
-    others: tuple[str, ...] = ()
-
-    @property
-    def rehearsed(self) -> str:
-        """Right verdicts, of how many."""
-        return f"{self.right}/{self.draws}" if self.draws else ""
-
-
-@dataclass(frozen=True)
-class Worth:
-    """What a response, or all of one excitation, is worth [bits]; the smallest d' with it added, or with it left out."""
-
-    name: str
-    planned: bool
-    gain: float
-    alone: float
-    worst: tuple[str, float] | None
-    members: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The whole document; ``limits`` are the d' at which a bolt is seen, and below which it is blind."""
-
-    campaign: str
-    state: str
-    sigma: float
-    factor: float
-    source: str
-    change: float
-    confidence: float
-    limits: tuple[float, float]
-    chances: tuple[float, float]
-    lines: int
-    bolts: tuple[Bolt, ...]
-    counts: dict[str, int]
-    worst: tuple[str, float] | None
-    responses: tuple[Worth, ...]
-    order: tuple[tuple[str, float], ...]
-    excitations: tuple[Worth, ...]
-    notes: tuple[str, ...]
-    assumes: tuple[str, ...] = ()
-
-    @property
-    def rehearsed(self) -> bool:
-        """Whether verdicts are those of rehearsals; else they follow from d'."""
-        return any(bolt.draws for bolt in self.bolts)
-
-
-def read_plan(output: Path) -> Plan | None:
-    """Read ``plan.json``; None where there is none.
-
-    Raises
-    ------
-    DataError
-        Where it is damaged.
-    """
-    file = output / "plan.json"
-    if not file.exists():
-        return None
-    node = read_document(file, "lrbc-plan")
-    noise, limits, planned = node.node("noise"), node.node("limits"), node.node("planned")
-    seen, blind = limits.node("seen"), limits.node("blind")
-    return Plan(
-        campaign=node.text("campaign"),
-        state=node.text("state"),
-        sigma=noise.number("sigma_db"),
-        factor=noise.number("correlation_factor"),
-        source=noise.text("source"),
-        change=node.number("change"),
-        confidence=node.number("confidence"),
-        limits=(seen.number("d_prime"), blind.number("d_prime")),
-        chances=(seen.number("probability"), blind.number("probability")),
-        lines=int(node.node("lines").number("count")),
-        bolts=tuple(_bolt(entry) for entry in node.nodes("bolts")),
-        counts={word: int(planned.number(word)) for word in VERDICTS},
-        worst=_worst(planned),
-        responses=tuple(_worth(entry, entry.flag("planned")) for entry in node.nodes("responses")),
-        order=tuple((entry.text("name"), entry.number("bits")) for entry in node.nodes("order")),
-        excitations=tuple(_worth(entry, True) for entry in node.nodes("excitations")),
-        notes=node.texts("notes"),
-        # Plans of earlier versions do not say.
-        assumes=node.texts("assumes") if node.has("assumes") else (),
-    )
-
-
-def _bolt(node: Node) -> Bolt:
-    counted = node.maybe_node("rehearsal")
-    right, draws = (int(counted.maybe_number(key) or 0) for key in ("right", "draws"))
-    return Bolt(
-        node.text("name"),
-        node.maybe_text("group"),
-        node.maybe_number("arc_length"),
-        node.choice("verdict", VERDICTS),
-        node.number("d_prime"),
-        node.number("probability_correct"),
-        node.number("std"),
-        node.number("variance_removed"),
-        node.number("expected_change"),
-        node.number("expected_probability_loose"),
-        node.node("all_responses").number("d_prime"),
-        node.maybe_text("note"),
-        right,
-        draws,
-        tuple(numbers_of(counted.raw("others_loose"))),
-    )
-
-
-def _worth(node: Node, planned: bool) -> Worth:
-    members = node.texts("responses") if node.has("responses") else ()
-    return Worth(node.text("name"), planned, node.number("gain_bits"), node.number("alone_bits"), _worst(node), members)
-
-
-def _worst(node: Node) -> tuple[str, float] | None:
-    found = node.maybe_node("worst")
-    return (found.text("bolt"), found.number("d_prime")) if found.has("bolt") else None
-
-
-def _along(plan: Plan) -> list[list[Bolt]]:
+def _along(plan: PlanRecord) -> list[list[PlannedBolt]]:
     """Bolts edge by edge, in order along each."""
-    edges: dict[str | None, list[Bolt]] = {}
+    edges: dict[str | None, list[PlannedBolt]] = {}
     for bolt in plan.bolts:
         edges.setdefault(bolt.group, []).append(bolt)
     return [sorted(bolts, key=lambda bolt: math.inf if bolt.arc_length is None else bolt.arc_length) for bolts in edges.values()]
 
 
-def plan_chart(plan: Plan) -> Chart:
+def _rehearsed(bolt: PlannedBolt) -> str:
+    """Right verdicts, of how many."""
+    return "" if bolt.rehearsal is None else f"{bolt.rehearsal.right}/{bolt.rehearsal.draws}"
+
+
+def _others(bolt: PlannedBolt) -> tuple[str, ...]:
+    """Tight bolts that its rehearsals called loose."""
+    return () if bolt.rehearsal is None else tuple(bolt.rehearsal.others_loose)
+
+
+def plan_chart(plan: PlanRecord) -> Chart:
     """Return d' of every bolt along the edges, and below it what every response is worth."""
     shown = plan.responses[:_BARS]
     left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
@@ -181,8 +54,8 @@ def plan_chart(plan: Plan) -> Chart:
     ranked = 20.0 + _BAR * max(len(shown), 1)
     panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
     subtitle = (
-        f"{_state(plan.state)} · {number(plan.sigma, 3)} dB a line · {plan.counts['seen']} seen, {plan.counts['weak']} weak, "
-        f"{plan.counts['blind']} blind with {sum(entry.planned for entry in plan.responses)} planned responses"
+        f"{_state(plan.state)} · {number(plan.noise.sigma_db, 3)} dB a line · {plan.planned.seen} seen, {plan.planned.weak} weak, "
+        f"{plan.planned.blind} blind with {sum(entry.planned for entry in plan.responses)} planned responses"
     )
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
     return Chart(f"What can be seen · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
@@ -197,9 +70,11 @@ def _state(state: str) -> str:
     return words.get(state, f"about the result of {state.removeprefix('job:')}")
 
 
-def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
-    highest = max([1.25 * plan.limits[0], *(1.12 * value for bolt in plan.bolts for value in (bolt.distance, bolt.best))])
-    high = min(highest, _CUT * plan.limits[0])
+def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
+    highest = max(
+        [1.25 * plan.limits.seen.d_prime, *(1.12 * value for bolt in plan.bolts for value in (bolt.d_prime, bolt.all_responses.d_prime))]
+    )
+    high = min(highest, _CUT * plan.limits.seen.d_prime)
     boxes: dict[str, list[tuple[tuple[float, ...], str]]] = {word: [] for word in VERDICTS}
     words: list[Item] = []
     rings: list[tuple[float, float]] = []
@@ -209,39 +84,39 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
     for edge in edges:
         every = max(1, math.ceil((_GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
         for index, bolt in enumerate(edge):
-            top = min(bolt.distance, high)
-            text = f"{bolt.name}, {bolt.verdict}: d' {number(bolt.distance, 3)}, correct verdict {fmt.probability(bolt.correct)}"
+            top = min(bolt.d_prime, high)
+            text = f"{bolt.name}, {bolt.verdict}: d' {number(bolt.d_prime, 3)}, correct verdict {fmt.probability(bolt.probability_correct)}"
             # A blind bolt keeps a visible foot.
             boxes[bolt.verdict].append(((at + 0.17, at + 0.83, 0.0, max(top, 0.012 * high)), text))
-            if bolt.best > bolt.distance + 0.005 * high:
-                rings.append((at + 0.5, min(bolt.best, high)))
+            if bolt.all_responses.d_prime > bolt.d_prime + 0.005 * high:
+                rings.append((at + 0.5, min(bolt.all_responses.d_prime, high)))
             if cell >= 18.0:
                 inside = top > 0.12 * high
                 # Above a ring that would cover it.
-                above = min(bolt.best, high) if bolt.best < bolt.distance + 0.09 * high else top
+                above = min(bolt.all_responses.d_prime, high) if bolt.all_responses.d_prime < bolt.d_prime + 0.09 * high else top
                 level = top - 0.05 * high if inside else above + 0.05 * high
                 # Clear of the lines.
-                for limit in sorted(plan.limits, reverse=True):
+                for limit in sorted((plan.limits.seen.d_prime, plan.limits.blind.d_prime), reverse=True):
                     if abs(level - limit) < 0.035 * high:
                         level = limit - 0.04 * high if inside else limit + 0.04 * high
                 role = f"on-{bolt.verdict}" if inside else "text"
-                words.append(Word(role, at + 0.5, level, f"{bolt.distance:.{1 if bolt.distance < 99.95 else 0}f}", 7.0))
+                words.append(Word(role, at + 0.5, level, f"{bolt.d_prime:.{1 if bolt.d_prime < 99.95 else 0}f}", 7.0))
             if index % every == 0:
                 ticks.append((at + 0.5, bolt.name))
             at += 1.0
         at += 0.5
     how = "right verdict when rehearsed" if plan.rehearsed else "verdict correct"
     labels = {
-        "seen": f"seen: {how}, {100 * plan.chances[0]:.0f} % or more",
+        "seen": f"seen: {how}, {100 * plan.limits.seen.probability:.0f} % or more",
         "weak": "weak",
-        "blind": f"blind: below {100 * plan.chances[1]:.0f} %",
+        "blind": f"blind: below {100 * plan.limits.blind.probability:.0f} %",
     }
     items: list[Item] = [
         Tiles(f"plan-{word}", np.array([box for box, _ in found]).reshape(-1, 4), labels[word], tuple(text for _, text in found))
         for word, found in boxes.items()
     ]
     # What is rehearsed does not follow from d': there are no limits to draw.
-    drawn = [] if plan.rehearsed else list(zip(plan.limits, plan.chances, strict=True))
+    drawn = [] if plan.rehearsed else [(limit.d_prime, limit.probability) for limit in (plan.limits.seen, plan.limits.blind)]
     items += [Level("plan-limit", limit) for limit, _ in drawn]
     room = _LABEL / cell
     # What the lines stand for, beyond the last bolt where nothing covers it.
@@ -255,13 +130,13 @@ def _bolts(plan: Plan, cell: float, weight: float) -> Panel:
 
 
 def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
-    top = max([entry.gain for entry in shown] + [1e-3])
+    top = max([entry.gain_bits for entry in shown] + [1e-3])
     boxes: dict[bool, list[tuple[float, ...]]] = {True: [], False: []}
     words: list[Item] = []
     for row, entry in enumerate(shown):
-        end = max(entry.gain, 0.0)
+        end = max(entry.gain_bits, 0.0)
         boxes[entry.planned].append((0.0, max(end, 0.002 * top), row + 0.82, row + 0.18))
-        words.append(Word("text", end + 0.012 * top, row + 0.5, f"{entry.gain:.2f}", 7.5, anchor="start"))
+        words.append(Word("text", end + 0.012 * top, row + 0.5, f"{entry.gain_bits:.2f}", 7.5, anchor="start"))
     items: list[Item] = [
         Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "candidate: what it would add" if boxes[False] else ""),
         Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "planned: what is lost without it" if boxes[True] else ""),
@@ -282,7 +157,7 @@ def draw_plan(output: Path) -> Path | None:
     # matplotlib takes a second to import.
     from lrbc_cli.report.png import draw
 
-    plan = read_plan(output)
+    plan = read(output / "plan.json", PlanRecord)
     if plan is None:
         return None
     file = output / "plan.png"
@@ -292,14 +167,14 @@ def draw_plan(output: Path) -> Path | None:
 
 def plan_text(output: Path) -> str:
     """Return the plan as tables in plain ASCII; nothing where there is none."""
-    plan = read_plan(output)
+    plan = read(output / "plan.json", PlanRecord)
     if plan is None:
         return ""
     planned = [entry.name for entry in plan.responses if entry.planned]
     moved = "loosened" if plan.change < 0 else "tightened"
     lines = [
-        f"{_state(plan.state)}, {plan.lines} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
-        f"noise {plan.sigma:.2g} dB a line, correlation factor {plan.factor:.2g} ({plan.source})",
+        f"{_state(plan.state)}, {plan.lines.count} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
+        f"noise {plan.noise.sigma_db:.2g} dB a line, correlation factor {plan.noise.correlation_factor:.2g} ({plan.noise.source})",
         "",
     ]
     head = ["bolt", "verdict", "d'", "correct", "d' all", "std", "95 % interval", "found", "p(loose)"]
@@ -308,29 +183,31 @@ def plan_text(output: Path) -> str:
         [
             bolt.name,
             bolt.verdict,
-            _plain(bolt.distance, 1),
-            _plain(bolt.correct, 2),
-            _plain(bolt.best, 1),
+            _plain(bolt.d_prime, 1),
+            _plain(bolt.probability_correct, 2),
+            _plain(bolt.all_responses.d_prime, 1),
             _plain(bolt.std, 2),
             "" if math.isnan(bolt.std) else f"+-{1.96 * bolt.std:.2f}",
-            _plain(bolt.expected, 2) if bolt.note is None else "",
-            _plain(bolt.loose, 2),
-            *([bolt.rehearsed] if plan.rehearsed else []),
+            _plain(bolt.expected_change, 2) if bolt.note is None else "",
+            _plain(bolt.expected_probability_loose, 2),
+            *([_rehearsed(bolt)] if plan.rehearsed else []),
         ]
         for bolt in plan.bolts
     ]
     lines += _columns(head, rows, left=2)
-    lines += [f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(bolt.others)}" for bolt in plan.bolts if bolt.others]
+    lines += [
+        f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(_others(bolt))}" for bolt in plan.bolts if _others(bolt)
+    ]
     notes: dict[str, list[str]] = {}
     for bolt in plan.bolts:
         if bolt.note is not None:
             notes.setdefault(bolt.note, []).append(bolt.name)
     lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
-    lines.append(f"{plan.counts['seen']} seen, {plan.counts['weak']} weak, {plan.counts['blind']} blind with {', '.join(planned)}")
-    lines += ["", *_worths("response", plan.responses, plan.worst)]
+    lines.append(f"{plan.planned.seen} seen, {plan.planned.weak} weak, {plan.planned.blind} blind with {', '.join(planned)}")
+    lines += ["", *_worths("response", plan.responses, plan.planned.worst)]
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
-    best = ", ".join(f"{name} ({bits:.1f})" for name, bits in plan.order[:8])
+    best = ", ".join(f"{entry.name} ({entry.bits:.1f})" for entry in plan.order[:8])
     lines += ["", f"chosen one after another (bits in all): {best}"]
     lines += ["", "assumes:", *(f"- {text}" for text in plan.assumes)] if plan.assumes else []
     lines += [f"note: {note}" for note in plan.notes]
@@ -341,20 +218,21 @@ def _plain(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
-def _worths(title: str, entries: Sequence[Worth], before: tuple[str, float] | None) -> list[str]:
+def _worths(title: str, entries: Sequence[Worth | Excitation], before: Worst | None) -> list[str]:
     rows = []
     for entry in entries:
-        word = ("loses" if entry.planned else "adds") if title == "response" else f"of {len(entry.members)} planned"
-        change = "" if entry.worst is None else f"{entry.worst[0]} {entry.worst[1]:.1f}"
+        planned = isinstance(entry, Worth) and entry.planned
+        word = ("loses" if planned else "adds") if isinstance(entry, Worth) else f"of {len(entry.responses)} planned"
+        change = "" if entry.worst is None else f"{entry.worst.bolt} {entry.worst.d_prime:.1f}"
         if title == "response" and before is not None and change:
-            change += f" (now {before[0]} {before[1]:.1f})"
+            change += f" (now {before.bolt} {before.d_prime:.1f})"
         rows.append(
             [
                 entry.name,
-                "planned" if entry.planned and title == "response" else "",
+                "planned" if planned else "",
                 word,
-                f"{entry.gain:.2f}",
-                f"{entry.alone:.1f}",
+                f"{entry.gain_bits:.2f}",
+                f"{entry.alone_bits:.1f}",
                 change,
             ]
         )
@@ -375,20 +253,20 @@ def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last
     return text
 
 
-def _how(plan: Plan) -> str:
+def _how(plan: PlanRecord) -> str:
     """What the probability of a correct verdict rests on."""
     if plan.rehearsed:
-        draws = max(bolt.draws for bolt in plan.bolts)
+        draws = max(bolt.rehearsal.draws for bolt in plan.bolts if bolt.rehearsal is not None)
         return f", counted in {draws} rehearsals of each bolt: the bolt called loose, and no other"
     return ", by the likelihood ratio" if plan.assumes else ""
 
 
-def plan_parts(plan: Plan) -> list[Markup | None]:
+def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
     chart = plan_chart(plan)
     text = (
-        f"From the model alone, {_state(plan.state)}, with {number(plan.sigma, 3)} dB of noise a line (correlation factor "
-        f"{number(plan.factor, 3)}, {plan.source}) on {plan.lines} lines: each bolt in turn is "
+        f"From the model alone, {_state(plan.state)}, with {number(plan.noise.sigma_db, 3)} dB of noise a line (correlation factor "
+        f"{number(plan.noise.correlation_factor, 3)}, {plan.noise.source}) on {plan.lines.count} lines: each bolt in turn is "
         f"{'loosened' if plan.change < 0 else 'tightened'} by {number(abs(plan.change), 3)} decades. d' tells how many standard "
         "deviations the FRFs then lie from what the other unknowns can imitate. A verdict with "
         f"{100 * plan.confidence:.0f} % confidence is correct with the probability of the table, and missing or wrong otherwise"
@@ -398,15 +276,15 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
         [
             bolt.name,
             bolt.verdict,
-            fmt.fixed(bolt.distance, 1),
-            fmt.probability(bolt.correct),
-            fmt.fixed(bolt.best, 1),
+            fmt.fixed(bolt.d_prime, 1),
+            fmt.probability(bolt.probability_correct),
+            fmt.fixed(bolt.all_responses.d_prime, 1),
             fmt.fixed(bolt.std, 2),
-            fmt.probability(bolt.removed),
-            fmt.fixed(bolt.expected, 2) if bolt.note is None else fmt.MISSING,
-            fmt.MISSING if math.isnan(bolt.loose) else fmt.probability(bolt.loose),
-            bolt.rehearsed or fmt.MISSING,
-            bolt.note or (f"called loose with it: {', '.join(bolt.others)}" if bolt.others else ""),
+            fmt.probability(bolt.variance_removed),
+            fmt.fixed(bolt.expected_change, 2) if bolt.note is None else fmt.MISSING,
+            fmt.MISSING if math.isnan(bolt.expected_probability_loose) else fmt.probability(bolt.expected_probability_loose),
+            _rehearsed(bolt) or fmt.MISSING,
+            bolt.note or (f"called loose with it: {', '.join(_others(bolt))}" if _others(bolt) else ""),
         ]
         for bolt in plan.bolts
     ]
@@ -416,9 +294,9 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
         [
             entry.name,
             "planned" if entry.planned else "candidate",
-            fmt.signed(-entry.gain if entry.planned else entry.gain, 2),
-            fmt.fixed(entry.alone, 1),
-            fmt.MISSING if entry.worst is None else f"{entry.worst[0]}, d' {fmt.fixed(entry.worst[1], 1)}",
+            fmt.signed(-entry.gain_bits if entry.planned else entry.gain_bits, 2),
+            fmt.fixed(entry.alone_bits, 1),
+            fmt.MISSING if entry.worst is None else f"{entry.worst.bolt}, d' {fmt.fixed(entry.worst.d_prime, 1)}",
         ]
         for entry in plan.responses
     ]
@@ -432,7 +310,8 @@ def plan_parts(plan: Plan) -> list[Markup | None]:
     ]
     if plan.excitations:
         points: list[list[str | Cell]] = [
-            [entry.name, ", ".join(entry.members), fmt.signed(-entry.gain, 2), fmt.fixed(entry.alone, 1)] for entry in plan.excitations
+            [entry.name, ", ".join(entry.responses), fmt.signed(-entry.gain_bits, 2), fmt.fixed(entry.alone_bits, 1)]
+            for entry in plan.excitations
         ]
         parts.append(table("Excitations", ["Excitation", "Planned responses", "Bits without it", "Bits alone"], points, text_columns=2))
     if plan.assumes:

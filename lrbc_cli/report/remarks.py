@@ -5,32 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lrbc_cli.report import format as fmt
-from lrbc_cli.report.evidence import Nuisance
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.results import JobResult
 from lrbc_cli.report.tables import names_of
+from lrbc_cli.results.job import Estimate, JobRecord
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
 UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
-#: Units by the ending of a nuisance's name.
-_UNITS = {"percent": "%", "kelvin": "K", "db": "dB", "mm": "mm", "hz": "Hz"}
 _OUTCOMES = {True: ("passed", "converged"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
 #: A table of notes with more rows is folded away.
 _MANY = 12
 
 
-def remarks_parts(jobs: Sequence[JobResult]) -> list[Markup | None] | None:
+def remarks_parts(jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
     """Return the parts of the section; None where there is nothing to say."""
     parts = [_validity(jobs), _nuisances(jobs), _job_notes(jobs), _bolt_notes(jobs)]
     return parts if any(part is not None for part in parts) else None
 
 
-def _validity(jobs: Sequence[JobResult]) -> Markup | None:
-    shown = [job for job in jobs if job.validity is not None or job.noise is not None]
-    if not shown:
+def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
+    if not jobs:
         return None
     rows: list[list[str | Cell]] = []
-    for job in shown:
+    for job in jobs:
         check, noise = job.validity, job.noise
         outcome: str | Cell = fmt.MISSING
         if check is not None:
@@ -43,8 +39,8 @@ def _validity(jobs: Sequence[JobResult]) -> Markup | None:
                 fmt.MISSING if check is None else check.reason or fmt.MISSING,
                 fmt.fixed(None if check is None else check.held_out_db),
                 fmt.fixed(None if check is None else check.limit_db),
-                fmt.fixed(None if noise is None else noise.sigma_db),
-                fmt.figures(None if noise is None else noise.correlation_factor),
+                fmt.fixed(noise.sigma_db),
+                fmt.figures(noise.correlation_factor),
             ]
         )
     head: list[str | Cell] = [
@@ -59,32 +55,33 @@ def _validity(jobs: Sequence[JobResult]) -> Markup | None:
     return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
 
 
-def _nuisances(jobs: Sequence[JobResult]) -> Markup | None:
-    shown = [job for job in jobs if job.nuisances]
+def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
+    shown = {job.job: found for job in jobs if (found := _estimates(job))}
     if not shown:
         return None
-    keys = list(dict.fromkeys((entry.name, entry.of) for job in shown for entry in job.nuisances))
-    head: list[str | Cell] = ["Job", *(Cell(_title(name), tag("br"), tag("small", of or "\u00a0")) for name, of in keys)]
-    rows: list[list[str | Cell]] = []
-    for job in shown:
-        found = {(entry.name, entry.of): entry for entry in job.nuisances}
-        rows.append([job.job, *(_nuisance(found.get(key)) for key in keys)])
+    keys = list(dict.fromkeys(key for found in shown.values() for key in found))
+    head: list[str | Cell] = ["Job", *(Cell(title, tag("br"), tag("small", of or "\u00a0")) for title, of in keys)]
+    rows: list[list[str | Cell]] = [[job, *(_nuisance(found.get(key)) for key in keys)] for job, found in shown.items()]
     caption = "Estimated beside the parameters, ± standard deviation"
     return table(caption, head, rows, class_="misfits")
 
 
-def _title(name: str) -> str:
-    words, _, unit = name.rpartition("_")
-    return f"{(words or name).replace('_', ' ')} [{_UNITS[unit]}]" if unit in _UNITS and words else name.replace("_", " ")
+def _estimates(job: JobRecord) -> dict[tuple[str, str], Estimate]:
+    """By title, and by response or direction."""
+    found = job.nuisances
+    several = {("gain [dB]", of): entry for of, entry in found.gain_db.items()}
+    several |= {("hammer offset [mm]", of): entry for of, entry in found.hammer_offset_mm.items()}
+    single = {("sound speed [%]", ""): found.sound_speed_percent, ("temperature [K]", ""): found.temperature_kelvin}
+    return several | {key: entry for key, entry in single.items() if entry is not None}
 
 
-def _nuisance(entry: Nuisance | None) -> str:
+def _nuisance(entry: Estimate | None) -> str:
     if entry is None:
         return fmt.MISSING
     return fmt.fixed(entry.value) + ("" if entry.std is None else f" ± {fmt.fixed(entry.std)}")
 
 
-def _job_notes(jobs: Sequence[JobResult]) -> Markup | None:
+def _job_notes(jobs: Sequence[JobRecord]) -> Markup | None:
     where: dict[str, list[str]] = {}
     for job in jobs:
         for note in job.notes:
@@ -92,7 +89,7 @@ def _job_notes(jobs: Sequence[JobResult]) -> Markup | None:
     return _folded("Notes on jobs", ["Jobs", "Note"], [[_jobs(found, len(jobs)), note] for note, found in where.items()], 2)
 
 
-def _bolt_notes(jobs: Sequence[JobResult]) -> Markup | None:
+def _bolt_notes(jobs: Sequence[JobRecord]) -> Markup | None:
     judged = [job for job in jobs if job.bolts]
     where: dict[tuple[str, str], list[str]] = {}
     for job in judged:

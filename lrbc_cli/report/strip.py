@@ -10,10 +10,11 @@ from lrbc_cli.report import format as fmt
 from lrbc_cli.report.chart import Axis, Chart, Curve, Item, Marks, Panel, Tiles, Word, linear_axis
 from lrbc_cli.report.layout import RIGHT, SMALL, TOP
 from lrbc_cli.report.places import along_the_edges
-from lrbc_cli.report.reading import FloatArray
-from lrbc_cli.report.results import BoltVerdict, Campaign, JobResult
 from lrbc_cli.report.style import PROBABILITIES
 from lrbc_cli.report.tables import NOT_COVERED, loose_of, names_of, sentence
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import Bolt, JobRecord
+from lrbc_cli.results.model import CampaignRecord
 
 #: Size of a cell of the strip in points; it shrinks where there are many bolts.
 _WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
@@ -25,17 +26,17 @@ _FIGURES = 22.0
 _GLYPH = 0.6
 
 
-def level_of(bolt: BoltVerdict) -> int | None:
+def level_of(bolt: Bolt) -> int | None:
     """Return the step of the scale of probability: of the probability where there is one, else of the verdict; None if undecided."""
     if bolt.probability_loose is not None:
         return min(int(bolt.probability_loose * PROBABILITIES), PROBABILITIES - 1)
     return {"loose": PROBABILITIES - 1, "tight": 0}.get(bolt.verdict)
 
 
-def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
+def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | None:
     """Return rows of jobs over columns of bolts along the edges: the loosening as it travels; None without bolts."""
     shown = [job for job in jobs if job.bolts]
-    names = list(dict.fromkeys([*campaign.bolts, *(bolt.name for job in shown for bolt in job.bolts)]))
+    names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
     edges = along_the_edges(names, shown)
     if not shown or not names:
         return None
@@ -102,7 +103,7 @@ def strip_chart(campaign: Campaign, jobs: Sequence[JobResult]) -> Chart | None:
     return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
 
 
-def _key(jobs: Sequence[JobResult]) -> list[Item]:
+def _key(jobs: Sequence[JobRecord]) -> list[Item]:
     """Items that draw nothing but stand in the legend: what the colours mean."""
     bolts = [bolt for job in jobs for bolt in job.bolts]
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
@@ -123,7 +124,7 @@ def _shortened(name: str, limit: int = 30) -> str:
     return name if len(name) <= limit else name[: limit - 1] + "…"
 
 
-def _hatching(boxes: FloatArray, cell: float) -> Curve:
+def _hatching(boxes: Floats, cell: float) -> Curve:
     """Diagonal lines over two corners of boxes (left, right, low, high), 4 points apart, clear of the text; NaN sets them apart."""
     x: list[float] = []
     y: list[float] = []
@@ -137,19 +138,19 @@ def _hatching(boxes: FloatArray, cell: float) -> Curve:
     return Curve("hatch", np.array(x), np.array(y))
 
 
-def _outlines(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _outlines(boxes: Floats) -> tuple[Floats, Floats]:
     gap = np.full(len(boxes), np.nan)
     left, right, low, high = boxes.T
     return np.column_stack([left, right, right, left, left, gap]).ravel(), np.column_stack([low, low, high, high, low, gap]).ravel()
 
 
-def map_chart(job: JobResult, among: Sequence[JobResult] = ()) -> Chart | None:
+def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
 
     Maps of several jobs (``among``) share one scale of colours in their legends.
     """
     bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
-    lines = [group.positions for group in job.groups if group.positions is not None and len(group.positions)]
+    lines = [group.positions for group in job.parameters.values() if group.positions is not None and len(group.positions)]
     if not bolts:
         return None
     points = np.concatenate([*lines, np.array([bolt.position for bolt in bolts])])
@@ -176,7 +177,7 @@ def map_chart(job: JobResult, among: Sequence[JobResult] = ()) -> Chart | None:
         else linear_axis(f"{'xyz'[up]} [m]", middle[up] - half[1], middle[up] + half[1], 5)
     )
 
-    def level(point: FloatArray) -> float:
+    def level(point: Floats) -> float:
         return float(middle[up] + 5.0 / scale) if flat else float(point[up])
 
     items = _key(among or [job])
@@ -221,7 +222,7 @@ def map_chart(job: JobResult, among: Sequence[JobResult] = ()) -> Chart | None:
     return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
 
 
-def _names(bolts: Sequence[BoltVerdict], places: FloatArray, nodes: FloatArray, scale: float, limits: tuple[float, float]) -> list[Item]:
+def _names(bolts: Sequence[Bolt], places: Floats, nodes: Floats, scale: float, limits: tuple[float, float]) -> list[Item]:
     """Names beside the bolts, away from neighbours and edges and inside the figure: loose ones first, others where there is room."""
     points, (least, most) = places * scale, (limit * scale for limit in limits)
     below, right, left, above = (0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from lrbc_cli.report.results import JobResult
 from lrbc_cli.report.write import read_results
+from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.updating.clearance import sentence
 
 
@@ -41,29 +41,28 @@ def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bo
         cells = [row[column].rjust(widths[column]) if right[column] else row[column].ljust(widths[column]) for column in keep]
         lines.append("  ".join(cells).rstrip())
     for job in results:
-        if job.complete or not reasons:
+        if isinstance(job, JobRecord) or not reasons:
             lines.append(f"{job.job}: {sentence(job.finding)}")
     if reasons:
-        lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if not job.complete]
+        lines += [f"{job.job} failed: {job.reason or 'no reason given'}" for job in results if isinstance(job, FailedJob)]
     return "\n".join(lines)
 
 
-def _row(job: JobResult) -> list[str]:
-    if not job.complete:
+def _row(job: Job) -> list[str]:
+    if isinstance(job, FailedJob):
         return [job.job, job.status, "", "", "", "", ""]
-    total = job.seconds.get("total")
     return [
         job.job,
         job.status,
         _verdicts(job),
-        ", ".join(f"{group.damping_exponent:.2f}" for group in job.damping()),
-        "" if job.misfit is None else f"{job.misfit.initial:.2f} -> {job.misfit.final:.2f}",
-        "" if job.evaluations is None else f"{job.evaluations:.0f}",
-        "" if total is None else f"{total:.1f}",
+        ", ".join(f"{group.damping_exponent:.2f}" for group in job.damped.values()),
+        f"{job.misfit_db.initial:.2f} -> {job.misfit_db.final:.2f}",
+        str(job.evaluations),
+        f"{job.seconds['total']:.1f}",
     ]
 
 
-def _verdicts(job: JobResult) -> str:
+def _verdicts(job: JobRecord) -> str:
     if not job.bolts:
         return ""
     if not job.explained:

@@ -9,8 +9,8 @@ import numpy as np
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.html import Markup, tag
 from lrbc_cli.report.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
-from lrbc_cli.report.reading import FloatArray
 from lrbc_cli.report.style import STYLES
+from lrbc_cli.results.fields import Floats
 
 # Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
 _SCALE = 10.0
@@ -83,7 +83,7 @@ def _shape(shape: Shape) -> str:
             return tag("text", shape.text, markup=Markup(f'class="t r-{shape.role}" {place}{bold}{turn}'))
 
 
-def path(points: FloatArray) -> str:
+def path(points: Floats) -> str:
     """Return SVG path data: absolute starts, relative steps, a new start after every NaN."""
     whole = np.asarray(np.isfinite(points).all(axis=1))
     rounded = np.rint(np.where(whole[:, None], points, 0.0) * _SCALE).astype(int)

@@ -10,8 +10,8 @@ import numpy as np
 
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.reduction import Reduction
-from lrbc_cli.report.results import BoltVerdict, Campaign, Change, JobResult
+from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
+from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 
 #: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
 PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
@@ -25,12 +25,12 @@ _MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERE
 OF_LOOSE, OF_CHANGE = "posterior probability of being loose (change below the threshold)", "posterior probability of any change"
 
 
-def status_badge(job: JobResult) -> Markup:
+def status_badge(job: Job) -> Markup:
     """Return the status as a small coloured word."""
     return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
 
 
-def loose_of(job: JobResult) -> str:
+def loose_of(job: JobRecord) -> str:
     """Count the loose bolts among those that a term reaches, and the others."""
     outside = len(job.bolts) - len(job.observable)
     return f"{len(job.names('loose'))} of {len(job.observable)} judged loose" + (f", {outside} outside" if outside else "")
@@ -61,15 +61,16 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
     return ", ".join(parts) if len(names) <= 2 else f"{len(names)}: " + ", ".join(parts)
 
 
-def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mapping[str, str]) -> Markup:
+def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
     """Return one row a job: what was found, how well, at what cost."""
-    bolts = any(job.bolts for job in jobs)
-    known = any(job.removed is not None for job in jobs)
-    damped = any(job.damping() for job in jobs)
+    done = [job for job in jobs if isinstance(job, JobRecord)]
+    bolts = any(job.bolts for job in done)
+    known = any(job.removed is not None for job in done)
+    damped = any(job.damped for job in done)
     head: list[str | Cell] = ["Job", "Status"]
     head += ["Judged loose"] if bolts else []
     head += ["Undecided"] if bolts else []
-    outside = any(bolt.outside for job in jobs for bolt in job.bolts)
+    outside = any(bolt.outside for job in done for bolt in job.bolts)
     head += [Cell("Outside", tag("br"), tag("small", "not observable"))] if outside else []
     head += ["Known removed"] if known else []
     words = len(head)
@@ -81,9 +82,9 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
         title: list[str | None] = [tag("a", job.job, href=f"#{anchors[job.job]}") if job.job in anchors else job.job]
         if job.job == campaign.reference:
             title.append(tag("small", " reference"))
-        doubt = None if job.validated else tag("span", "not validated", class_="badge stopped")
+        doubt = None if isinstance(job, FailedJob) or job.validated else tag("span", "not validated", class_="badge stopped")
         row: list[str | Cell] = [Cell(*title), Cell(status_badge(job), " " if doubt else None, doubt)]
-        if not job.complete:
+        if isinstance(job, FailedJob):
             rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
             continue
         if bolts and not job.explained:
@@ -91,47 +92,49 @@ def verdict_table(campaign: Campaign, jobs: Sequence[JobResult], anchors: Mappin
         elif bolts:
             loose, undecided = job.names("loose"), job.names("undecided")
             row.append(
-                Cell(names_of(loose, campaign.bolts), _certainty(job), class_="names loose" if loose else "names none")
+                Cell(names_of(loose, campaign.bolt_names), _certainty(job), class_="names loose" if loose else "names none")
                 if job.bolts
                 else Cell(fmt.MISSING)
             )
             row.append(
-                Cell(names_of(undecided, campaign.bolts), class_="names" if undecided else "names none") if job.bolts else Cell(fmt.MISSING)
+                Cell(names_of(undecided, campaign.bolt_names), class_="names" if undecided else "names none")
+                if job.bolts
+                else Cell(fmt.MISSING)
             )
         if outside:
             beyond = job.names("outside")
-            row.append(Cell(names_of(beyond, campaign.bolts), class_="names none"))
+            row.append(Cell(names_of(beyond, campaign.bolt_names), class_="names none"))
         if known:
             row.append(
                 Cell(
-                    fmt.MISSING if job.removed is None else names_of(job.removed, campaign.bolts),
+                    fmt.MISSING if job.removed is None else names_of(job.removed, campaign.bolt_names),
                     class_="names none" if not job.removed else "names",
                 )
             )
         if damped:
-            pairs = [f"{fmt.fixed(group.damping_exponent)} ({fmt.figures(group.damping_factor)})" for group in job.damping()]
+            pairs = [f"{fmt.fixed(group.damping_exponent)} ({fmt.figures(group.damping_factor)})" for group in job.damped.values()]
             row.append(", ".join(pairs) or fmt.MISSING)
         row += [
-            fmt.MISSING if job.misfit is None else fmt.change(job.misfit.initial, job.misfit.final),
+            fmt.change(job.misfit_db.initial, job.misfit_db.final),
             held_out_misfit(job),
             fmt.count(job.evaluations),
-            fmt.seconds(job.seconds.get("total")),
+            fmt.seconds(job.seconds["total"]),
         ]
         rows.append(row)
-    sure = any(_certainty(job) for job in jobs)
+    sure = any(_certainty(job) for job in done)
     caption = "What was found, job by job; misfits before → after" + (f"; p: {OF_LOOSE}, of the least certain one" if sure else "")
     return table(caption, head, rows, class_="verdicts", text_columns=words)
 
 
-def _certainty(job: JobResult) -> Markup | None:
+def _certainty(job: JobRecord) -> Markup | None:
     """Say how probable the least probable of the loose bolts is."""
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
     return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
 
 
-def held_out_misfit(job: JobResult) -> str:
+def held_out_misfit(job: JobRecord) -> str:
     """Return the mean misfit over responses that the updating did not see, before → after."""
-    unseen = [entry for entry in job.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
+    unseen = [entry for entry in job.misfit_db.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
     if not unseen:
         return fmt.MISSING
     return fmt.change(float(np.mean([entry.initial for entry in unseen])), float(np.mean([entry.final for entry in unseen])))
@@ -142,10 +145,10 @@ def fold(made: Markup, title: str, rows: int) -> Markup:
     return made if rows <= _LONG else details(f"{title} ({rows} rows)", made)
 
 
-def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
+def bolt_grid(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
     """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
     shown = [job for job in jobs if job.bolts and job.explained]
-    names = list(dict.fromkeys([*campaign.bolts, *(bolt.name for job in shown for bolt in job.bolts)]))
+    names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
     if not shown or not names:
         return None
     rows: list[list[str | Cell]] = []
@@ -157,7 +160,7 @@ def bolt_grid(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
     return fold(table(caption, ["Job", *names], rows, class_="bolts"), caption, len(rows))
 
 
-def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
+def _bolt_cell(bolt: Bolt | None) -> Cell:
     if bolt is None:
         return Cell(fmt.MISSING)
     truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
@@ -177,7 +180,7 @@ def _bolt_cell(bolt: BoltVerdict | None) -> Cell:
     return Cell(*content, class_=classes, title=sentence(bolt))
 
 
-def sentence(bolt: BoltVerdict) -> str:
+def sentence(bolt: Bolt) -> str:
     """Say everything that is known and was found about a bolt, in one line."""
     truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
     words = [f"{bolt.name}: {bolt.verdict}"]
@@ -196,11 +199,11 @@ def sentence(bolt: BoltVerdict) -> str:
     return ", ".join(word for word in words if word)
 
 
-def hits(jobs: Iterable[JobResult]) -> str | None:
+def hits(jobs: Iterable[JobRecord]) -> str | None:
     """Say how the verdicts compare with what is known; None where nothing is known."""
     bolts = [bolt for job in jobs if job.explained for bolt in job.bolts if bolt.removed is not None]
-    removed = [bolt.verdict for bolt in bolts if bolt.removed]
-    tight = [bolt.verdict for bolt in bolts if not bolt.removed]
+    removed: list[str] = [bolt.verdict for bolt in bolts if bolt.removed]
+    tight: list[str] = [bolt.verdict for bolt in bolts if not bolt.removed]
     if not bolts:
         return None
     parts = []
@@ -217,41 +220,43 @@ def hits(jobs: Iterable[JobResult]) -> str | None:
     return " ".join(parts)
 
 
-def misfit_table(campaign: Campaign, jobs: Sequence[JobResult]) -> Markup | None:
+def misfit_table(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
     """Return the misfit of every response and job; None where no job has any."""
-    shown = [job for job in jobs if job.responses]
-    names = list(dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for job in shown for name in job.responses)]))
+    shown = [job for job in jobs if job.misfit_db.responses]
+    names = list(
+        dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for job in shown for name in job.misfit_db.responses)])
+    )
     if not shown or not names:
         return None
     head: list[str | Cell] = ["Job"]
     for name in names:
-        used = any(job.responses[name].used for job in shown if name in job.responses)
+        used = any(job.misfit_db.responses[name].used for job in shown if name in job.misfit_db.responses)
         head.append(Cell(name, None if used else tag("small", " validation")))
     rows: list[list[str | Cell]] = []
     for job in shown:
-        rows.append([job.job, *(_misfit_cell(job.responses.get(name)) for name in names)])
+        rows.append([job.job, *(_misfit_cell(job.misfit_db.responses.get(name)) for name in names)])
     caption = "Mean absolute misfit over all lines of the band, before → after [dB]"
     return fold(table(caption, head, rows, class_="misfits"), caption, len(rows))
 
 
-def _misfit_cell(entry: Change | None) -> Cell:
+def _misfit_cell(entry: ResponseMisfit | None) -> Cell:
     if entry is None:
         return Cell(fmt.MISSING)
     return Cell(fmt.change(entry.initial, entry.final), class_=None if entry.used else "unseen")
 
 
-def damping_table(jobs: Sequence[JobResult]) -> Markup | None:
+def damping_table(jobs: Sequence[JobRecord]) -> Markup | None:
     """Return the identified damping per job and group (paper, Table 3); None where none was identified."""
-    shown = [job for job in jobs if job.damping()]
+    shown = [job for job in jobs if job.damped]
     if not shown:
         return None
-    several = len({group.name for job in shown for group in job.damping()}) > 1
+    several = len({name for job in shown for name in job.damped}) > 1
     head: list[str | Cell] = ["Job", *(["Group"] if several else []), "Bolts removed", "Exponent p_damp", "Factor 10^p_damp"]
     rows: list[list[str | Cell]] = []
     for job in shown:
-        for group in job.damping():
+        for name, group in job.damped.items():
             removed = fmt.MISSING if job.removed is None else str(len(job.removed))
-            group_cells: list[str | Cell] = [group.name] if several else []
+            group_cells: list[str | Cell] = [name] if several else []
             rows.append([job.job, *group_cells, removed, fmt.fixed(group.damping_exponent), fmt.figures(group.damping_factor)])
     caption = "Damping of the identified stiffness, eq. (33)"
     return fold(table(caption, head, rows, text_columns=2 if several else 1), caption, len(rows))
@@ -272,27 +277,22 @@ class Account:
         return None if self.full is None or not self.spent else self.full / self.spent
 
 
-def account(jobs: Sequence[JobResult], reduction: Reduction | None) -> Account | None:
+def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account | None:
     """Add up the jobs that say what they took; None where none does."""
-    done = [job for job in jobs if job.line_evaluations and "total" in job.seconds]
+    done = [job for job in jobs if isinstance(job, JobRecord) and job.line_evaluations]
     if not done:
         return None
-    evaluations = sum(job.line_evaluations or 0.0 for job in done)
+    evaluations = sum(job.line_evaluations for job in done)
     line = reduction.seconds.get("full_line") if reduction else None
     spent = (_reduction_total(reduction) or 0.0) + sum(job.seconds["total"] for job in done)
     return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
 
 
-def _reduction_total(reduction: Reduction | None) -> float | None:
-    if reduction is None:
-        return None
-    if "total" in reduction.seconds:
-        return reduction.seconds["total"]
-    parts = [reduction.seconds[part] for part in ("basis", "projection", "certificate") if part in reduction.seconds]
-    return sum(parts) if parts else None
+def _reduction_total(reduction: ReductionRecord | None) -> float | None:
+    return None if reduction is None else reduction.seconds["total"]
 
 
-def cost_table(jobs: Sequence[JobResult], reduction: Reduction | None) -> Markup | None:
+def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Markup | None:
     """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4); None without any figure."""
     whole = account(jobs, reduction)
     if reduction is None and whole is None:
@@ -326,7 +326,7 @@ def cost_table(jobs: Sequence[JobResult], reduction: Reduction | None) -> Markup
     time("Certificate: measured error", spent.get("certificate"))
     time("Reduction, total", _reduction_total(reduction), PAPER["basis"] + PAPER["projection"])
     if whole is not None:
-        hardest = max((job for job in jobs if "total" in job.seconds), key=lambda job: job.line_evaluations or 0.0)
+        hardest = max((job for job in jobs if isinstance(job, JobRecord)), key=lambda job: job.line_evaluations)
         one = account([hardest], reduction) or whole
         part("One job", f"{hardest.job}, the one with most line evaluations; paper: four bolts removed", one, PAPER)
         part("Whole campaign", f"{whole.jobs} job{'' if whole.jobs == 1 else 's'}", whole, {})

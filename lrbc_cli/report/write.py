@@ -10,19 +10,19 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.report.calibration import read_calibration
 from lrbc_cli.report.chart import Chart
 from lrbc_cli.report.correlation import fdac_chart
-from lrbc_cli.report.evidence import read_fdac
 from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
-from lrbc_cli.report.plan import plan_chart, read_plan
-from lrbc_cli.report.reading import require_files
-from lrbc_cli.report.reduction import read_reduction
-from lrbc_cli.report.results import Campaign, JobResult, read_campaign, read_frf, read_job
+from lrbc_cli.report.plan import plan_chart
 from lrbc_cli.report.strip import map_chart, strip_chart
+from lrbc_cli.results.job import Job, JobRecord
+from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
+from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.store import read, read_job
+from lrbc_cli.results.tables import read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
 
@@ -64,21 +64,23 @@ def write_report(
     """
     say = progress or (lambda line: None)
     campaign, results = read_results(output, jobs)
-    reduction = read_reduction(output)
-    done = [job for job in results if job.complete]
+    reduction = read(output / "reduction.json", ReductionRecord)
+    done = [job for job in results if isinstance(job, JobRecord)]
     for job in done:
-        require_files(output / job.job, job.provenance.get("files"))
-    unknown = [job.job for job in done if not job.provenance.get("files")]
+        require_files(output / job.job, job.provenance.files or {})
+    unknown = [job.job for job in done if not job.provenance.files]
     if unknown:
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
         log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
     scales = profile_scales(done)
-    calibration = None
+    calibration, calibration_frf = None, None
     try:
-        calibration = read_calibration(output)
+        calibration = read(output / "calibration.json", CalibrationRecord)
+        calibration_frf = None if calibration is None else read_frf(output / calibration.frf)
     except DataError as error:
         # The results stand without it, as they do for the commands that would use it.
+        calibration = None
         log.warning("calibration.json is left out: %s (lrbc calibrate writes it anew)", error.problem)
     strip = strip_chart(campaign, done)
     profiles: dict[str, Chart] = {}
@@ -86,7 +88,7 @@ def write_report(
     fdac: dict[str, Chart] = {}
     frfs: list[FrfFigure] = []
     tasks: list[_Task] = [] if strip is None else [(strip, output / "verdicts.png")]
-    plan = read_plan(output)
+    plan = read(output / "plan.json", PlanRecord)
     if plan is not None:
         tasks.append((plan_chart(plan), output / "plan.png"))
     l_curves: list[Chart] = []
@@ -99,7 +101,7 @@ def write_report(
         if chart is not None:
             maps[job.job] = chart
             tasks.append((chart, output / job.job / "map.png"))
-        found = read_fdac(output, job.job)
+        found = read_fdac(output / job.job / "fdac.csv")
         if found is not None:
             fdac[job.job] = fdac_chart(job, found)
             tasks.append((fdac[job.job], output / job.job / "fdac.png"))
@@ -107,24 +109,39 @@ def write_report(
         if curve is not None:
             l_curves.append(curve)
             tasks.append((curve, output / job.job / "l-curve.png"))
-        frf = read_frf(output, job.job)
+        frf = read_frf(output / job.job / "frf.csv")
         for name in frf.responses:
             response = campaign.response(name)
-            change = job.responses.get(name)
+            change = job.misfit_db.responses.get(name)
             chart = frf_chart(job, response, frf)
             frfs.append(FrfFigure(job.job, name, response.used if change is None else change.used, chart))
             tasks.append((chart, output / job.job / frf_file(name)))
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(Content(campaign, results, reduction, profiles, frfs, strip, maps, fdac, calibration, l_curves, plan))
+    text = render(
+        Content(
+            campaign=campaign,
+            jobs=results,
+            reduction=reduction,
+            profiles=profiles,
+            frfs=frfs,
+            strip=strip,
+            maps=maps,
+            fdac=fdac,
+            calibration=calibration,
+            calibration_frf=calibration_frf,
+            l_curves=l_curves,
+            plan=plan,
+        )
+    )
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")
     return page
 
 
-def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campaign, list[JobResult]]:
+def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[CampaignRecord, list[Job]]:
     """Read the campaign and its jobs, in the campaign's order.
 
     Parameters
@@ -141,7 +158,11 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     DataError
         Where a file is missing or damaged, or no job has results.
     """
-    campaign = read_campaign(output)
+    campaign = read(output / "campaign.json", CampaignRecord)
+    if campaign is None:
+        raise DataError(
+            "there are no results here", file=output / "campaign.json", hint="run `lrbc update` first; the report only shows what it wrote"
+        )
     for name in jobs or ():
         if name not in campaign.jobs:
             near = difflib.get_close_matches(name, campaign.jobs, n=1)
@@ -154,7 +175,11 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     present = [job for job in wanted if jobs or (output / job / "result.json").exists()]
     if not present:
         raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows what it wrote")
-    return campaign, [read_job(output, job) for job in present]
+    results = [read_job(output, job) for job in present]
+    for name, job in zip(present, results, strict=True):
+        if job is None:
+            raise DataError("this result file is missing", file=output / name / "result.json", hint=JobRecord.HINT)
+    return campaign, [job for job in results if job is not None]
 
 
 def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) -> int:

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.documents import versions, write_json
 from lrbc_cli.campaign.drift import speed_std
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
-from lrbc_cli.campaign.simulate import require_in_band
 from lrbc_cli.config.document import as_yaml
 from lrbc_cli.config.fields import NAME_LENGTH, is_name
 from lrbc_cli.config.skeleton import FILE
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
+from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.results.store import versions, write_json
 from lrbc_cli.virtual.drift import ROOM, Scatter
 from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
@@ -130,7 +130,7 @@ def rehearse(
         require_no_input(file, inputs.campaign, "--out")
         if not replace:
             require_new(file, "--out", "--force")
-    require_in_band(lines, inputs.campaign.reduction.band)
+    require_in_band(lines, inputs.campaign.reduction.band, hint="change reduction.band")
     settings = settings or Settings(scatter=declared_scatter(inputs))
     structure = VirtualStructure(inputs, settings, seed, cache, lines, progress)
     record: dict[str, Any] = {

@@ -110,10 +110,10 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     campaign = load_campaign(config, [*own, *task.overrides])
     calibration = None
     if task.calibrate and campaign.calibration is not None:
-        tree, _ = run_calibration(read_as_exported(campaign), task.cache, force=not task.resume)
-        factors = {name: entry["value"] for name, entry in tree["factors"].items()}
-        misfit = tree["misfit_db"]
-        calibration = Calibration(tree["status"], misfit["final"], misfit["held_out_final"], factors, len(tree["rounds"]), tree["seconds"])
+        record, _ = run_calibration(read_as_exported(campaign), task.cache, force=not task.resume)
+        factors = {name: entry.value for name, entry in record.factors.items()}
+        misfit = record.misfit_db
+        calibration = Calibration(record.status, misfit.final, misfit.held_out_final, factors, len(record.rounds), record.seconds)
     inputs = read_inputs(campaign, calibration=task.calibrate)
     if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
         raise NumericalError("the calibration that was just made is not used")

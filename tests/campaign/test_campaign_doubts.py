@@ -14,9 +14,10 @@ from lrbc_cli.campaign.records import read_measurement
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
 
 
-def update(folder: Folder, *overrides: str) -> Any:
+def update(folder: Folder, job: str, *overrides: str) -> Any:
+    """That job and the reference job."""
     args = [word for text in overrides for word in ("--override", text)]
-    outcome = folder.run("update", "--json", *args)
+    outcome = folder.run("update", "--json", "--job", job, *args)
     assert outcome.code == 0, outcome.stderr
     return outcome
 
@@ -28,7 +29,7 @@ def test_nothing_is_said_of_a_sound_campaign(frame_once: Folder) -> None:
 
 def test_accelerances_in_g(frame: Folder) -> None:
     """The reference job and another in g/N: each is named with its likely cause and key, and no job is a bare `unexplained`."""
-    results = update(frame, f"jobs.tight.scale={G}", f"jobs.loose-2.scale={G}").json["results"]
+    results = update(frame, "loose-2", f"jobs.tight.scale={G}", f"jobs.loose-2.scale={G}").json["results"]
     for job in ("tight", "loose-2"):
         tree = results[job]
         assert tree["status"] == "unexplained"
@@ -43,7 +44,7 @@ def test_accelerances_in_g(frame: Folder) -> None:
 
 
 def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
-    outcome = update(frame, "jobs.tight.scale={acc4: 1000.0, acc1: -1.0}")
+    outcome = update(frame, "tight", "jobs.tight.scale={acc4: 1000.0, acc1: -1.0}")
     warnings = outcome.json["results"]["tight"]["warnings"]
     (unit,) = [text for text in warnings if text.startswith("not in the model's units")]
     assert "it seems: acc4: measured over computed +60" in unit
@@ -64,12 +65,13 @@ def test_velocities_for_accelerations(frame: Folder) -> None:
     for file in (frame.data / "frf").glob("*.csv"):
         # The file says nothing of quantities then.
         file.write_text(file.read_text().replace("m/s2/N", ""))
-    (unit,) = [text for text in update(frame).json["results"]["tight"]["warnings"] if text.startswith("not in the model's units")]
+    (unit,) = [text for text in update(frame, "tight").json["results"]["tight"]["warnings"] if text.startswith("not in the model's units")]
     assert "likely acceleration, not displacement: responses.acc1.quantity: acceleration" in unit
 
 
 def test_a_misfit_that_is_no_factor(frame: Folder) -> None:
-    tree = update(frame, "parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0").json["results"]["loose-all"]
+    held = ("parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0")
+    tree = update(frame, "loose-all", *held).json["results"]["loose-all"]
     assert tree["status"] == "unexplained"
     assert "the misfit is not a constant factor: the largest, " in tree["reason"]
     assert not any("units" in text for text in tree["warnings"])
@@ -93,9 +95,8 @@ def test_calibration_warns_of_one_response(frame: Folder) -> None:
 
 def test_intervals_of_a_fit_that_misses_the_data(frame: Folder) -> None:
     """Bounds that keep the fit from the truth: values with narrow intervals, and a warning that they mean little."""
-    tree = update(frame, "parameters.left_edge.bounds=[5.5, 8.0]", "update.largest_misfit=100", "update.approach=paper").json["results"][
-        "loose-all"
-    ]
+    held = ("parameters.left_edge.bounds=[5.5, 8.0]", "update.largest_misfit=100", "update.approach=paper")
+    tree = update(frame, "loose-all", *held).json["results"]["loose-all"]
     assert tree["misfit_db"]["final"] > 1.5
     (text,) = [text for text in tree["warnings"] if "does not reach the data" in text]
     assert "understate" in text

@@ -37,7 +37,7 @@ def measure(folder: Folder, D: np.ndarray, job: str = "loose") -> None:
 def identify(folder: Folder, *overrides: str, job: str = "loose", status: str = "converged", says: str = "does not reach the data") -> Any:
     """Result of one job."""
     args = [word for text in overrides for word in ("--override", text)]
-    outcome = folder.run("update", "--json", *args)
+    outcome = folder.run("update", "--json", "--job", job, *args)
     assert outcome.code == 0, outcome.stderr
     # Settings that hold the fit away from the data say so, and another job may lie outside what they can explain.
     lines = [line for line in outcome.stderr.splitlines() if says not in line]
@@ -419,7 +419,7 @@ def test_without_bolts(box: Folder) -> None:
     assert identify(box)["bolts"] == []
     # Nothing was there to see.
     assert box.run("update", "--fail-on-loose").code == 7
-    assert box.run("report").code == 0
+    assert box.run("report", "--job", "loose").code == 0
 
 
 def test_what_the_approaches_draw_to(box: Folder) -> None:

@@ -184,6 +184,13 @@ def test_l_curve(frame: Folder) -> None:
     natural = tight["lines"]["count"] * 3 / 10
     assert tight["l_curve"]["chosen"] == tight["optimiser"]["regularisation"] == pytest.approx(natural)
     assert any("no corner" in note and f"{natural:.3g}" in note for note in tight["notes"])
+    # The report draws them.
+    assert frame.run("report", "--job", "tight", "--job", "loose-2", *[word for key in paper for word in ("--override", key)]).code == 0
+    page = (frame.out / "report.html").read_text(encoding="utf-8")
+    assert "Choice of the weight" in page
+    assert page.count("L-curve of job") == 2
+    for job in ("tight", "loose-2"):
+        assert (frame.out / job / "l-curve.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_l_curve_with_bfgs(frame: Folder) -> None:
@@ -207,14 +214,3 @@ def test_starts_are_listed(frame: Folder) -> None:
     (kept,) = [start for start in starts if start["kept"]]
     assert kept["cost"] == tree["cost"]["final"] == min(start["cost"] for start in starts)
     assert kept["total"] == pytest.approx(10.0 ** kept["cost"])
-
-
-def test_the_report_draws_the_l_curves(frame: Folder) -> None:
-    override = ("--override", "update.regularisation=l-curve")
-    assert frame.run("update", *override).code == 0
-    assert frame.run("report", *override).code == 0
-    page = (frame.out / "report.html").read_text(encoding="utf-8")
-    assert "Choice of the weight" in page
-    assert page.count("L-curve of job") == 3
-    for job in ("tight", "loose-2", "loose-all"):
-        assert (frame.out / job / "l-curve.png").read_bytes().startswith(b"\x89PNG")

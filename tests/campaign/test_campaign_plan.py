@@ -16,7 +16,7 @@ from lrbc_cli.updating.information import LOOSENING
 from lrbc_cli.updating.shapes import bolt_shapes
 
 #: Bolts that are loosened, one in each job; relative noise of every value (0.3 dB in magnitude).
-BOLTS, NOISE = ("B2", "B3", "B5"), 0.05
+BOLTS, NOISE = ("B2", "B5"), 0.05
 
 #: What one draw of each may differ by.
 TOLERANCE = 0.1

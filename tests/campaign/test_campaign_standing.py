@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaigns import Folder, environment
-from campaigns import frame as new_frame
+from campaigns import Folder, environment, finished, two_jobs
 
-from lrbc_cli.campaign.documents import plain
 from lrbc_cli.campaign.standing import changes_of, finding_of, other_baselines, other_reference, state_of
-from lrbc_cli.report.results import read_job
+from lrbc_cli.results.fields import plain
+from lrbc_cli.results.store import read_job
 
-OTHERS = ["loose-2", "loose-all"]
+OTHERS = ["loose-2"]
 
 #: The command on a disk that is full while one job is written: a limit of the size of files, of which the record of a failure has less.
 FULL = """
@@ -60,6 +59,12 @@ def change(path: Path, edit: Any) -> None:
     path.write_text(json.dumps(tree))
 
 
+@pytest.fixture(scope="module")
+def frame_once() -> Folder:
+    """Two jobs of the frame, done; read only."""
+    return finished("two jobs")
+
+
 needs_limits = pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of a file")
 
 
@@ -69,7 +74,7 @@ needs_limits = pytest.mark.skipif(sys.platform == "win32", reason="no limit of t
 @needs_limits
 def test_a_passing_failure_of_the_reference_job(frame_once: Folder, tmp_path: Path) -> None:
     """Verdicts without it are given again as soon as it is there."""
-    folder = new_frame(tmp_path / "frame")
+    folder = two_jobs(tmp_path / "frame")
     full = on_a_full_disk(folder, "tight", "--fail-on-loose")
     assert full.returncode == 5, full.stderr
     assert "cannot be written" in folder.result("tight")["reason"]
@@ -144,7 +149,7 @@ def test_an_earlier_reference_of_other_groups_does_not_stand_in(frame: Folder) -
 
 def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     """Its scatter decides what counts as loose: what was judged without it is judged again."""
-    folder = new_frame(tmp_path / "frame")
+    folder = two_jobs(tmp_path / "frame")
     measured = folder.data / "frf" / "tight.csv"
     (folder.data / "frf" / "again.csv").write_bytes(measured.read_bytes())
     tree = folder.tree()
@@ -247,7 +252,7 @@ def test_what_only_judges(frame: Folder, override: str, part: str) -> None:
     assert found["loose-2"][1] == f"changed: {part}"
 
 
-@pytest.mark.parametrize("damage", [lambda tree: tree.update(version=2), lambda tree: tree["bolts"][0].update(change="much")])
+@pytest.mark.parametrize("damage", [lambda tree: tree.update(version=2), lambda tree: tree["evidence"]["bolts"][0].update(change="much")])
 def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: Callable[[dict[str, Any]], None]) -> None:
     path = frame.out / "loose-2" / "evidence.json"
     change(path, damage)
@@ -257,7 +262,7 @@ def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: 
     run, reason = plans(frame, *STRICT)["loose-2"]
     assert run
     assert "evidence is unusable" in reason
-    assert frame.run("update", "--json", *STRICT).json["judged"] == ["tight", "loose-all"]
+    assert frame.run("update", "--json", *STRICT).json["judged"] == ["tight"]
 
 
 # -- the files of a job -------------------------------------------------------------------------------------------------
@@ -267,7 +272,7 @@ def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: 
 def test_a_table_of_another_run(frame: Folder, name: str) -> None:
     path = frame.out / "loose-2" / name
     whole = path.read_bytes()
-    for content in (whole.replace(b"1", b"2", 1), b"", (frame.out / "loose-all" / name).read_bytes()):
+    for content in (whole.replace(b"1", b"2", 1), b"", (frame.out / "tight" / name).read_bytes()):
         path.write_bytes(content)
         report = frame.run("report")
         assert report.code == 3
@@ -277,17 +282,17 @@ def test_a_table_of_another_run(frame: Folder, name: str) -> None:
         assert plans(frame)["loose-2"][0]
         assert name in plans(frame)["loose-2"][1]
     outcome = frame.run("update", "--json")
-    assert outcome.json["kept"] == ["tight", "loose-all"]
+    assert outcome.json["kept"] == ["tight"]
     assert path.read_bytes() == whole
 
 
 def test_results_without_hashes(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"].pop("files"))
-    report = frame.run("report")
+    report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
     assert report.stderr.count("warning: loose-2: no hashes") == 1
     assert plans(frame)["loose-2"] == (True, "the earlier result is of an older version, without hashes of its files")
-    assert not plans(frame)["loose-all"][0]
+    assert not plans(frame)["tight"][0]
 
 
 def test_the_result_of_another_job(frame: Folder) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from campaigns import ROOT, Folder, box, frame, lrbc
+from campaigns import ROOT, Folder, box, finished, frame, lrbc
 from samples import reduced_cache
 
 import lrbc_cli
@@ -120,6 +120,13 @@ def test_from_end_to_end(fresh: Folder) -> None:
     reduced = fresh.run("reduce", "--json")
     assert reduced.json["calibration"]["key"] == tree["key"]
     assert "calibration: used" in reduced.stderr
+    files = []
+    for name, args in (("used", ()), ("full", ("--full",)), ("exported", ("--no-calibration",))):
+        files.append(fresh.path / f"{name}.csv")
+        assert fresh.run("simulate", "--lines", "40:480:40", "--out", files[-1], *args).code == 0
+    used, full, without = (np.genfromtxt(path, delimiter=",", skip_header=1)[:, 1:] for path in files)
+    assert np.linalg.norm(used - full) < 1e-3 * np.linalg.norm(full)
+    assert np.linalg.norm(without - full) > 0.1 * np.linalg.norm(full)
     updated = fresh.run("update", "--job", "tight", "--json")
     assert updated.code == 0, updated.stderr
     result = updated.json["results"]["tight"]
@@ -140,29 +147,10 @@ def test_from_end_to_end(fresh: Folder) -> None:
     assert "NOT used by the jobs" in (fresh.out / "report.html").read_text()
 
 
-def test_simulate_with_it(fresh: Folder) -> None:
-    assert fresh.run("calibrate").code == 0
-    files = []
-    for name, args in (("used", ()), ("full", ("--full",)), ("exported", ("--no-calibration",))):
-        files.append(fresh.path / f"{name}.csv")
-        assert fresh.run("simulate", "--lines", "40:480:40", "--out", files[-1], *args).code == 0
-    used, full, exported = (np.genfromtxt(file, delimiter=",", skip_header=1)[:, 1:] for file in files)
-    assert np.linalg.norm(used - full) < 1e-3 * np.linalg.norm(full)
-    assert np.linalg.norm(exported - full) > 0.1 * np.linalg.norm(full)
-
-
-@pytest.fixture(scope="module")
-def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Folder:
-    """The sample's own measurement."""
-    folder = with_calibration(frame(tmp_path_factory.mktemp("calibrated") / "frame"))
-    outcome = folder.run("calibrate")
-    assert outcome.code == 0, outcome.stderr
-    return folder
-
-
 @pytest.fixture
-def copy(calibrated: Folder, tmp_path: Path) -> Folder:
-    return Folder(Path(shutil.copytree(calibrated.path, tmp_path / "frame")))
+def copy(tmp_path: Path) -> Folder:
+    """Calibrated on the sample's own measurement."""
+    return finished("calibrated").copy(tmp_path / "frame")
 
 
 class TestWhetherItFits:
@@ -221,23 +209,22 @@ class TestWhetherItFits:
         assert outcome.code == 2
         assert "no block 'calibration'" in outcome.stderr
 
-    @pytest.mark.parametrize(
-        "spoil",
-        [
-            lambda text: text[: len(text) // 2],
-            lambda text: text.replace('"lrbc-calibration"', '"lrbc-result"'),
-            lambda text: text.replace('"value"', '"valeu"'),
-            lambda text: text.replace('"value": 0.', '"value": -0.'),
-            lambda text: text.replace('"key"', '"kee"'),
-            lambda text: "[]",
-        ],
-    )
-    def test_damaged(self, copy: Folder, spoil: Any) -> None:
+    def test_damaged(self, copy: Folder) -> None:
         file = copy.out / "calibration.json"
-        file.write_text(spoil(file.read_text()))
-        outcome = copy.run("reduce", "--dry-run")
-        assert outcome.code == 0
-        assert "warning: calibration: ignored: unusable" in outcome.stderr
+        text = file.read_text()
+        for spoilt in (
+            text[: len(text) // 2],
+            text.replace('"lrbc-calibration"', '"lrbc-result"'),
+            text.replace('"value"', '"valeu"'),
+            text.replace('"value": 0.', '"value": -0.'),
+            text.replace('"key"', '"kee"'),
+            "[]",
+        ):
+            file.write_text(spoilt)
+            outcome = copy.run("reduce", "--dry-run")
+            assert outcome.code == 0
+            assert "warning: calibration: ignored: unusable" in outcome.stderr
+            assert "runs (" in copy.run("calibrate", "--dry-run").stdout
         assert copy.run("calibrate").code == 0
         assert "calibration: used" in copy.run("reduce", "--dry-run").stderr
 

@@ -17,15 +17,14 @@ from campaigns import Folder, frame
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
-JOBS = [f"state-{i:02d}" for i in range(7)]
+JOBS = [f"state-{i:02d}" for i in range(4)]
 
 
 def many_jobs(path: Path) -> Folder:
-    """The frame with seven jobs, so that a signal always comes before the end."""
+    """The frame with four jobs, so that a signal always comes before the end."""
     folder = frame(path)
     tree = folder.tree()
-    files = ["tight", "loose-2", "loose-all"]
-    tree["jobs"] = {job: {"frf": f"data/frf/{files[i % 3]}.csv"} for i, job in enumerate(JOBS)}
+    tree["jobs"] = {job: {"frf": f"data/frf/{'loose-2' if i % 2 else 'tight'}.csv"} for i, job in enumerate(JOBS)}
     tree["update"]["reference"] = JOBS[0]
     del tree["calibration"]
     folder.write(tree)
@@ -101,9 +100,8 @@ def done(lines: list[str]) -> list[str]:
     ("after", "pause", "args"),
     [
         pytest.param(1, 0.0, (), id="while-reducing"),
-        pytest.param("state-00", 0.0, (), id="after-the-first-job"),
-        pytest.param("state-02", 0.02, (), id="within-a-job"),
-        pytest.param("state-02", 0.01, ("--workers", "2"), id="with-two-workers"),
+        pytest.param("state-01", 0.02, (), id="within-a-job"),
+        pytest.param("state-01", 0.01, ("--workers", "2"), id="with-two-workers"),
     ],
 )
 def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, pause: float, args: tuple[str, ...]) -> None:
@@ -127,16 +125,10 @@ def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, paus
     assert_same(folder, undisturbed)
 
 
-@pytest.mark.parametrize(
-    ("after", "pause"),
-    [
-        pytest.param(1, 0.02, id="while-reducing"),
-        pytest.param("state-02", 0.03, id="within-a-job"),
-    ],
-)
-def test_killed(tmp_path: Path, undisturbed: Folder, after: int | str, pause: float) -> None:
+def test_killed_within_a_job(tmp_path: Path, undisturbed: Folder) -> None:
+    """While files are written: test_cli_killed.py."""
     folder = many_jobs(tmp_path / "frame")
-    code, lines = interrupt_after(folder, signal.SIGKILL, after, pause)
+    code, lines = interrupt_after(folder, signal.SIGKILL, "state-01", 0.03)
     assert code == -signal.SIGKILL
     assert_whole(folder)
     finished = done(lines)
@@ -150,7 +142,7 @@ def test_killed(tmp_path: Path, undisturbed: Folder, after: int | str, pause: fl
 def test_an_interrupted_rerun_keeps_what_was_there(undisturbed: Folder, tmp_path: Path) -> None:
     """Running finished jobs again, an interruption leaves every job with a whole result: the old one or the new one."""
     folder = undisturbed.copy(tmp_path / "frame")
-    code, lines = interrupt_after(folder, signal.SIGINT, "state-02", 0.01, "--force")
+    code, lines = interrupt_after(folder, signal.SIGINT, "state-01", 0.01, "--force")
     assert code == 130, lines
     assert folder.leftovers() == []
     assert_whole(folder)

@@ -162,6 +162,15 @@ def frame(path: Path) -> Folder:
     return Folder(path)
 
 
+def two_jobs(path: Path) -> Folder:
+    """The frame without its dearest job."""
+    folder = frame(path)
+    tree = folder.tree()
+    del tree["jobs"]["loose-all"]
+    folder.write(tree)
+    return folder
+
+
 #: log10 stiffness of the springs under the masses in the two measurements of ``box``.
 BOX_TRUTH = {"tight": np.array([4.6, 4.4, 4.5, 4.7, 4.5, 4.6]), "loose": np.array([4.6, 4.4, 2.6, 2.8, 4.5, 4.6])}
 BOX_BAND = (20.0, 400.0)
@@ -263,12 +272,20 @@ def chain_folder(path: Path, n: int = 12) -> Folder:
 
 
 def _make(kind: str, path: Path) -> None:
-    outcome = {"frame": frame, "box": box}[kind](path).run("update")
-    assert outcome.code == 0, outcome.stderr
+    make, commands = {
+        "frame": (frame, ["update"]),
+        "box": (box, ["update"]),
+        "calibrated": (two_jobs, ["calibrate"]),
+        "two jobs": (two_jobs, ["update"]),
+    }[kind]
+    folder = make(path)
+    for command in commands:
+        outcome = folder.run(command)
+        assert outcome.code == 0, outcome.stderr
 
 
 def finished(kind: str) -> Folder:
-    """``frame`` or ``box`` with all jobs done; made once a run, read only."""
+    """``frame``, its ``two jobs`` or ``box``, all jobs done, or ``calibrated``, its two jobs to do; made once a run, read only."""
     return Folder(shared(kind, partial(_make, kind)))
 
 

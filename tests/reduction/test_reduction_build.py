@@ -191,7 +191,7 @@ def inputs_of(name, model):
     return np.array([0, 1, 1, 1]) if name == "several_inputs" else one_input(model)
 
 
-def true_error(model, reduction: Reduction, input_of, count=30, seed=11) -> dict[str, float]:
+def true_error(model, reduction: Reduction, input_of, count=15, seed=11) -> dict[str, float]:
     """Largest error against direct solves on random lines, by kind of vector, each physical quantity apart."""
     rng = np.random.default_rng(seed)
     s = 2j * np.pi * rng.uniform(*reduction.options.band_hz, size=count)

@@ -70,6 +70,7 @@ def run(backend: str, predicting: bool) -> dict:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="peaks are read from /proc")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_peak_is_predicted_within_thirty_percent(backend):

@@ -144,6 +144,7 @@ def box_lines(box):
     return 2j * np.pi * np.sort(np.concatenate([np.linspace(20.0, 400.0, 15), at]))
 
 
+@pytest.mark.slow
 class TestSoundBox:
     """The figure that the campaign's results stand on: 1e-8 between the formulas, also on resonances."""
 

@@ -13,6 +13,8 @@ from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.ports import port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
 
+pytestmark = pytest.mark.slow
+
 LINES, VECTORS = 26, 20
 
 
@@ -50,7 +52,6 @@ def vectors(s, nt, beta, rng):
         yield ("uniform", "patch", "random")[i % 3], 10.0**p * damped
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", [0, 1])
 def test_measured_error_from_free_to_clamped(part):
     """At most 1e-3 of each line's norm at 26 lines that are no expansion points, for 20 stiffness vectors each; every other line a part."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
+from lrbc_cli.results.fields import Document, Record
+from lrbc_cli.results.job import FailedJob, JobRecord
+from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
+from lrbc_cli.results.store import read, write
 
 NODES, Y = 31, np.linspace(0.2, 0.7, 31)
 BOLTS = 17
@@ -16,9 +20,21 @@ COUNTS = (0, 4, 6, 10, 12, 15, 17)
 MODES = np.array([47.0, 62.0, 88.0, 121.0, 139.0, 163.0, 171.0, 204.0, 228.0, 251.0, 287.0, 302.0, 341.0, 366.0, 389.0])
 
 
-def _write(file: Path, document: dict) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps({"version": 1, **document}), encoding="utf-8")
+def _write(file: Path, kind: type[Document], document: dict) -> None:
+    write(file, kind.checked(document))
+
+
+def changed(record: Record, **values) -> Record:
+    """A copy of a record with other values."""
+    return record.model_copy(update=values)
+
+
+def campaign_of(folder: Path) -> CampaignRecord:
+    return read(folder / "campaign.json", CampaignRecord)
+
+
+def reduction_of(folder: Path) -> ReductionRecord | None:
+    return read(folder / "reduction.json", ReductionRecord)
 
 
 def _frf(frequency, shift, loss, seed):
@@ -78,8 +94,8 @@ def write_reduction(output: Path) -> None:
         taken.append(place)
     _write(
         output / "reduction.json",
+        ReductionRecord,
         {
-            "format": "lrbc-reduction",
             "size": 210, "size_structure": 105, "size_acoustic": 105, "full_size": 23041, "terms": 31,
             "inputs": 1,
             "outputs": 10, "band_hz": [20, 400], "tolerance": 1e-3, "reached": True, "backend": "pardiso",
@@ -129,7 +145,8 @@ def write_job(
         entry = {
             "kind": "stiffness", "unit": "N m/rad", "log10": (effective + 0.1).tolist(),
             "log10_effective": (effective - 0.4 * index).tolist(),
-            "initial": [4.0] * NODES, "reference_log10_effective": tight.tolist() if reference else None, "bounds": [-1.0, 7.0],
+            "initial": [4.0] * NODES, "initial_effective": [4.0] * NODES,
+            "reference_log10_effective": tight.tolist() if reference else None, "bounds": [-1.0, 7.0],
             "positions": [[0.1 + 0.8 * index, float(y), -0.035] for y in Y], "arc_length": (Y - Y[0]).tolist(),
         }  # fmt: skip
         if band:
@@ -190,22 +207,24 @@ def write_job(
     selected = frequency[(np.abs(frequency[:, None] - MODES[None, :]) < 4).any(axis=1)]
     _write(
         output / job / "result.json",
+        JobRecord,
         {
-            "format": "lrbc-result", "job": job, "status": status,
+            "job": job, "status": status,
             "reason": "gradient below 1e-4" if status == "converged" else "limit of iterations",
             "removed": names if truth else None, "parameters": parameters, "cost": {"initial": start, "final": end},
-            "misfit_db": {**mean, "responses": per}, "bolts": found, "iterations": 12 + removed, "evaluations": evaluations,
+            "misfit_db": {**mean, "held_out_initial": None, "held_out_final": None, "responses": per},
+            "noise": {"sigma_db": 1.3, "correlation_factor": 5.5}, "bolts": found, "iterations": 12 + removed, "evaluations": evaluations,
             "line_evaluations": evaluations * len(selected), "history": history,
             "lines": {"frequency_hz": selected.tolist(), "count": len(selected)},
             "optimiser": {
-                "method": "gauss-newton",
+                "method": "gauss-newton", "regularisation": 0.04, "regularisation_per_residual": 0.001,
                 "starts": [{"description": f"start {k}", "cost": end, "total": end, "kept": k == 0} for k in range(5 if removed else 2)],
             },
             "seconds": {"read": 0.11, "port": 0.4, "optimise": 0.05 * evaluations, "total": 0.6 + 0.05 * evaluations},
             "provenance": {
                 "versions": {"lrbc": "0.1.0", "numpy": "2.0.0"}, "inputs": {f"frf/{job}.uff": f"{removed:064x}", "model.h5": "ab" * 32},
                 "configuration": {"campaign": "soundbox-left-edge", "update": {"method": "gauss-newton", "regularisation": 0.04}},
-                "certificate": {"worst": 4e-4, "tolerance": 1e-3},
+                "certificate": {"key": "9f2c11ab", "size": 210, "worst": 4e-4, "tolerance": 1e-3},
             },
             **more,
         },
@@ -225,13 +244,13 @@ def _evidence(status: str, responses: Sequence[str], fitted: bool) -> dict:
         },
         "nuisances": {
             "sound_speed_percent": {"value": -0.21, "std": 0.03},
-            "temperature_kelvin": 291.9,
+            "temperature_kelvin": {"value": 0.9, "std": None},
             "gain_db": {name: {"value": 0.1 * k, "std": 0.05} for k, name in enumerate(responses)},
-            "hammer_offset_mm": {"x": 1.2, "y": {"value": -0.4, "std": None}},
+            "hammer_offset_mm": {"x": {"value": 1.2}, "y": {"value": -0.4, "std": None}},
         },
-        "noise": {"sigma_db": 1.3, "correlation_factor": 5.5},
         "correlation": {
             "frac_initial": 0.42, "frac_final": 0.83, "peak_shift_percent_initial": 1.3, "peak_shift_percent_final": 0.2,
+            "frac_held_out_initial": None, "frac_held_out_final": None, "fdac_diagonal_initial": 0.5, "fdac_diagonal_final": 0.9,
             "mean_spectrum": {"peaks": peaks},
             "responses": {
                 name: {"frac_initial": 0.4, "frac_final": None if k == 1 else 0.8, "peaks": peaks[k:]} for k, name in enumerate(responses)
@@ -254,23 +273,27 @@ def write_fdac(file: Path, size: int = 24) -> None:
 
 def write_calibration(output: Path, *, used: bool = True, lines: int = 200) -> None:
     rounds = [
-        {"misfit_db": 2.5 * 0.55**k + 0.8, "factors": {"stiffness.structure": 1 + 0.004 * k}, "error": 6e-4 / (k + 1)} for k in range(4)
+        {"misfit_db": 2.5 * 0.55**k + 0.8, "factors": {"stiffness.structure": 1 + 0.004 * k}, "error": 6e-4 / (k + 1), "size": 231}
+        for k in range(4)
     ]
     factors = {
         "stiffness.structure": {"value": 1.0121, "std": 0.0008, "lower95": 1.0105, "upper95": 1.0137, "initial": 1.0},
         "mass.acoustic": {"value": 0.9931, "std": 0.0004, "lower95": 0.9923, "upper95": 0.9939, "initial": 1.0},
-        "alpha.structure": {"value": 5.61, "std": 0.4, "lower95": 4.8, "upper95": 6.4, "initial": 5.1357},
-        "beta.structure": {"value": 2.9e-6, "std": 1.9e-6, "lower95": None, "upper95": 6.7e-6, "initial": 2.554e-6},
-        "beta.acoustic": {"value": 8.1e-8, "std": None, "lower95": None, "upper95": None, "initial": 5.199e-7},
+        "alpha.structure": {"value": 5.61, "std": 0.4, "lower95": 4.8, "upper95": 6.4, "initial": 1.0},
+        "beta.structure": {"value": 0.029, "std": 0.019, "lower95": None, "upper95": 0.067, "initial": 1.0},
+        "beta.acoustic": {"value": 0.081, "std": None, "lower95": None, "upper95": None, "initial": 1.0},
     }
     write_frf(output / "calibration" / "frf.csv", 0, ("mic01", "mic02"), lines, False)
     _write(
         output / "calibration.json",
+        CalibrationRecord,
         {
-            "format": "lrbc-calibration", "job": "bolts-00", "factors": factors,
-            "misfit_db": {"initial": 3.31, "final": 0.93, "held_out_initial": 3.02, "held_out_final": 1.11},
+            "job": "bolts-00", "factors": factors, "parts": {}, "status": "converged", "reason": "small steps", "boundary_held": False,
+            "misfit_db": {"initial": 3.31, "final": 0.93, "held_out_initial": 3.02, "held_out_final": 1.11, "responses": {}},
+            "noise": {"sigma_db": 1.0, "correlation_factor": 2.0}, "stages": [], "lines": {"frequency_hz": [], "count": 0},
+            "seconds_by_stage": {"total": 31.2}, "provenance": {},
             "used": used, "key": "5e1b70aa", "rounds": rounds,
-            "reduction": {"worst": 4.1e-4, "tolerance": 1e-3, "size": 231}, "seconds": 31.2, "frf": "calibration/frf.csv",
+            "reduction": {"worst": 4.1e-4, "tolerance": 1e-3, "size": 231, "held_out": []}, "seconds": 31.2, "frf": "calibration/frf.csv",
         },
     )  # fmt: skip
 
@@ -278,7 +301,8 @@ def write_calibration(output: Path, *, used: bool = True, lines: int = 200) -> N
 def write_failed_job(output: Path, job: str, reason: str) -> None:
     _write(
         output / job / "result.json",
-        {"format": "lrbc-result", "job": job, "status": "failed", "reason": reason, "provenance": {"versions": {"lrbc": "0.1.0"}}},
+        FailedJob,
+        {"job": job, "status": "failed", "reason": reason, "provenance": {"versions": {"lrbc": "0.1.0"}}},
     )
 
 
@@ -309,8 +333,9 @@ def write_campaign(
     places = [{"name": f"B{k + 1:02d}", "position": [0.09, float(BOLT_Y[k]), -0.035]} for k in range(BOLTS)] if bolts else []
     _write(
         output / "campaign.json",
+        CampaignRecord,
         {
-            "format": "lrbc-campaign", "campaign": name, "reference": jobs[0] if jobs and reference else None,
+            "campaign": name, "reference": jobs[0] if jobs and reference else None,
             "jobs": [*jobs, *failed], "bolts": places,
             "responses": [{"name": entry, "quantity": "pressure", "unit": "Pa/N", "used": entry in used} for entry in responses],
             "tool": {"name": "lrbc", "version": "0.1.0"},

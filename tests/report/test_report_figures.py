@@ -1,9 +1,10 @@
 import re
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from fake_campaign import campaign_of, reduction_of
+from fake_campaign import changed as replace
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,10 +13,11 @@ from lrbc_cli.report.chart import Chart, Curve, Marks, Panel, Span, decade_axis,
 from lrbc_cli.report.layout import lay_out
 from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.png import draw, is_current
-from lrbc_cli.report.reduction import read_reduction
-from lrbc_cli.report.results import LCurve, read_campaign, read_frf, read_job
 from lrbc_cli.report.style import STYLES, css
 from lrbc_cli.report.svg import path, svg
+from lrbc_cli.results.job import CornerRecord, LCurveRecord
+from lrbc_cli.results.store import read_job
+from lrbc_cli.results.tables import read_frf
 
 
 def points_of(data: str) -> np.ndarray:
@@ -55,7 +57,7 @@ def test_path_data_gives_the_points_back():
 
 
 def test_drawn_levels_are_those_of_the_file(finished):
-    campaign, job, frf = read_campaign(finished), read_job(finished, "bolts-04"), read_frf(finished, "bolts-04")
+    campaign, job, frf = campaign_of(finished), read_job(finished, "bolts-04"), read_frf(finished / "bolts-04" / "frf.csv")
     chart = figures.frf_chart(job, campaign.response("mic01"), frf)
     root = ElementTree.fromstring(svg(chart))
     panel = root.findall(".//g[@class='panel']")[0]
@@ -89,10 +91,10 @@ def test_profiles_share_one_scale_and_mark_the_bolts(finished):
 
 def test_each_bolt_stands_at_the_nearest_group(finished):
     job = read_job(finished, "bolts-04")
-    edge, aside = job.groups[0], np.array([0.8, 0.0, 0.0])
-    far = replace(edge, name="right_edge", positions=edge.positions + aside)
+    edge, aside = job.parameters["left_edge"], np.array([0.8, 0.0, 0.0])
+    far = replace(edge, positions=edge.positions + aside)
     moved = [replace(bolt, position=bolt.position + aside) if bolt.name == "B17" else bolt for bolt in job.bolts]
-    both = replace(job, groups=(edge, far), bolts=tuple(moved))
+    both = replace(job, parameters={"left_edge": edge, "right_edge": far}, bolts=tuple(moved))
     chart = figures.profile_chart(both, figures.profile_scales([both]))
     names = [{name for item in panel.items if isinstance(item, Marks) for name in item.names} for panel in chart.panels]
     assert names[1] == {"B17"}
@@ -104,7 +106,8 @@ def test_each_bolt_stands_at_the_nearest_group(finished):
 
 def test_a_group_without_positions_is_drawn_over_its_terms(finished):
     job = read_job(finished, "bolts-04")
-    bare = replace(job, groups=(replace(job.groups[0], positions=None, arc_length=None, reference=None),))
+    nowhere = {"positions": None, "arc_length": None, "reference_log10_effective": None}
+    bare = replace(job, parameters={"left_edge": replace(job.parameters["left_edge"], **nowhere)})
     chart = figures.profile_chart(bare, figures.profile_scales([bare]))
     assert chart.panels[0].x.label == "term"
     assert not any(isinstance(item, Marks | Span) for item in chart.panels[0].items)
@@ -135,24 +138,25 @@ def test_doubtful_lines_are_runs_of_low_coherence():
 
 def test_infinite_and_missing_values_are_drawn_without_harm(finished, tmp_path):
     job = read_job(finished, "bolts-04")
-    edge = job.groups[0]
-    values = edge.effective.copy()
+    edge = job.parameters["left_edge"]
+    values = edge.log10_effective.copy()
     values[:3] = [np.inf, -np.inf, np.nan]
-    odd = replace(job, groups=(replace(edge, effective=values, upper=np.full(31, np.inf), reference=np.full(31, np.nan)),))
+    wild = {"log10_effective": values, "upper95": np.full(31, np.inf), "reference_log10_effective": np.full(31, np.nan)}
+    odd = replace(job, parameters={"left_edge": replace(edge, **wild)})
     chart = figures.profile_chart(odd, figures.profile_scales([odd]))
     ElementTree.fromstring(svg(chart))
     assert draw(chart, tmp_path / "profile.png")
 
 
 def test_reduction_charts_stand_zero_errors(finished):
-    reduction = read_reduction(finished)
-    line = replace(reduction.held_out[0], errors={"free": 0.0, "random": 1e-5})
-    step = replace(reduction.steps[0], estimate=np.zeros_like(reduction.steps[0].estimate))
-    odd = replace(reduction, held_out=(line,), steps=(step,))
+    reduction = reduction_of(finished)
+    line = replace(reduction.certificate.held_out[0], errors={"free": 0.0, "random": 1e-5})
+    step = replace(reduction.trace[0], estimate=np.zeros_like(reduction.trace[0].estimate))
+    odd = replace(reduction, certificate=replace(reduction.certificate, held_out=(line,)), trace=(step,))
     for chart in (figures.certificate_chart(odd), figures.trace_chart(odd)):
         ElementTree.fromstring(svg(chart))
-    assert figures.certificate_chart(replace(reduction, held_out=())) is None
-    assert figures.trace_chart(replace(reduction, steps=())) is None
+    assert figures.certificate_chart(replace(reduction, certificate=replace(reduction.certificate, held_out=()))) is None
+    assert figures.trace_chart(replace(reduction, trace=())) is None
 
 
 def test_many_jobs_share_one_quiet_colour(finished):
@@ -211,7 +215,9 @@ class TestLCurve:
     def job(self, finished, corner, data=None, penalty=None):
         data = 10.0 ** np.array([3.0, 3.0, 3.01, 3.02, 3.1, 3.6, 3.9, 4.2, 4.5]) if data is None else data
         penalty = 10.0 ** np.array([3.0, 2.5, 2.0, 1.5, 1.1, 1.0, 0.9, 0.2, -1.0]) if penalty is None else penalty
-        return replace(read_job(finished, "bolts-04"), l_curve=LCurve(self.ETA, data, penalty, corner, 12.5))
+        at = None if corner is None else CornerRecord(data=corner[0], penalty=corner[1])
+        curve = LCurveRecord.model_construct(eta=self.ETA, data=data, penalty=penalty, at=at, chosen=12.5)
+        return replace(read_job(finished, "bolts-04"), l_curve=curve)
 
     def test_the_corner_is_marked(self, finished, tmp_path):
         chart = l_curve_chart(self.job(finished, (1250.0, 12.0)))

@@ -8,14 +8,13 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from fake_campaign import write_campaign, write_frf
+from fake_campaign import reduction_of, write_campaign, write_frf
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import format as fmt
 from lrbc_cli.report import page, summary_text, tables, write, write_report
 from lrbc_cli.report.html import Markup, tag
-from lrbc_cli.report.reduction import read_reduction
-from lrbc_cli.report.results import read_job
+from lrbc_cli.results.store import read_job
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "col"}
 
@@ -162,7 +161,7 @@ def test_campaigns_of_every_kind(tmp_path, options):
 def test_jobs_of_another_reduced_model_are_named(output, key):
     file = output / "bolts-04" / "result.json"
     result = json.loads(file.read_text(encoding="utf-8"))
-    result["provenance"]["certificate"] = {"key": key}
+    result["provenance"]["certificate"] = None if key is None else {"key": key, "size": 31, "worst": None}
     file.write_text(json.dumps(result), encoding="utf-8")
     write_report(output, workers=1)
     text = " ".join(parsed(output).texts)
@@ -232,7 +231,7 @@ def test_summary_is_plain_and_compact(finished, output):
 
 
 def test_costs_add_up(finished):
-    jobs, reduction = [read_job(finished, name) for name in ("bolts-00", "bolts-04", "bolts-15")], read_reduction(finished)
+    jobs, reduction = [read_job(finished, name) for name in ("bolts-00", "bolts-04", "bolts-15")], reduction_of(finished)
     whole = tables.account(jobs, reduction)
     assert whole.spent == pytest.approx(8.66 + sum(job.seconds["total"] for job in jobs))
     assert whole.full == pytest.approx(0.61 * sum(job.line_evaluations for job in jobs))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import doctest
+import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,15 +94,23 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
         assert found.verdicts == {bolt["name"]: bolt["verdict"] for bolt in written["bolts"]}
     stated = {bolt["name"]: bolt["probability_loose"] for bolt in frame_once.result("loose-2")["bolts"]}
     assert loose.probability_loose == pytest.approx(stated, abs=1e-6)
+    # Whoever works on what was found changes a copy.
+    values = np.asarray(tight.record["parameters"]["left_edge"]["log10"])
+    values -= 1.0
+    assert tight.record["parameters"]["left_edge"]["log10"][0] == pytest.approx(values[0] + 1.0)
     # Handed over as arrays: the same numbers, no file.
     measured = study.read("loose-2")
     again = study.identify("new", study.measurement(measured.frequency_hz, measured.values), reference=tight)
     assert again.verdicts == loose.verdicts
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
-    cautious = study.judge(loose, tight, confidence=1 - 1e-12)
-    assert [v.verdict for v in study.judge(loose, tight)] == list(loose.verdicts.values())
+    cautious = study.judge(loose, confidence=1 - 1e-12).bolts
+    assert [v.verdict for v in study.judge(loose).bolts] == list(loose.verdicts.values())
     assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())
+    # Tight states that scatter by half a decade move the threshold to four times that.
+    bolt = {"name": "B1", "verdict": "tight", "change": 0.5, "change_std": 0.1}
+    scattered = study.judge(loose, baselines=[replace(tight, record={"bolts": [bolt]})]).bolts
+    assert max(v.threshold for v in scattered if v.threshold is not None) == pytest.approx(-2.0)
     assert isinstance(study.plot_frf(loose, "acc1"), Figure)
     assert isinstance(study.plot_profile(loose), Figure)
 
@@ -115,7 +125,9 @@ def test_mistakes_are_told(study: Study) -> None:
     with pytest.raises(DataError, match="no measurement"):
         study.measurement(HZ, np.ones((HZ.size, 1)))
     with pytest.raises(ConfigError, match="decision rule"):
-        study.judge(None, None, prior_std=1.0)  # type: ignore[arg-type]
+        study.judge(None, prior_std=1.0)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="no such decision rule"):
+        study.judge(None, confidence=2.0)  # type: ignore[arg-type]
 
 
 def test_bare_matrices_against_a_direct_solve() -> None:
@@ -138,3 +150,27 @@ def test_bare_matrices_against_a_direct_solve() -> None:
     check_derivative(lambda p: 20 * np.log10(np.abs(chain.frf(hz, 10**p))), J, np.log10(k), np.array([1.0, -0.7]))
     with pytest.raises(ConfigError, match="no such quantity"):
         lrbc_cli.reduce(K, M, loads=unit[:, :1], outputs=unit[[9]], terms=terms, band_hz=(5.0, 250.0), quantity="force")
+    # Two loads, and terms of two kinds: the outputs say which load is theirs.
+    given = {"loads": unit[:, [0, 5]], "outputs": unit[[9, 30]], "terms": terms, "band_hz": (5.0, 250.0)}
+    two = lrbc_cli.reduce(K, M, C, **given, load_of=[0, 1], kind=["stiffness", "damping"])
+    s, c = 2j * np.pi * 83.0, np.array([3e5, 40.0])
+    Z = s**2 * M + s * C + K + (terms * (c * np.array([1.0, s]))) @ terms.T
+    np.testing.assert_allclose(two.frf([83.0], c)[0], [np.linalg.solve(Z, unit[:, i])[j] for i, j in ((0, 9), (5, 30))], rtol=2e-3)
+    for wrong in ({"load_of": None}, {"load_of": [0, 2]}, {"load_of": [0, 1], "kind": ["mass"]}):
+        with pytest.raises(ConfigError, match="kinds or loads do not fit"):
+            lrbc_cli.reduce(K, M, **given, **wrong)
+    with pytest.raises(ConfigError, match="outside its band"):
+        chain.frf([300.0], k)
+
+
+def test_notebooks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """They run from the root, and find what they put in."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("LRBC_CACHE", str(tmp_path))
+    frame = runpy.run_path("data_samples/notebooks/frame_campaign.py")
+    assert frame["loose"].verdicts == dict.fromkeys(("B1", "B2", "B5", "B6"), "tight") | dict.fromkeys(("B3", "B4"), "loose")
+    assert frame["found"].verdicts["B3"] == frame["found"].verdicts["B4"] == "loose"
+    beam = runpy.run_path("data_samples/notebooks/bare_matrices.py")
+    np.testing.assert_allclose(beam["reduced"], beam["direct"], rtol=1e-3)
+    np.testing.assert_allclose(beam["fit"].x, beam["true"], atol=0.02)
+    assert all(isinstance(script[name], Figure) for script, name in ((frame, "frf"), (frame, "profile"), (beam, "figure")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,13 @@ KINDS += [(True, name) for name in ("damping.structure", "damping.acoustic", "pa
 TIGHT = np.array([4.6, 4.4, 4.5, 4.7, 4.5, 4.6])
 
 
+@cache
+def trial(matrix, name):
+    """Model, recipe, and a measurement with this factor."""
+    model, recipe = duct_model(matrix)
+    return model, recipe, measured(model, recipe, {name: 1.1}, TIGHT, 0.01)
+
+
 @pytest.mark.parametrize(("matrix", "name"), KINDS)
 class TestOneFactor:
     def test_frfs_are_those_of_the_assembled_model(self, matrix, name):
@@ -33,8 +41,7 @@ class TestOneFactor:
 
     @pytest.mark.parametrize("kind", ["db", "log-complex", "complex", "smoothed"])
     def test_taylor(self, matrix, name, kind):
-        model, recipe = duct_model(matrix)
-        values = measured(model, recipe, {name: 1.1}, TIGHT, 0.01)
+        model, recipe, values = trial(matrix, name)
         options = None if kind == "smoothed" else ResidualOptions(kind)
         p = problem(
             affine(model, recipe),
@@ -93,7 +100,7 @@ class TestSmoothed:
 
 
 class TestRecovery:
-    @pytest.mark.parametrize(("stiffness", "mass", "damping"), [(1.05, 1.0, 2.0), (0.95, 1.0, 0.5), (1.05, 0.97, 0.5), (0.95, 1.02, 2.0)])
+    @pytest.mark.parametrize(("stiffness", "mass", "damping"), [(1.05, 0.97, 0.5), (0.95, 1.02, 2.0)])
     def test_from_afar(self, stiffness, mass, damping):
         """5 % of stiffness and a factor of 2 in the damping, springs unknown, noise of 1 %."""
         model, recipe = duct_model(matrix_damping=True)
@@ -113,7 +120,7 @@ class TestRecovery:
         model, recipe = duct_model()
         truth = {"stiffness.structure": 1.02, "beta.structure": 1.3}
         miss = []
-        for seed in range(6):
+        for seed in range(4):
             fit = fit_factors(problem(affine(model, recipe), measured(model, recipe, truth, TIGHT, 0.01, seed), tuple(truth)))
             miss += [(fit.logarithms[name] - np.log(value)) / fit.spread[name] for name, value in truth.items()]
         assert np.abs(miss).max() < 3.5

@@ -77,6 +77,7 @@ class TestRecovery:
         assert np.abs(difference(parameters, solution.theta, truth)).max() < 0.2
         assert solution.theta[-1] == pytest.approx(truth[-1], abs=0.1)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("part", [(0.6, 0.85), (0.1, 0.9)])
     @pytest.mark.parametrize("p_damp", [0.0, 1.0])
     def test_soundbox(self, part, p_damp):
@@ -89,6 +90,7 @@ class TestRecovery:
         assert np.abs(error).max() < 0.8
         assert solution.theta[-1] == pytest.approx(p_damp, abs=0.15)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("part", [(0.6, 0.85), (0.1, 0.9), (0.3, 0.5)])
     def test_bfgs_of_the_paper(self, part):
         """With the weight of the campaign file, and a stop rule that does not fire on the plateau of the clamped start."""
@@ -101,6 +103,7 @@ class TestRecovery:
         assert found[loose].mean() < found[~loose].mean() - 1.0
 
 
+@pytest.mark.slow
 class TestSoundBoxMisfit:
     """Gradients at the size of a campaign."""
 

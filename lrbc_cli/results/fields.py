@@ -1,0 +1,199 @@
+"""What records are made of: exact types, arrays whose gaps are null in the file, and one message for whatever is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from lrbc_cli.errors import NumericalError
+
+Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+
+class Record(BaseModel):
+    """Base of all records: frozen, exact types, finite numbers. Keys that this version does not know are kept as they are."""
+
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="allow", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
+    )
+
+    @classmethod
+    def checked(cls, tree: Mapping[str, Any]) -> Self:
+        """Record of what was computed.
+
+        Raises
+        ------
+        NumericalError
+            Where the values are none that may be written, for instance not finite.
+        """
+        try:
+            return cls.model_validate(plain(tree))
+        except ValidationError as error:
+            place, expected, found = first_wrong(error)
+            raise NumericalError("this result cannot be written", place=place, expected=expected, found=found) from error
+
+    def tree(self) -> dict[str, Any]:
+        """As in the file: plain values by key, null for what is not finite."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+class Document(Record):
+    """Base of the records that are files: they say what they are, and of which version."""
+
+    #: How to come by another one.
+    HINT: ClassVar[str] = "run `lrbc update` to write the results anew (`--force` for finished jobs)"
+
+    format: str
+    version: Literal[1]
+
+    @classmethod
+    def form(cls) -> str:
+        """What ``format`` has to say."""
+        return str(get_args(cls.model_fields["format"].annotation)[0])
+
+    @classmethod
+    def checked(cls, tree: Mapping[str, Any]) -> Self:
+        """See ``Record``; the file says what it is."""
+        return super().checked({"format": cls.form(), "version": 1, **tree})
+
+
+def plain(value: Any) -> Any:
+    """JSON-able copy; numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return value.as_posix()
+    return value.tree() if isinstance(value, Record) else value
+
+
+def wrong(place: str, expected: object, found: object) -> PydanticCustomError:
+    """What a value should have been; ``place`` is below the value that is validated."""
+    return PydanticCustomError("lrbc", "{expected}", {"place": place, "expected": expected, "found": found})
+
+
+_EXPECTED = {
+    "missing": "a value",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "tuple_type": "a list",
+    "dict_type": "an object",
+    "model_type": "an object",
+}
+
+
+def first_wrong(error: ValidationError) -> tuple[str, str, str]:
+    """Key path, what was expected and what was found, of the first value that is wrong."""
+    first = error.errors(include_url=False)[0]
+    context = first.get("ctx", {})
+    place = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in first["loc"])
+    if first["type"] == "lrbc":
+        return (place + context["place"]).lstrip("."), str(context["expected"]), str(context["found"])
+    found = "no such key" if first["type"] == "missing" else repr(first["input"])
+    if first["type"] == "literal_error" and isinstance(first["input"], str):
+        found = first["input"]
+    expected = _EXPECTED.get(first["type"]) or context.get("expected") or first["msg"].removeprefix("Input should be ")
+    return place.lstrip("."), str(expected).replace("'", ""), found
+
+
+def _vector(value: Any, gaps: bool, size: int | None, place: str = "") -> Floats:
+    what = f"{'' if size is None else f'{size} '}numbers"
+    if not isinstance(value, list):
+        raise wrong(place, f"a list of {what}", repr(value))
+    allowed = {int, float, type(None)} if gaps else {int, float}
+    if not set(map(type, value)) <= allowed:
+        index = next(i for i, item in enumerate(value) if type(item) not in allowed)
+        raise wrong(f"{place}[{index}]", "a number", repr(value[index]))
+    if size is not None and len(value) != size:
+        raise wrong(place, f"{size} values", f"{len(value)} values")
+    # None becomes NaN.
+    array = np.array(value, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
+def _vectors(gaps: bool = False, size: int | None = None) -> Callable[[Any], Floats]:
+    return lambda value: value if isinstance(value, np.ndarray) else _vector(value, gaps, size)
+
+
+def _rows(width: int | None, gaps: bool = False) -> Callable[[Any], Floats]:
+    """Rows of so many numbers; a square where None."""
+
+    def validate(value: Any) -> Floats:
+        if isinstance(value, np.ndarray):
+            return value
+        if not isinstance(value, list):
+            raise wrong("", "a list of rows", repr(value))
+        columns = len(value) if width is None else width
+        return np.array([_vector(row, gaps, columns, f"[{i}]") for i, row in enumerate(value)]).reshape(-1, columns)
+
+    return validate
+
+
+def _gap(value: Any) -> float:
+    if value is None:
+        return math.nan
+    if type(value) not in (int, float):
+        raise wrong("", "a number", repr(value))
+    return float(value)
+
+
+_NUMBER, _GAP = {"type": "number"}, {"type": ["number", "null"]}
+_AS_LISTS = PlainSerializer(plain)
+
+
+def _list(items: dict[str, Any], size: int | None = None) -> WithJsonSchema:
+    sized = {} if size is None else {"minItems": size, "maxItems": size}
+    return WithJsonSchema({"type": "array", "items": items, **sized})
+
+
+#: A number; NaN where the file has null.
+Gap = Annotated[float, PlainValidator(_gap), _AS_LISTS, WithJsonSchema(_GAP)]
+#: (n,) array of numbers; the same with null as NaN; a point, and the ends of a range.
+Vector = Annotated[Floats, PlainValidator(_vectors()), _AS_LISTS, _list(_NUMBER)]
+Gaps = Annotated[Floats, PlainValidator(_vectors(gaps=True)), _AS_LISTS, _list(_GAP)]
+Point = Annotated[Floats, PlainValidator(_vectors(gaps=True, size=3)), _AS_LISTS, _list(_GAP, 3)]
+Range = Annotated[Floats, PlainValidator(_vectors(gaps=True, size=2)), _AS_LISTS, _list(_GAP, 2)]
+#: (n, 3) array; (n, n) array with null as NaN.
+Points = Annotated[Floats, PlainValidator(_rows(3)), _AS_LISTS, _list({"type": "array", "items": _NUMBER, "minItems": 3, "maxItems": 3})]
+Square = Annotated[Floats, PlainValidator(_rows(None, gaps=True)), _AS_LISTS, _list({"type": "array", "items": _GAP})]
+
+#: A list in the file.
+Many = Annotated[tuple[T, ...], Field(strict=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+def _total(value: dict[str, float]) -> dict[str, float]:
+    if "total" not in value:
+        raise wrong(".total", "a value", "no such key")
+    return value
+
+
+#: Seconds by stage, and in all.
+Seconds = Annotated[dict[str, float], AfterValidator(_total), Field(json_schema_extra={"required": ["total"]})]
+
+
+def same_length(record: Record, first: str, *others: str) -> None:
+    """Refuse lists that belong together and differ in length."""
+    size = len(getattr(record, first))
+    for name in others:
+        found = getattr(record, name)
+        if found is not None and len(found) != size:
+            raise wrong(f".{name}", f"{size} values", f"{len(found)} values")

@@ -1,0 +1,407 @@
+"""``NAME/result.json``: what was identified and judged from one measurement, or why nothing was."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from lrbc_cli.results.fields import (
+    Document,
+    Gap,
+    Gaps,
+    Many,
+    Point,
+    Points,
+    Range,
+    Record,
+    Seconds,
+    Share,
+    Square,
+    Vector,
+    same_length,
+    wrong,
+)
+from lrbc_cli.updating.clearance import BoltFinding, JobFinding
+
+Verdict = Literal["tight", "loose", "undecided", "outside"]
+STATUSES = ("converged", "stopped", "unexplained", "failed")
+
+
+class SaturationRecord(Record):
+    """Values [log10] beyond which the FRFs tell no more, and the start between them."""
+
+    free: float
+    start: float
+    clamped: float
+
+
+class Parameter(Record):
+    """The identified values of one parameter group.
+
+    ``log10_effective`` are those of the smoothed terms; ``lower95`` and ``upper95`` are limits of these, null where the interval is open to
+    that side; ``reference_log10_effective`` is the tight state. Places are in metres.
+    """
+
+    kind: str
+    unit: str = ""
+    log10: Vector
+    log10_effective: Gaps
+    log10_per_metre: Gaps | None = None
+    std: Gaps | None = None
+    lower95: Gaps | None = None
+    upper95: Gaps | None = None
+    initial: Gaps
+    initial_effective: Gaps
+    reference_log10_effective: Gaps | None = None
+    bounds: Range | None = None
+    positions: Points | None = None
+    arc_length: Vector | None = None
+    saturation: SaturationRecord | None = None
+    damping_exponent: float | None = None
+    damping_exponent_std: float | None = None
+    damping_factor: float | None = None
+    damping_beta: float | None = None
+    damping_bounds: Range | None = None
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        names = ("log10_effective", "log10_per_metre", "std", "lower95", "upper95", "initial", "initial_effective")
+        same_length(self, "log10", *names, "reference_log10_effective", "positions", "arc_length")
+        for own, other in (("damping_exponent", "damping_factor"), ("damping_factor", "damping_exponent")):
+            if getattr(self, own) is None and (own in self.model_fields_set or getattr(self, other) is not None):
+                raise wrong(f".{own}", "a number", "none")
+        return self
+
+
+class Change(Record):
+    """A figure before and after updating."""
+
+    initial: Gap
+    final: Gap
+
+
+class ResponseMisfit(Change):
+    """Mean absolute misfit of one response [dB]; ``used`` tells whether the updating sees it."""
+
+    used: bool
+
+
+class MisfitRecord(Record):
+    """Mean absolute misfit over all lines of the band [dB]: of the responses used, of the validation channels, of each response."""
+
+    initial: Gap
+    final: float
+    held_out_initial: Gap
+    held_out_final: Gap
+    responses: dict[str, ResponseMisfit]
+
+
+class Bolt(Record):
+    """What was found at one bolt; ``removed`` is what is known about it, null where nothing is.
+
+    ``change``, its ``change_std`` and the ``threshold`` at which a bolt counts as loose are in decades. A bolt outside, which no term
+    reaches, has none of these numbers.
+    """
+
+    name: str
+    position: Point
+    log10_stiffness: float | None = None
+    change: float | None = None
+    change_std: float | None = None
+    threshold: float | None = None
+    probability_loose: Share | None = None
+    probability_changed: Share | None = None
+    verdict: Verdict
+    removed: bool | None = None
+    note: str | None = None
+
+    @property
+    def outside(self) -> bool:
+        """Whether no term reaches it, so that the FRFs say nothing of it."""
+        return self.verdict == "outside"
+
+
+class TakenAsTight(Record):
+    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same."""
+
+    role: Literal["reference", "baseline"] = Field(alias="as")
+    doubtful: Many[str]
+
+
+class ValidityRecord(Record):
+    """Whether the model explains the measurement.
+
+    ``passed`` is null where there are no validation channels and nothing speaks against the model; ``held_out_db`` is the misfit of the
+    validation channels, ``limit_db`` the most that it may be [dB].
+    """
+
+    passed: bool | None
+    compared: str | None = None
+    misfit_db: float | None = None
+    held_out_db: float | None = None
+    limit_db: float | None = None
+    reason: str = ""
+
+
+class NoiseRecord(Record):
+    """What the confidence rests on: scatter of the residuals [dB], and how many lines are worth one."""
+
+    sigma_db: float
+    correlation_factor: float
+
+
+class Prior(Record):
+    """The prior of the verdicts: about which state, of what, how wide [decades], of which shape."""
+
+    of: str
+    unknowns: str
+    std: float | None
+    shape: str
+    comparison: str
+    scatter: float
+
+
+class Estimate(Record):
+    """A value with its standard deviation."""
+
+    value: float
+    std: float | None = None
+
+
+class Nuisances(Record):
+    """Nuisance parameters, by response, or by excitation and direction."""
+
+    gain_db: dict[str, Estimate] = Field(default_factory=dict)
+    hammer_offset_mm: dict[str, Estimate] = Field(default_factory=dict)
+    sound_speed_percent: Estimate | None = None
+    temperature_kelvin: Estimate | None = None
+
+
+class EvaluationRecord(Record):
+    """One entry of the optimiser's history."""
+
+    evaluation: int
+    cost: Gap
+    misfit_db: Gap
+    accepted: bool = True
+
+
+class Lines(Record):
+    """The frequency lines used."""
+
+    frequency_hz: Vector
+    count: int
+
+
+class StartRecord(Record):
+    """A start of the optimiser and its end."""
+
+    description: str
+    cost: Gap
+    total: Gap
+    kept: bool
+
+
+class Optimiser(Record):
+    """How the cost was minimised."""
+
+    method: str
+    regularisation: Gap
+    regularisation_per_residual: Gap
+    starts: Many[StartRecord] = ()
+
+
+class CornerRecord(Record):
+    """Corner of an L-curve."""
+
+    data: float
+    penalty: float
+
+
+class LCurveRecord(Record):
+    """Sums of squares of data and departures for each weight tried; ``at`` is the corner between them, null where there is none."""
+
+    eta: Vector
+    data: Gaps
+    penalty: Gaps
+    corner: int | None = None
+    at: CornerRecord | None = None
+    chosen: float
+    evaluations: int | None = None
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        same_length(self, "eta", "data", "penalty")
+        return self
+
+
+class Peak(Record):
+    """A measured peak and the same resonance of the model before and after [Hz]; null where the model has none."""
+
+    measured_hz: Gap
+    initial_hz: Gap
+    final_hz: Gap
+
+
+class Spectrum(Record):
+    """The peaks of a spectrum."""
+
+    peaks: Many[Peak]
+
+
+class ResponseCorrelation(Spectrum):
+    """FRAC before and after of one response, and its peaks."""
+
+    frac_initial: Gap
+    frac_final: Gap
+
+
+class CorrelationRecord(Record):
+    """How well the FRFs agree before and after; means are over the responses used, shifts over peaks matched both times [%]."""
+
+    frac_initial: Gap
+    frac_final: Gap
+    frac_held_out_initial: Gap
+    frac_held_out_final: Gap
+    fdac_diagonal_initial: Gap
+    fdac_diagonal_final: Gap
+    peak_shift_percent_initial: Gap
+    peak_shift_percent_final: Gap
+    mean_spectrum: Spectrum
+    responses: dict[str, ResponseCorrelation]
+
+
+class CalibrationInUse(Record):
+    """The calibration in the model, by its key."""
+
+    key: str
+    factors: dict[str, float]
+
+
+class Certificate(Record):
+    """The reduced model that a result rests on, and its measured error."""
+
+    key: str
+    size: int
+    tolerance: float | None = None
+    worst: Gap
+    reached: bool | None = None
+
+
+class RestsOn(Record):
+    """Digests of the tight states behind the verdicts: null, or left out, where a job had no result."""
+
+    reference: str | None = None
+    baselines: dict[str, str]
+
+
+class Identity(Record):
+    """Digest of what something rests on, and those of its parts by name."""
+
+    identity: str
+    parts: dict[str, str]
+
+
+class Provenance(Record):
+    """What a result rests on; ``files`` holds the SHA-256 of each file that was written with it."""
+
+    identity: str | None = None
+    parts: dict[str, str] | None = None
+    versions: dict[str, str] = Field(default_factory=dict)
+    inputs: dict[str, str] = Field(default_factory=dict)
+    configuration: dict[str, Any] = Field(default_factory=dict)
+    calibration: CalibrationInUse | None = None
+    certificate: Certificate | None = None
+    rests_on: RestsOn | None = None
+    files: dict[str, str] | None = None
+    judgement: Identity | None = None
+
+
+class _Job(Document):
+    format: Literal["lrbc-result"]
+    job: str
+
+
+class FailedJob(_Job):
+    """A job without a result, and why."""
+
+    status: Literal["failed"]
+    reason: str
+    provenance: Provenance
+
+    @property
+    def finding(self) -> JobFinding:
+        """What it says of the bolts."""
+        return JobFinding("failed")
+
+
+class JobRecord(_Job):
+    """A job with its result. ``status`` unexplained: the model does not explain the measurement, so there are no verdicts."""
+
+    status: Literal["converged", "stopped", "unexplained"]
+    reason: str
+    removed: Many[str] | None = None
+    parameters: dict[str, Parameter]
+    covariance: Square | None = None
+    cost: Change
+    misfit_db: MisfitRecord
+    bolts: Many[Bolt]
+    taken_as_tight: TakenAsTight | None = None
+    validity: ValidityRecord | None = None
+    noise: NoiseRecord
+    prior: Prior | None = None
+    nuisances: Nuisances = Nuisances()
+    method: dict[str, Any] | None = None
+    decision_rule: dict[str, float] | None = None
+    iterations: int
+    evaluations: int
+    line_evaluations: int
+    history: Many[EvaluationRecord] = ()
+    lines: Lines
+    optimiser: Optimiser
+    l_curve: LCurveRecord | None = None
+    seconds: Seconds
+    warnings: Many[str] = ()
+    notes: Many[str] = ()
+    provenance: Provenance
+    correlation: CorrelationRecord | None = None
+
+    @property
+    def explained(self) -> bool:
+        """Whether the model explains the measurement, so that there are verdicts."""
+        return self.status != "unexplained"
+
+    @property
+    def validated(self) -> bool:
+        """Whether nothing says that the verdicts lack a validation."""
+        return not self.explained or self.validity is None or self.validity.passed is not None
+
+    @property
+    def observable(self) -> list[Bolt]:
+        """The bolts that a term reaches."""
+        return [bolt for bolt in self.bolts if not bolt.outside]
+
+    @property
+    def damped(self) -> dict[str, Parameter]:
+        """The groups with an identified damping exponent."""
+        return {name: group for name, group in self.parameters.items() if group.damping_exponent is not None}
+
+    def names(self, verdict: Verdict) -> list[str]:
+        """Names of the bolts with this verdict."""
+        return [bolt.name for bolt in self.bolts if bolt.verdict == verdict]
+
+    @property
+    def finding(self) -> JobFinding:
+        """What it says of the bolts."""
+        tight = self.taken_as_tight
+        return JobFinding(
+            status=self.status,
+            bolts=tuple(BoltFinding(bolt.name, bolt.verdict, bolt.probability_loose) for bolt in self.bolts),
+            validated=self.validity is not None and self.validity.passed is True,
+            assumed=None if tight is None else tight.role,
+            doubtful=() if tight is None else tight.doubtful,
+        )
+
+
+Job = JobRecord | FailedJob

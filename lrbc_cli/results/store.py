@@ -1,0 +1,170 @@
+"""Result files read and written: JSON documents whole or not at all, CSV tables, and the JSON Schema of the documents."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+from pydantic.json_schema import models_json_schema
+
+from lrbc_cli import __version__
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.json_text import parse_json, read_json_text
+from lrbc_cli.results.evidence import EvidenceRecord
+from lrbc_cli.results.fields import Document, first_wrong, plain
+from lrbc_cli.results.job import FailedJob, Job, JobRecord
+from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
+from lrbc_cli.results.plan import PlanRecord
+
+R = TypeVar("R", bound=Document)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the tool and of what it computes with."""
+    out = {"lrbc": __version__, "python": platform.python_version()}
+    for package in ("numpy", "scipy", "h5py", "pymetis", "mkl"):
+        try:
+            out[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return out
+
+
+def write(path: Path, record: Document) -> str:
+    """Write a record atomically.
+
+    Returns
+    -------
+    str
+        SHA-256 of its bytes.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    return write_json(path, record.tree())
+
+
+def write_json(path: Path, tree: Mapping[str, Any]) -> str:
+    """Write one JSON document atomically, as ``write``; numbers that are not finite become null."""
+    return write_bytes(path, (json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def write_bytes(path: Path, content: bytes) -> str:
+    """Write a file atomically; the SHA-256 of what was written, as another process may replace the file at once.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    try:
+        with atomic_write(path, "wb") as file:
+            file.write(content)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    return hashlib.sha256(content).hexdigest()
+
+
+def unwritable(path: Path, error: OSError) -> ConfigError:
+    """The output folder cannot be written."""
+    return ConfigError(f"the results cannot be written ({error.strerror or error})", file=path, hint="choose another folder in `output`")
+
+
+def read(path: Path, kind: type[R]) -> R | None:
+    """Read a document; None where it is missing.
+
+    Raises
+    ------
+    DataError
+        Where it is damaged, of another version, or something else; names the key path.
+    ConfigError
+        Where the output folder cannot be read at all.
+    """
+    tree = _tree(path, kind)
+    return None if tree is None else _record(path, kind, tree)
+
+
+def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
+    """Read the result of a job; None where it is missing.
+
+    Raises
+    ------
+    DataError, ConfigError
+        As ``read``; also where it is the result of another job.
+    """
+    path = output / name / file
+    tree = _tree(path, JobRecord)
+    if tree is None:
+        return None
+    job: Job = _record(path, FailedJob, tree) if tree.get("status") == "failed" else _record(path, JobRecord, tree)
+    if job.job != name:
+        raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
+    return job
+
+
+def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
+    try:
+        return kind.model_validate(tree)
+    except ValidationError as error:
+        place, expected, found = first_wrong(error)
+        found = found if len(found) < 80 else found[:77] + "..."
+        raise DataError("this result file is damaged", file=path, place=place, expected=expected, found=found, hint=kind.HINT) from error
+
+
+def _tree(path: Path, kind: type[Document]) -> dict[str, Any] | None:
+    """A document that says that it is what is expected."""
+    expected, hint = kind.form(), kind.HINT
+    try:
+        if not path.is_file():
+            return None
+        tree = parse_json(read_json_text(path))
+    except OSError as error:
+        problem = f"the results cannot be read ({error.strerror or error})"
+        raise ConfigError(problem, file=path, hint="choose another folder in `output`") from error
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise DataError("this result file is damaged: it is not JSON", file=path, place=place, found=error.msg, hint=hint) from error
+    except UnicodeDecodeError as error:
+        raise DataError("this result file is damaged: it is not UTF-8 text", file=path, place=f"byte {error.start}", hint=hint) from error
+    except ValueError as error:
+        raise DataError(f"this result file is damaged: {str(error)[:100]}", file=path, hint=hint) from error
+    if not isinstance(tree, dict) or tree.get("format") != expected:
+        found = tree.get("format", "no such key") if isinstance(tree, dict) else "no object"
+        raise DataError("this is not a result file of this tool", file=path, place="format", expected=expected, found=found, hint=hint)
+    if type(tree.get("version")) is not int or tree["version"] != 1:
+        problem = "this result file is of another version"
+        raise DataError(problem, file=path, place="version", expected=1, found=tree.get("version", "none"), hint=hint)
+    return tree
+
+
+#: The documents under the output folder.
+FILES: dict[str, tuple[type[Document], ...]] = {
+    "campaign.json": (CampaignRecord,),
+    "reduction.json": (ReductionRecord,),
+    "calibration.json": (CalibrationRecord,),
+    "plan.json": (PlanRecord,),
+    "result.json": (JobRecord, FailedJob),
+    "evidence.json": (EvidenceRecord,),
+}
+
+
+def results_schema() -> dict[str, Any]:
+    """JSON Schema of the result files: any of them fits the whole, and ``$defs`` has an entry by the name of each."""
+    kinds = [kind for several in FILES.values() for kind in several]
+    refs, below = models_json_schema([(kind, "validation") for kind in kinds])
+    files = {name: {"oneOf": [refs[kind, "validation"] for kind in several]} for name, several in FILES.items()}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "lrbc result files",
+        "oneOf": [{"$ref": f"#/$defs/{name}"} for name in files],
+        "$defs": files | below["$defs"],
+    }

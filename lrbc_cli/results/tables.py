@@ -1,0 +1,179 @@
+"""Tables beside the documents: CSV files of numbers, written whole or not at all, and what is read of them again."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.results.fields import Document, Floats
+from lrbc_cli.results.store import write_bytes
+
+HINT = Document.HINT
+FRF_COLUMNS = (*(f"{state}_{part}" for state in ("measured", "initial", "updated") for part in ("db", "phase_deg")), "coherence")
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Write a table atomically; NaN and None become empty cells.
+
+    Returns
+    -------
+    str
+        SHA-256 of its bytes.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+
+    def cell(value: Any) -> Any:
+        if value is None or (isinstance(value, float | np.floating) and not math.isfinite(value)):
+            return ""
+        return f"{value:.9g}" if isinstance(value, float | np.floating) else value
+
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([cell(value) for value in row] for row in rows)
+    return write_bytes(path, text.getvalue().encode("utf-8"))
+
+
+@dataclass(frozen=True)
+class Frf:
+    """The FRFs of one job: magnitudes in dB, phases in degrees, NaN where absent.
+
+    Attributes
+    ----------
+    frequency_hz : (F,) float array
+    responses : mapping of response name to mapping of column to (F,) float array
+        Columns ``measured_db``, ``measured_phase_deg``, ``initial_db``, ..., ``coherence``.
+    """
+
+    frequency_hz: Floats
+    responses: Mapping[str, Mapping[str, Floats]]
+
+
+@dataclass(frozen=True)
+class Fdac:
+    """FDAC maps before and after: (g, g), rows are measured lines, columns lines of the model; NaN where unknown."""
+
+    frequency_hz: Floats
+    initial: Floats
+    updated: Floats
+
+
+def read_frf(file: Path) -> Frf:
+    """Read a table of measured, initial and updated FRFs.
+
+    Raises
+    ------
+    DataError
+        Where it is missing or damaged.
+    """
+    table = _read(file)
+    frequency = table.pop("frequency_hz", None)
+    if frequency is None or not len(frequency):
+        raise _damaged(file, expected="a column frequency_hz with at least one line")
+    responses: dict[str, dict[str, Floats]] = {}
+    for column, values in table.items():
+        for suffix in FRF_COLUMNS:
+            if column.endswith("_" + suffix):
+                responses.setdefault(column[: -len(suffix) - 1], {})[suffix] = values
+                break
+    return Frf(frequency, responses)
+
+
+def read_fdac(file: Path) -> Fdac | None:
+    """Read ``fdac.csv``; None where there is none or nothing in it.
+
+    Raises
+    ------
+    DataError
+        Where it is damaged.
+    """
+    if not file.exists():
+        return None
+    table = _read(file)
+    columns = ("measured_hz", "model_hz", "initial", "updated")
+    measured, model, initial, updated = (table.get(name, np.empty(0)) for name in columns)
+    frequency = np.unique(measured)
+    size = len(frequency)
+    whole = set(columns) <= set(table) and len(measured) == size**2
+    if not whole or not np.array_equal(measured, np.repeat(frequency, size)) or not np.array_equal(model, np.tile(frequency, size)):
+        found = f"{len(measured)} rows of {', '.join(table)}"[:100]
+        raise _damaged(file, expected=f"columns {', '.join(columns)} with every pair of lines", found=found)
+    if size < 2 or not np.isfinite(initial).any():
+        return None
+    return Fdac(frequency, initial.reshape(size, size), updated.reshape(size, size))
+
+
+def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
+    """Refuse tables that are not those which were written with the result beside them: two runs would be shown as one.
+
+    Parameters
+    ----------
+    folder
+        Of the job.
+    hashes
+        SHA-256 by file name, as the result has them.
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, or another.
+    """
+    hint = "two runs are mixed, or the file was changed: run `lrbc update`, which identifies this job again"
+    for name, digest in hashes.items():
+        file = folder / name
+        if Path(name).name != name or name in ("", ".", ".."):
+            raise DataError("this result file is damaged", file=folder / "result.json", place="provenance.files", found=name, hint=HINT)
+        try:
+            found = hashlib.sha256(file.read_bytes()).hexdigest()
+        except FileNotFoundError:
+            raise DataError("this result file is missing", file=file, hint=HINT) from None
+        except OSError as error:
+            raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+        if found != digest:
+            problem = "this file was not written with the result.json beside it"
+            raise DataError(problem, file=file, expected=f"SHA-256 {digest}", found=f"SHA-256 {found}", hint=hint)
+
+
+def _read(file: Path) -> dict[str, Floats]:
+    """Columns of a file of numbers with a header line; empty cells become NaN."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise DataError("this result file is missing", file=file, hint=HINT) from None
+    except UnicodeDecodeError as error:
+        raise _damaged(file, f"byte {error.start}", "UTF-8 text") from None
+    except OSError as error:
+        raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    if len(set(header)) != len(header) or not all(header):
+        raise _damaged(file, "line 1", "distinct column names")
+    rows = []
+    for count, line in enumerate(lines[1:], start=2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(header):
+            raise _damaged(file, f"line {count}", f"{len(header)} cells", len(cells))
+        try:
+            rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
+        except ValueError as error:
+            raise _damaged(file, f"line {count}", "numbers", str(error)[:80]) from None
+    values = np.array(rows, dtype=float).reshape(len(rows), len(header))
+    return {name: np.ascontiguousarray(values[:, column]) for column, name in enumerate(header)}
+
+
+def _damaged(file: Path, place: str | None = None, expected: object = None, found: object = None) -> DataError:
+    return DataError("this result file is damaged", file=file, place=place, expected=expected, found=found, hint=HINT)
