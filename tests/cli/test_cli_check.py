@@ -86,7 +86,7 @@ def test_the_plan_for_programs(frame: Folder) -> None:
     assert tree["cache"]["hit"] is True
     # Nothing is to be built.
     assert tree["reduction"] is None
-    assert tree["jobs"] == {job: {"run": False, "reason": "nothing changed"} for job in ("tight", "loose-2", "loose-all")}
+    assert tree["jobs"] == {job: {"run": False, "judge": False, "reason": "nothing changed"} for job in ("tight", "loose-2", "loose-all")}
     assert tree["errors"] == {}
     assert tree["warnings"] == []
     assert "model" in tree["text"]
