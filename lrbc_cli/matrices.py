@@ -36,7 +36,7 @@ class TermModel:
 
     model: FeModel
     reduction: Reduction
-    _tables: dict[bytes, PortFrf] = field(default_factory=dict, repr=False)
+    _tables: dict[bytes, PortFrf] = field(default_factory=dict, repr=False, init=False)
 
     def frf(self, hz: ArrayLike, values: ArrayLike) -> Complexes:
         """(F, R) FRFs.

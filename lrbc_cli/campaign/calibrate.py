@@ -128,7 +128,7 @@ def run_calibration(
         Where the optimisation fails; an earlier calibration stays.
     """
     settings = require_calibration(inputs)
-    stored, _ = fitting(inputs)
+    stored = fitting(inputs).record
     output = inputs.campaign.output
     if stored is not None and not force and (output / "calibration" / "frf.csv").is_file():
         return stored, True

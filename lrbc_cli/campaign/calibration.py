@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.factors import CalibrationUse
@@ -80,25 +80,43 @@ def key_of(parts: Mapping[str, str]) -> str:
     return cache.digest(sorted(parts.items()))[:32]
 
 
-def fitting(inputs: Inputs) -> tuple[CalibrationRecord | None, str]:
-    """The stored calibration where it fits these inputs (as exported), or why there is none that does."""
+@dataclass(frozen=True)
+class Fitting:
+    """A stored calibration that fits, or why there is none.
+
+    Attributes
+    ----------
+    record : CalibrationRecord or None
+    reason : str
+        In words, for a person.
+    stored : bool
+        Whether there is one at all.
+    """
+
+    record: CalibrationRecord | None
+    reason: str
+    stored: bool = True
+
+
+def fitting(inputs: Inputs) -> Fitting:
+    """The stored calibration where it fits these inputs (as exported)."""
     try:
         stored = read(inputs.campaign.output / FILE, CalibrationRecord)
     except DataError as error:
-        return None, f"unusable ({': '.join(part for part in (error.problem, error.place) if part)})"
+        return Fitting(None, f"unusable ({': '.join(part for part in (error.problem, error.place) if part)})")
     if stored is None:
-        return None, "none yet"
+        return Fitting(None, "none yet", stored=False)
     try:
         parts = key_parts(inputs)
     except DataError as error:
-        return None, f"not comparable ({error.problem})"
+        return Fitting(None, f"not comparable ({error.problem})")
     if stored.key != key_of(parts):
         changed = [words for name, words in PARTS.items() if stored.parts.get(name) != parts[name]]
-        return None, f"changed since: {'; '.join(changed) or 'its file'}"
+        return Fitting(None, f"changed since: {'; '.join(changed) or 'its file'}")
     unknown = [name for name in stored.factors if name not in inputs.recipe.names]
     if unknown:
-        return None, f"unusable (unknown factor {unknown[0]})"
-    return stored, "nothing changed"
+        return Fitting(None, f"unusable (unknown factor {unknown[0]})")
+    return Fitting(stored, "nothing changed")
 
 
 def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
@@ -130,10 +148,11 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
         return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
     if not calibration:
         return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
-    stored, reason = fitting(inputs)
+    found = fitting(inputs)
+    stored = found.record
     if stored is None:
-        text = "none yet; `lrbc calibrate` identifies it" if reason == "none yet" else f"ignored: {reason}; run `lrbc calibrate`"
-        return replace(inputs, calibration=CalibrationUse(False, text, stale=reason != "none yet"))
+        text = f"ignored: {found.reason}; run `lrbc calibrate`" if found.stored else "none yet; `lrbc calibrate` identifies it"
+        return replace(inputs, calibration=CalibrationUse(False, text, stale=found.stored))
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"

@@ -180,9 +180,9 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
-        lines.append(f"{name}: {measurement.notes[0]}, {chosen}, {records} of {len(inputs.responses)} responses matched")
+        lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
-        lines += [f"  {note}" for note in (*_packed(measurement.notes[1:]), *(measurement.records if detailed else ()))]
+        lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
     except OSError:

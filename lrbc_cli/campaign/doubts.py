@@ -66,40 +66,41 @@ def _factors(inputs: Inputs, responses: Sequence[int], factor: float) -> str:
     return "{" + ", ".join(f"{inputs.responses[i].name}: {factor:.6g}" for i in responses) + "}"
 
 
-def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> str:
-    """One factor: size, likely cause, key."""
+def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[str, str]:
+    """One factor: what was found, and the likely cause with the key that allows for it."""
     offset, names = common.offset, _names(inputs, common.responses, count)
     b, quantity = offset.power, inputs.responses[offset.response].quantity
     frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
     size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
     text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB), {offset.before:.1f} dB of misfit, "
-    text += f"{offset.after:.1f} dB without it; "
+    text += f"{offset.after:.1f} dB without it"
     # Parts of the band that differ by more are seldom one factor.
     likely = "likely" if offset.half <= MOST_REACH else "perhaps"
     causes = [known.cause for known in offset.known if known.cause]
     unit = next((known.unit for known in offset.known if known.unit), None)
     other = moved(quantity, b)
     if b and other is not None:
-        text += f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
-        return text + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
+        return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
-        return text + f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
+        return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
     if not causes:
-        return text + f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
+        return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in offset.known if known.cause)
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-known.db / 20.0))}"
-    text += f"{likely} {' or '.join(causes)}: "
-    if "model" in causes[0]:
-        return text + ", ".join(f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
-    return text + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+    cause = f"{likely} {' or '.join(causes)}: "
+    if known.of_model:
+        scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
+        return text, cause + ", ".join(scales)
+    return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
 def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[str]:
     """What the factors and the phases say, a line each; nothing where all is well."""
     found = [
-        f"not in the model's units, it seems: {_factor_text(inputs, common, len(offsets), job)}"
+        "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
         for common in grouped(offsets, _quantities(inputs))
     ]
     silent = inputs.campaign.update.residual == "db"
@@ -229,8 +230,8 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
         file=inputs.campaign.jobs[job].frf,
         place=f"job {job}",
         expected="FRFs that differ from the model's by its errors, not by one factor at all lines",
-        found="; ".join(texts).rpartition("; likely")[0],
-        hint="; ".join("likely" + text.rpartition("; likely")[2] for text in texts),
+        found="; ".join(found for found, _ in texts),
+        hint="; ".join(remedy for _, remedy in texts),
     )
 
 

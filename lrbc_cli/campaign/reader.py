@@ -56,8 +56,9 @@ class ModelReader:
         """Note warnings, each once: files are read as often as they are named."""
         self.warnings += [warning for warning in warnings if warning not in self.warnings]
 
-    def matrix(self, ref: OperatorRef, what: str, n: int | None = None) -> sp.csc_array:
-        """A square matrix, of order n where that is known already."""
+    def matrix(self, ref: OperatorRef, operator: str, n: int | None = None, group: str | None = None) -> sp.csc_array:
+        """A square matrix, of order n where that is known already; the share of a further group where named."""
+        what = operator if group is None else f"{operator} of group {group}"
         found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
         self.hash(ref.path)
         matrix = found.matrix
@@ -74,7 +75,7 @@ class ModelReader:
                 hint="export all matrices of one model in one run",
             )
         known = self.dofs is not None and self.dofs.size == matrix.shape[0]
-        matrix, note = whole(matrix, ref, what, self.dofs.is_acoustic if known and self.dofs else None)
+        matrix, note = whole(matrix, ref, operator, self.dofs.is_acoustic if known and self.dofs else None, what)
         self.notes += [note] if note else []
         self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
         return matrix

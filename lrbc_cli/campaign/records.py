@@ -46,6 +46,8 @@ class Measurement:
         without repeats.
     files : int
         Measurements of which ``values`` is the mean.
+    left_out : (int, int)
+        Lines below and above the band.
     """
 
     frequency_hz: Floats = field(repr=False)
@@ -57,6 +59,14 @@ class Measurement:
     hashes: dict[str, str]
     sigma_db: Floats | None = field(default=None, repr=False)
     files: int = 1
+    left_out: tuple[int, int] = (0, 0)
+
+    @property
+    def lines(self) -> str:
+        """Its lines in words."""
+        axis, (low, high) = self.frequency_hz, self.left_out
+        outside = f" ({low} below and {high} above the band left out)" if low or high else ""
+        return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz{outside}"
 
 
 class GivenJob(JobConfig):
@@ -206,6 +216,7 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
         {path: digest for part in parts for path, digest in part.hashes.items()},
         sigma,
         len(parts),
+        parts[0].left_out,
     )
 
 
@@ -275,13 +286,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values"
             )
     warnings += _gaps(axis, values, job, inputs)
-    notes.insert(
-        0,
-        f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz"
-        + (f" ({low} below and {high} above the band left out)" if low or high else ""),
-    )
     mapping = (f"{r.name}: {_describe(record)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
-    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), tuple(mapping), hashes)
+    return Measurement(axis, values, coherence, tuple(notes), tuple(warnings), tuple(mapping), hashes, left_out=(low, high))
 
 
 def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:

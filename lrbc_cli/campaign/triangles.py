@@ -15,7 +15,9 @@ from lrbc_cli.model.coupling import asymmetry
 ROUNDING = 1e-6
 
 
-def whole(matrix: sp.csc_array, ref: OperatorRef, what: str, acoustic: NDArray[np.bool_] | None) -> tuple[sp.csc_array, str | None]:
+def whole(
+    matrix: sp.csc_array, ref: OperatorRef, operator: str, acoustic: NDArray[np.bool_] | None, what: str | None = None
+) -> tuple[sp.csc_array, str | None]:
     """The whole matrix, and what was done to it in words.
 
     Parameters
@@ -24,16 +26,19 @@ def whole(matrix: sp.csc_array, ref: OperatorRef, what: str, acoustic: NDArray[n
         As stored.
     ref : OperatorRef
         Its ``symmetric`` says what one triangle means.
-    what : str
-        Name of the operator.
+    operator : str
+        ``stiffness``, ``damping`` or ``mass``.
     acoustic : (n,) bool array or None
         Pressures; coupling blocks may lie in one triangle.
+    what : str or None
+        What messages call it; the operator where None.
 
     Raises
     ------
     DataError
         Where one triangle is stored and the campaign does not say what that means, or what it says cannot be.
     """
+    what = what or operator
     triangle = stored_triangle(matrix, acoustic)
     if ref.symmetric is None and triangle:
         raise DataError(
@@ -47,7 +52,7 @@ def whole(matrix: sp.csc_array, ref: OperatorRef, what: str, acoustic: NDArray[n
         )
     if not ref.symmetric:
         return matrix, f"{what}: one triangle, as it stands (symmetric: false)" if triangle else None
-    if acoustic is not None and acoustic.any() and not acoustic.all() and not what.startswith("damping"):
+    if acoustic is not None and acoustic.any() and not acoustic.all() and operator != "damping":
         column = np.repeat(acoustic, np.diff(matrix.indptr))
         if np.any(acoustic[matrix.indices] != column):
             raise DataError(

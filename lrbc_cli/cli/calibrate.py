@@ -28,14 +28,15 @@ def calibrate(
     settings = require_calibration(inputs)
     folder = cache_folder(cache)
     if dry_run:
-        stored, reason = fitting(inputs)
+        found = fitting(inputs)
         decision = look_up(folder, key_parts(inputs))
-        runs = force or stored is None
+        reason = "--force" if force and found.record else found.reason
+        runs = force or found.record is None
         if as_json:
             say_json(
                 {
                     "run": runs,
-                    "reason": "--force" if force and stored else reason,
+                    "reason": reason,
                     "job": settings.job,
                     "factors": list(settings.names),
                     "boundary": settings.boundary,
@@ -43,7 +44,7 @@ def calibrate(
                 }
             )
         else:
-            click.echo(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({'--force' if force and stored else reason})")
+            click.echo(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({reason})")
             click.echo(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
             click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         return

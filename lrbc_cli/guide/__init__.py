@@ -17,6 +17,7 @@ TOPICS: dict[str, str] = {
     "verdicts": "reading a verdict; exit codes for scripts",
     "method": "the method: low-rank terms, interface FRFs, reduction, updating",
     "statistics": "the statistical model: residuals, covariance, priors, decision",
+    "api": "the interface for Python, from its docstrings",
     "troubleshooting": "messages and their causes",
 }
 
@@ -35,6 +36,10 @@ def page(topic: str) -> str:
         from lrbc_cli.config.schema import campaign_schema
 
         return campaign_page(campaign_schema())
+    if topic == "api":
+        from lrbc_cli.guide.api import api_page
+
+        return api_page()
     return resources.files(__package__).joinpath(f"{topic}.md").read_text(encoding="utf-8")
 
 

@@ -45,10 +45,9 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
         "They absorb errors of the model as well, so they need not be the true values of the materials."
     )
     charts = calibration_charts(calibration, frf, campaign)
-    used = [chart for chart in charts if chart.subtitle.startswith("used")]
-    others = [chart for chart in charts if chart not in used]
-    drawn = [figure(svg(chart), chart.title, chart.subtitle) for chart in used]
-    rest = [figure(svg(chart), chart.title, chart.subtitle) for chart in others]
+    figures = [figure(svg(chart), chart.title, chart.subtitle) for chart in charts]
+    count = 0 if frf is None else sum(campaign.response(name).used for name in frf.responses)
+    drawn, rest = figures[:count], figures[count:]
     parts: list[Markup | None] = [
         tag("p", text, class_=None if serves(calibration, campaign) else "warning"),
         _remarks(calibration),

@@ -57,11 +57,14 @@ class Known:
     cause : str
     unit : str or None
         What the FRFs then are in, in place of SI; None where it is no unit.
+    of_model : bool
+        Whether the mistake is the model's.
     """
 
     db: float
     cause: str
     unit: str | None = None
+    of_model: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
     own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
     found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}") for force, per in forces[1:]]
     model = "a model in MPa" if quantity == "pressure" else "a model in mm"
-    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own))
+    found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True))
     for factor, cause in (
         (np.sqrt(2.0), "rms and peak values mixed"),
         (2.0, "one-sided and two-sided spectra, or peak and peak-to-peak values, mixed"),

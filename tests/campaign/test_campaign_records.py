@@ -43,7 +43,7 @@ def test_by_name(box: Folder) -> None:
     found = measured(box)
     np.testing.assert_allclose(found.values, np.stack([r.values for r in before], axis=1), rtol=1e-11)
     np.testing.assert_allclose(found.frequency_hz, before[0].frequency_hz)
-    assert found.notes[0] == "191 lines from 20 to 400 Hz"
+    assert found.lines == "191 lines from 20 to 400 Hz"
     assert found.warnings == ()
     assert np.isnan(found.coherence).all()
 
@@ -143,7 +143,7 @@ def test_a_file_that_does_not_say_its_quantity(box: Folder) -> None:
     write_frf(box.data / "loose.csv", read_frf(box.data / "loose.uff"))
     found = measured(box, "jobs.loose.frf=data/loose.csv")
     stated = "quantities not stated in the file, taken as in the campaign: mic1, mic2, mic3, acc1"
-    assert found.notes[0] == "191 lines from 20 to 400 Hz"
+    assert found.lines == "191 lines from 20 to 400 Hz"
     assert found.notes[-1] == stated
     assert not [note for note in found.notes[:-1] if "acc1" in note]
     assert [line.partition(": ")[0] for line in found.records] == ["mic1", "mic2", "mic3", "acc1"]
@@ -243,4 +243,4 @@ def test_a_response_that_was_cut_off(box: Folder) -> None:
 def test_band_ends_are_inside(box: Folder) -> None:
     found = measured(box, "reduction.band=[20.0, 100.0]")
     assert (found.frequency_hz[0], found.frequency_hz[-1]) == (20.0, 100.0)
-    assert found.notes[0] == "41 lines from 20 to 100 Hz (0 below and 150 above the band left out)"
+    assert found.lines == "41 lines from 20 to 100 Hz (0 below and 150 above the band left out)"

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+import lrbc_cli
 from lrbc_cli import guide
 from lrbc_cli.cli.main import COMMANDS, main
 from lrbc_cli.config.schema import campaign_schema
@@ -60,6 +61,17 @@ def test_pages_name_commands_that_exist() -> None:
     for topic in guide.TOPICS:
         named = set(re.findall(r"`lrbc ([a-z]+)", guide.page(topic)))
         assert named <= set(COMMANDS), topic
+
+
+def test_the_page_on_python_has_every_public_name() -> None:
+    text = shown("api")
+    for name in lrbc_cli.__all__:
+        if not name.startswith("_"):
+            assert re.search(rf"^## `{name}\b", text, flags=re.MULTILINE), name
+            assert getattr(lrbc_cli, name).__doc__.splitlines()[0] in text
+    for method in ("Study.identify(job, measurement=None, *, reference=None, baselines=())", "Study.jobs", "TermModel.frf(hz, values)"):
+        assert f"### `{method}`" in text
+    assert "study.frf([100.0], left_edge=6.5)" in text
 
 
 def test_a_wrong_topic_lists_the_pages() -> None:

@@ -146,7 +146,7 @@ def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, 
     assert str(mixed) in report.stderr
     assert "two runs are mixed" in report.stderr
     plan = folder.run("update", "--dry-run", "--json").json["jobs"]["tight"]
-    assert plan == {"run": True, "reason": "profile.csv is not the file that was written with it"}
+    assert plan == {"run": True, "judge": False, "reason": "profile.csv is not the file that was written with it"}
     outcome = folder.run("update", "--json")
     # The same end as before, so that what rests on it stays.
     assert outcome.json["kept"] == ["loose-2"]
