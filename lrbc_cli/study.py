@@ -19,7 +19,7 @@ from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identification import Identification
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_records
+from lrbc_cli.campaign.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.plan import Request, make_plan
 from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.rehearsal import DRAWS
@@ -29,6 +29,7 @@ from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.method import rule_of
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import Reduction

@@ -22,12 +22,8 @@ ALLOWED = {
     },
     "rounding only": {"ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE"},
     "versions and names": {
-        "FORMAT_VERSION",
-        "CALIBRATION_VERSION",
-        "RESULT_FORMAT",
-        "RESULT_VERSION",
-        "IDENTIFICATION_VERSION",
-        "JUDGEMENT_VERSION",
+        *("FORMAT_VERSION", "CALIBRATION_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
+        *("IDENTIFICATION_VERSION", "JUDGEMENT_VERSION"),
     },
     "text and figures for readers only: correlation of FRFs, names in a sentence": {
         *("MOST_NAMES", "PROMINENCE_DB", "TOLERANCE", "SIMILARITY"),
@@ -50,7 +46,7 @@ ALLOWED = {
         "MAX_DIGITS",
         "NAME_LENGTH",
     },
-    "parts of the decision rule": {"COPIED", "MIN_LINES", "LOOSE_CHANGE", "MIXTURE_CHANGE"},
+    "what is a measurement of its own: a channel without values, or a copy of another": {"MIN_LINES", "COPIED"},
 }
 
 

@@ -20,7 +20,7 @@ from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.results import frf_rows, write_campaign
 from lrbc_cli.campaign.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_sigma, residual_options
+from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.certify import lines_between, measured_errors
@@ -202,7 +202,7 @@ def calibrate(
             measurement.values[:, used],
             used,
             selected,
-            residual_options(campaign.update),
+            inputs.method.residual,
             sigma,
             tuple(extra for extra in drift_extras(now, campaign.update.nuisances) if extra.kind == "shift"),
             inputs.statistics,

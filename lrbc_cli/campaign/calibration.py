@@ -69,6 +69,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             sorted(calibration.names),
             calibration.boundary,
             calibration.job,
+            inputs.statistics,
         ),
         "version": cache.digest(CALIBRATION_VERSION),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     use = inputs.calibration
     if use is not None:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
+    out.sections["method"] = inputs.method.choices
+    out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
     out.sections["before measuring"] = ["lrbc plan tells from the model alone which bolts these responses can see, and ranks them"]
     model = inputs.model
@@ -85,6 +87,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         "responses": [r.name for r in inputs.responses],
         "cache": {"hit": decision.hit, "reason": decision.reason, "key": decision.key},
         "reduction": out.predicted,
+        "method": inputs.method.tree(),
+        "decision_rule": asdict(inputs.method.rule),
         "calibration": None if use is None else {"used": use.used, "text": use.text, "factors": use.factors},
         "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in out.jobs},
         "errors": {name: error.message for name, error in out.errors.items()},

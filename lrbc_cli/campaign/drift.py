@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
+from lrbc_cli.method import Facts, resolve
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.model.shifts import load_shifts
@@ -31,8 +32,20 @@ def speed_std(nuisances: NuisanceConfig) -> float | None:
     return nuisances.sound_speed
 
 
-def check_air(campaign: Campaign, acoustic: bool) -> None:
-    """Raise a ConfigError where the speed of sound is to vary in a model without air."""
+def check_drift(campaign: Campaign, acoustic: bool) -> None:
+    """Raise a ConfigError where nothing can drift: without a reference job, or the speed of sound in a model without air."""
+    drift = [key for key, value in campaign.update.nuisances if value is not None and key != "room"]
+    # Before anything is measured there is no reference job to name, and the plan counts with the drift already.
+    reference = campaign.update.reference is not None or not campaign.jobs
+    if drift and resolve(campaign.update, Facts(reference, True)).approach == "paper":
+        raise campaign.error(
+            "drift since a reference job that results are not compared with",
+            "update",
+            "nuisances",
+            drift[0],
+            expected="update.reference: the job with all bolts tight, and approach: bolts",
+            hint="name it, or remove `nuisances`",
+        )
     for key in ("temperature", "sound_speed"):
         if getattr(campaign.update.nuisances, key) is not None and not acoustic:
             raise campaign.error(

@@ -82,12 +82,10 @@ def require_edges(campaign: Campaign, groups: Sequence[Group], bolts: PointTable
 
 def _tied(campaign: Campaign, group: Group, at: NDArray[np.int64], bolts: PointTable | None) -> str | None:
     """What ties values on both sides of a jump, in words."""
-    smoothing, penalty = group.config.smoothing, campaign.update.penalty
+    smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):
         return "smoothing mixes values"
-    if penalty.slope > 0 or penalty.curvature > 0:
-        return "the penalty compares values"
-    if bolts is None or group.config.kind != "stiffness" or campaign.update.unknowns == "values":
+    if bolts is None or group.config.kind != "stiffness" or campaign.update.approach == "paper":
         return None
     assert group.xyz is not None
     steps = np.linalg.norm(np.diff(group.xyz, axis=0), axis=1)

@@ -69,7 +69,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
     used = inputs.used
     warnings, setting = doubts(inputs, result, reference, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
     edges, bolts = _bolts(inputs, result, reference)
-    wanted = update.reference not in (None, result.name) and update.prior != "initial"
+    wanted = update.reference not in (None, result.name)
     return Evidence(
         job=result.name,
         status=result.solution.status,

@@ -18,8 +18,7 @@ from lrbc_cli.campaign.records import Measurement, read_measurement
 from lrbc_cli.campaign.sampling import changes_of
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise, select_lines, stored_covariance, stored_theta
-from lrbc_cli.campaign.weights import line_sigma, residual_options
-from lrbc_cli.config.settings import PenaltyConfig
+from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
 from lrbc_cli.results.job import JobRecord
@@ -63,7 +62,7 @@ class _Job:
 
     def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]) -> None:
         self.inputs, self.source, self.name, self._given = inputs, source, name, given
-        self.settings, self.statistics = inputs.campaign.update, inputs.statistics
+        self.method, self.statistics = inputs.method, inputs.statistics
         begin = time.perf_counter()
         self.measurement = self._read(name)
         self.seconds_read = time.perf_counter() - begin
@@ -92,25 +91,17 @@ class _Job:
 
     def _before(self, reference: JobRecord | None) -> Floats | None:
         """Theta of the reference job, where it is the prior."""
-        settings = self.settings
-        if settings.prior == "initial" or settings.reference is None or settings.reference == self.name:
+        job = self.inputs.campaign.update.reference
+        if self.method.approach == "paper" or job is None or job == self.name:
             return None
         found = stored_theta(self.parameters, reference)
-        if found is None and settings.prior == "reference":
-            raise DataError(
-                "the reference job has no result to serve as the prior",
-                file=self.inputs.campaign.path,
-                place=f"job {self.name}",
-                expected=f"a result of job {settings.reference} for the same parameter groups",
-                hint=f"see why {settings.reference} failed, or set update.prior: initial",
-            )
         if found is None:
-            self.warnings.append(f"the reference job {settings.reference} has no result: the start values are the prior, no bolt is judged")
+            self.warnings.append(f"the reference job {job} has no result: the start values are the prior, no bolt is judged")
         return found
 
     def _change_error(self, reference: JobRecord | None) -> ChangeError | None:
         """How wrong the changes may be that the model predicts; None without a state that it explains."""
-        if reference is None or not self.shapes.by_bolt or self.settings.regularisation != "auto" or self.settings.weights == "none":
+        if reference is None or not self.shapes.by_bolt or not self.method.weighted:
             return None
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
@@ -121,32 +112,25 @@ class _Job:
         return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size, self.statistics.errors)
 
     def _shapes(self) -> Shapes:
-        settings, bolts = self.settings, self.inputs.bolts
-        # A penalty of one's own speaks of values along the edge.
-        plain = settings.penalty == PenaltyConfig()
-        wanted = settings.unknowns == "bolts" or (settings.unknowns == "auto" and plain)
-        if wanted and self.against_reference and bolts is not None:
-            found = bolt_shapes(self.parameters, bolts.xyz, settings.prior_std, self.statistics.values.damping_std)
+        values, bolts = self.statistics.values, self.inputs.bolts
+        if self.against_reference and bolts is not None:
+            found = bolt_shapes(self.parameters, bolts.xyz, values.std, values.damping_std)
             if (found.bolts >= 0).any():
-                return self._scaled(found)
-        return self._scaled(node_shapes(self.parameters, settings.prior_std))
-
-    def _scaled(self, shapes: Shapes) -> Shapes:
-        """Standard deviations as they are, or over `prior_std`, where the weight is given in dB² per decade²."""
-        settings = self.settings
-        return shapes if settings.regularisation == "auto" else replace(shapes, std=shapes.std / settings.prior_std)
+                return found
+        # A weight that is given is one of decades.
+        return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
 
     def _rows(self) -> Floats:
         """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
-        settings, about = self.settings, self.settings.penalty
-        automatic = settings.regularisation == "auto"
+        values = self.statistics.values
         if self.shapes.by_bolt:
             return self.shapes.penalty()
-        if automatic and not self.against_reference and about == PenaltyConfig():
-            # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
-            return penalty_rows(self.parameters, self.statistics.values.level_std**-2, settings.prior_std**-2)
-        rows = penalty_rows(self.parameters, about.value, about.slope, about.curvature)
-        return rows / settings.prior_std if automatic else rows
+        if not self.method.follows_noise:
+            return penalty_rows(self.parameters)
+        if self.against_reference:
+            return penalty_rows(self.parameters) / values.std
+        # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
+        return penalty_rows(self.parameters, values.level_std**-2, values.std**-2)
 
     def measured(self) -> Complexes:
         """(F, U) measurement on the selected lines, for the responses used."""
@@ -157,7 +141,7 @@ class _Job:
 
         What the model lacks in the tight state it mostly lacks in the others too; a small change then shows above it.
         """
-        reference = self.settings.reference
+        reference = self.inputs.campaign.update.reference
         if not self.against_reference or reference is None:
             return None
         try:
@@ -181,49 +165,36 @@ class _Job:
         return self.measured() * limited
 
     def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
-        """Minimise; the weight of the prior by the settings; what drifted with it."""
-        settings, bounds = self.settings, self.parameters.bounds
-        automatic = settings.regularisation == "auto"
-        eta = (
-            self.statistics.values.first_variance
-            if automatic
-            else 0.0
-            if settings.regularisation == "l-curve"
-            else float(settings.regularisation)
-        )
+        """Minimise; the weight of the prior by the method; ``draws`` from the prior of changes are further starts."""
+        method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
+        eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
-        curve, drawings = None, 0
+        curve = None
         further: dict[str, Floats] = {}
         begin = self.prior if span is not None else self.start
-        if settings.regularisation == "l-curve":
-            drawn = {} if span is None else prior_draws(misfit, self.shapes, bounds, draws=draws)
-            drawings += draws if drawn else 0
-            curve = l_curve(misfit, begin, bounds, span=span, further=drawn)
+        if weight == "l-curve":
+            curve = l_curve(misfit, begin, bounds)
             misfit = misfit.with_eta(curve.chosen)
             further = {"end of the L-curve": curve.nearest}
-        if settings.method == "bfgs":
+        if method.optimiser == "bfgs":
             solution = self._descend(misfit, begin)
         else:
-            tolerance = settings.tolerance or 1e-4
             if span is not None:
-                further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
-                drawings += draws
+                further = prior_draws(misfit, self.shapes, bounds, draws=draws)
             solution = gauss_newton_by_levels(
-                misfit, begin, bounds, tolerance=tolerance, max_iterations=settings.max_iterations, further=further, span=span
+                misfit, begin, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations, further=further, span=span
             )
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
-        if automatic:
-            tails = settings.prior_shape == "sparse" and self.shapes.by_bolt
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.shapes, self.selected, tails, self.error, (begin,))
+        if method.follows_noise:
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin,))
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        found = _Fit(
-            measured, relative, misfit, misfit, solution, knowledge, curve, solution.evaluations + (curve.evaluations if curve else 0)
-        )
-        return found.after(drawings)
+        evaluations = solution.evaluations + (curve.evaluations if curve else 0)
+        found = _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations)
+        return found.after(0 if span is None else draws)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -232,29 +203,25 @@ class _Job:
         if parts:
             unknown = np.all([np.isnan(part) for part in parts], axis=0)
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), residual_options(self.settings), sigma, self.statistics.errors)
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), self.method.residual, sigma, self.statistics.errors)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
-        """One descent by the method of the settings; the Jacobian of its evaluation is to z."""
-        settings, bounds = self.settings, self.parameters.bounds
-        if settings.method == "gauss-newton":
-            tolerance = settings.tolerance or 1e-4
-            return descend(misfit, start, bounds, self.shapes.T, tolerance=tolerance, max_iterations=settings.max_iterations)
-        level = Level(misfit, self.prior, self.shapes.T)
-        z = np.asarray(np.linalg.lstsq(self.shapes.T, start - self.prior, rcond=None)[0])
-        found = bfgs(level, z, level.bounds(bounds), tolerance=settings.tolerance or 1e-3, max_iterations=settings.max_iterations)
-        return replace(found, theta=level.theta(found.theta))
+        """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""
+        method, bounds = self.method, self.parameters.bounds
+        if method.optimiser == "gauss-newton":
+            return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
+        return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
 
     def _extras(self) -> tuple[Extra, ...]:
         """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
-        found = drift_extras(self.inputs, self.settings.nuisances)
+        found = drift_extras(self.inputs, self.inputs.campaign.update.nuisances)
         if self.against_reference:
             return found
-        return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.settings.reference else ()
+        return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.inputs.campaign.update.reference else ()
 
     def _tight_frf(self) -> Complexes:
         """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
-        extras = tuple(extra for extra in drift_extras(self.inputs, self.settings.nuisances) if extra.kind == "shift")
+        extras = tuple(extra for extra in drift_extras(self.inputs, self.inputs.campaign.update.nuisances) if extra.kind == "shift")
         if not extras or self.source.stage is None or not self.tight_offsets:
             return self.model.frf(self.prior)
         affine = affine_model(self.inputs, self.source.stage)
@@ -283,7 +250,7 @@ class _Job:
         box = level.bounds(model.bounds)
 
         def onwards(z: Floats, iterations: int) -> Solution:
-            limit = min(iterations, self.settings.max_iterations)
+            limit = min(iterations, self.method.max_iterations)
             return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
 
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
@@ -296,7 +263,7 @@ class _Job:
             evaluations += found.evaluations
             now = noise_of(misfit, found.evaluation, self.selected)
             settled = abs(now.variance - noise.variance) < change * max(noise.variance, least)
-            if self.settings.regularisation != "auto" or settled:
+            if not self.method.follows_noise or settled:
                 break
             base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
             noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
@@ -323,9 +290,8 @@ class _Job:
         return _Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
 
     def best(self) -> _Fit:
-        """By the comparison of the settings: automatically relative for changes at bolts, where the reference job has the same lines."""
-        way = self.settings.comparison
-        corrected = self.corrected() if way == "relative" or (way == "auto" and self.error is not None) else None
+        """Relative for changes at bolts, where the reference job has the same lines."""
+        corrected = self.corrected() if self.method.relative and self.error is not None else None
         return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
 
     def about_reference(self, fit: _Fit, reference: JobRecord | None) -> _Fit:

@@ -9,7 +9,7 @@ from typing import Any
 
 from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import DECIDING, role_of, rule_of
+from lrbc_cli.campaign.judging import role_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
@@ -83,7 +83,6 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
             return None
 
     reduction = ("band", "tolerance", "limits", "version")
-    settings = {key: value for key, value in resolved["update"].items() if key not in ("reference", *DECIDING)}
     about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
@@ -99,7 +98,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
             *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
         ),
         "bolts": digest(None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())),
-        "settings": digest(settings, campaign.update.reference == name),
+        "settings": digest(inputs.method.digest, campaign.update.reference == name),
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),
@@ -113,7 +112,7 @@ def judgement(inputs: Inputs, name: str) -> Identity:
     return Identity.of(
         {
             "version": cache.digest(JUDGEMENT_VERSION),
-            "rule": cache.digest(sorted(asdict(rule_of(update)).items())),
+            "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
             # What is known of the bolts is told with the verdicts.
             "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items()}),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.drift import check_air, load_shift
+from lrbc_cli.campaign.drift import check_drift, load_shift
 from lrbc_cli.campaign.edges import require_edges
 from lrbc_cli.campaign.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.model_doubts import doubts
@@ -20,6 +23,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
@@ -27,7 +31,7 @@ from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import arc_length, unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
-from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
+from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
 
@@ -115,7 +119,8 @@ class Inputs:
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
         Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
-    statistics : StatisticalModel
+    by_hand : mapping
+        Fields of the method that are given from Python, for experiments.
     """
 
     campaign: Campaign
@@ -132,7 +137,21 @@ class Inputs:
     recipe: Recipe = field(repr=False)
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
-    statistics: StatisticalModel = STATISTICS
+    by_hand: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def method(self) -> Method:
+        """How jobs are identified: the settings resolved, for `check`, `plan` and `update` alike."""
+        return self.resolved(self.campaign.update.reference is not None)
+
+    def resolved(self, reference: bool) -> Method:
+        """The same with a reference job, which a plan takes for granted, or without."""
+        return replace(resolve(self.campaign.update, Facts(reference, self.bolts is not None)), **self.by_hand)
+
+    @property
+    def statistics(self) -> StatisticalModel:
+        """Of the method."""
+        return self.method.statistics
 
     @property
     def input_of(self) -> NDArray[np.int64]:
@@ -325,7 +344,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*doubts(model, groups))
-    check_air(campaign, bool(acoustic.any()))
+    check_drift(campaign, bool(acoustic.any()))
     recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign)

@@ -25,19 +25,6 @@ from lrbc_cli.updating.decide import (
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
-#: Settings of ``update`` that judge what was identified, and change nothing of it.
-DECIDING = ("loose_change", "confidence", "largest_misfit", "baselines")
-
-
-def rule_of(update: UpdateConfig) -> DecisionRule:
-    """The decision rule of the settings."""
-    return DecisionRule(
-        loose_change=update.threshold,
-        mixture_change=update.mixture_threshold,
-        confidence=update.confidence,
-        largest_misfit=update.largest_misfit,
-    )
-
 
 def role_of(update: UpdateConfig, name: str) -> str:
     """What a job is in its campaign."""
@@ -57,7 +44,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     campaign, name = inputs.campaign, evidence.job
     update = campaign.update
     scatter = scatter_of_records(baselines.values())
-    judgement = judge(evidence, rule_of(update), role_of(update, name), scatter)
+    judgement = judge(evidence, inputs.method.rule, role_of(update, name), scatter)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
     warnings += [*evidence.warnings, *suspects(judgement)]
@@ -76,8 +63,9 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
             "held_out_db": valid.misfit_db if valid.compared == VALIDATION else None,
         },
         "scatter": scatter,
+        "decision_rule": asdict(inputs.method.rule),
         "warnings": warnings,
-        "notes": [*evidence.data_warnings, *warnings, *unvalidated, *evidence.notes, *implausible(update, evidence, judgement)],
+        "notes": [*evidence.data_warnings, *warnings, *unvalidated, *evidence.notes, *implausible(inputs.method.rule, evidence, judgement)],
     }
 
 
@@ -126,11 +114,11 @@ def suspects(judgement: Judgement) -> list[str]:
     ]
 
 
-def implausible(update: UpdateConfig, evidence: Evidence, judgement: Judgement) -> list[str]:
+def implausible(rule: DecisionRule, evidence: Evidence, judgement: Judgement) -> list[str]:
     """A warning where bolts seem tighter than in the reference state by more than the prior allows: nothing but errors does that."""
     if not judgement.implausible:
         return []
-    limit = rule_of(update).implausible_rise * evidence.prior_std
+    limit = rule.implausible_rise * evidence.prior_std
     names = ", ".join(judgement.implausible)
     return [f"{names}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
 

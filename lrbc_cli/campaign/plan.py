@@ -18,7 +18,6 @@ from lrbc_cli.campaign.results import calibration_tree
 from lrbc_cli.campaign.simulate import job_values, parse_lines
 from lrbc_cli.campaign.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, stored_theta
-from lrbc_cli.campaign.weights import residual_options
 from lrbc_cli.campaign.worth import Target, judged
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
@@ -120,7 +119,7 @@ def make_plan(
         bounds,
         change=change,
         variance=noise.variance,
-        options=residual_options(update),
+        options=inputs.method.residual,
         quantity=[response.quantity for response in inputs.responses],
         planned=inputs.used,
     )
@@ -146,6 +145,7 @@ def make_plan(
         "method": "rehearsed" if draws else "linearised",
         "draws": request.draws if draws else 0,
         "assumes": assumes,
+        "identification": inputs.resolved(True).tree(),
         "limits": {
             word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
             for word, value in (("seen", SEEN), ("blind", BLIND))
@@ -153,7 +153,7 @@ def make_plan(
         "lines": {"count": int(selected.size), "frequency_hz": grid[selected]},
         "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in extras],
         **judged(inputs, found, targets, draws),
-        "notes": _notes(inputs, by),
+        "notes": _notes(by),
         "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
         "provenance": {
             "versions": versions(),
@@ -298,8 +298,7 @@ def _unknowns(
     if by == "bolts":
         prior[:m, :m] = np.diag(1.0 / shapes.std**2)
     else:
-        about = inputs.campaign.update.penalty
-        rows = penalty_rows(parameters, about.value, about.slope, about.curvature) / inputs.campaign.update.prior_std
+        rows = penalty_rows(parameters) / inputs.campaign.update.prior_std
         prior[:m, :m] = rows.T @ rows
     prior[m:, m:] = np.diag([1.0 / extra.std**2 for extra in extras])
     return T, prior, np.vstack([parameters.bounds, np.array([extra.bounds for extra in extras]).reshape(-1, 2)])
@@ -326,11 +325,8 @@ def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]
     ]
 
 
-def _notes(inputs: Inputs, by: str) -> list[str]:
+def _notes(by: str) -> list[str]:
     notes = []
-    update = inputs.campaign.update
-    if update.weights in ("coherence", "scatter"):
-        notes.append(f"weights: {update.weights} is not known before the measurement: all lines count as if they were clean")
     if by == "values":
         notes.append("no bolts: every value along the edges stands for itself")
     return notes

@@ -21,12 +21,11 @@ from lrbc_cli.campaign.drift import drift_extras
 from lrbc_cli.campaign.evidence import evidence_of
 from lrbc_cli.campaign.identify import identify
 from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of, rule_of, scatter_of_records
+from lrbc_cli.campaign.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.records import GivenJob, Measurement, read_measurement
 from lrbc_cli.campaign.results import result_record
 from lrbc_cli.campaign.stage import FrfSource, affine_model
 from lrbc_cli.campaign.unknowns import parameterise
-from lrbc_cli.config.settings import PenaltyConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.results.job import JobRecord
@@ -257,7 +256,7 @@ class Rehearsal:
             return Draw("undecided", float("nan"), float("nan"), ())
         update = inputs.campaign.update
         evidence = evidence_of(inputs, result, reference)
-        found = judge(evidence, rule_of(update), role_of(update, LOOSENED), self.scatter).bolts
+        found = judge(evidence, inputs.method.rule, role_of(update, LOOSENED), self.scatter).bolts
         assert inputs.bolts is not None
         own = found[bolt]
         return Draw(
@@ -340,15 +339,13 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
 
 def mixes(inputs: Inputs) -> bool:
     """Whether `lrbc update` judges bolts by a mixture of tight and loose ones, given a reference job."""
-    update = inputs.campaign.update
-    by_bolt = update.unknowns == "bolts" or (update.unknowns == "auto" and update.penalty == PenaltyConfig())
-    return inputs.bolts is not None and update.mixes and by_bolt and update.prior != "initial"
+    return inputs.resolved(True).mixture
 
 
 def threshold(inputs: Inputs) -> float:
     """Change below which `lrbc update` calls a bolt loose, before the scatter of tight states and loose neighbours lower it [decades]."""
-    update = inputs.campaign.update
-    return update.mixture_threshold if mixes(inputs) else update.threshold
+    rule = inputs.method.rule
+    return rule.mixture_change if mixes(inputs) else rule.loose_change
 
 
 def _scatter(inputs: Inputs) -> float:

@@ -208,9 +208,10 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             "of": campaign.update.reference if result.against_reference else "initial",
             "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
             "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
-            "shape": _shape(campaign.update.prior_shape, result),
+            "shape": "normal" if result.changes is None else "mixture",
             "comparison": "relative" if result.relative else "direct",
         },
+        "method": inputs.method.tree(),
         "nuisances": drift_tree(campaign.update.nuisances, knowledge),
         "iterations": solution.iterations,
         "evaluations": solution.evaluations,
@@ -221,7 +222,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         ],
         "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
         "optimiser": {
-            "method": campaign.update.method,
+            "method": inputs.method.optimiser,
             "regularisation": result.regularisation,
             "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * used.size, 1),
             "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
@@ -255,13 +256,6 @@ def curve_tree(curve: LCurve) -> dict[str, Any]:
 def _open(limits: Floats) -> list[float | None]:
     """Limits; None where an interval is open."""
     return [float(value) if np.isfinite(value) else None for value in limits]
-
-
-def _shape(asked: str, result: Identification) -> str:
-    """Of the prior that the verdicts rest on."""
-    if asked != "auto":
-        return asked
-    return "normal" if result.changes is None else "mixture"
 
 
 def _typical(stds: Floats) -> float | None:

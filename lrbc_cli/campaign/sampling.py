@@ -51,7 +51,7 @@ def changes_of(
         None where the prior is no mixture, or where the unknowns are no changes at bolts.
     """
     shapes = knowledge.shapes
-    if not inputs.campaign.update.mixes or inputs.bolts is None or not shapes.by_bolt:
+    if not inputs.method.mixture or inputs.bolts is None or not shapes.by_bolt:
         return None
     parameters, prior, bolts = plain.model.parameters, plain.prior, inputs.bolts.xyz
     level = Level(plain, prior, shapes.T)

@@ -17,6 +17,7 @@ from lrbc_cli.campaign import cache
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.memory import options_of, require_memory
 from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.method import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.build import Reduction, full_ports, reduce_model
@@ -212,14 +213,11 @@ class FrfSource:
 
 
 def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
-    """``port`` or ``reduced``: one solve of order nt against one of order r, each with its right-hand sides."""
-    return "port" if inputs.model.terms.size <= stage.reduction.model.size else "reduced"
+    """``port`` or ``reduced``, see ``formula``."""
+    return formula("auto", inputs.model.terms.size, stage.reduction.model.size)
 
 
 def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
-    """Choose how FRFs are evaluated: as configured, or the formula that is cheaper for this number of terms."""
-    kind: str = inputs.campaign.update.evaluation
-    if kind == "auto":
-        assert stage is not None
-        kind = cheaper_formula(inputs, stage)
-    return FrfSource(inputs, stage, kind, progress)
+    """FRFs as the settings want them evaluated."""
+    size = 0 if stage is None else stage.reduction.model.size
+    return FrfSource(inputs, stage, formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress)

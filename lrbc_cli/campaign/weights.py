@@ -7,16 +7,11 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.records import Measurement
-from lrbc_cli.config.settings import JobConfig, UpdateConfig
-from lrbc_cli.errors import DataError
-from lrbc_cli.updating.residuals import ResidualOptions, coherence_sigma
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.method import noise_source
+from lrbc_cli.updating.residuals import coherence_sigma
 
 Floats = NDArray[np.float64]
-
-
-def residual_options(update: UpdateConfig) -> ResidualOptions:
-    """What the settings say about residuals."""
-    return ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor)
 
 
 def line_sigma(
@@ -27,33 +22,20 @@ def line_sigma(
     Returns
     -------
     (m, U) float array or None
-        [dB], NaN where unknown; None for ``weights: none``.
+        [dB], NaN where unknown; None where lines are not weighted by it.
     tuple of str
         Which lines keep the weight 1 because nothing is known of their noise.
-
-    Raises
-    ------
-    DataError
-        For ``weights: scatter`` without repeated measurements.
     """
-    kind = inputs.campaign.update.weights
-    automatic = kind == "auto"
-    if automatic:
-        # Without a noise variance that follows the residuals there is nothing to weigh the measurement's noise against.
-        known = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
-        kind = "none" if inputs.campaign.update.regularisation != "auto" else "coherence" if known else "scatter"
-        if kind == "scatter" and measurement.sigma_db is None:
-            kind = "none"
-    if kind == "none":
-        return None, ()
+    coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
+    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
     if kind == "coherence":
         # Of no record at all some programs write 0, which no estimate is.
         told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
         sigma = coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
-    elif measurement.sigma_db is None:
-        raise DataError("weights from scatter need repeated measurements", file=job.frf, expected="jobs.NAME.repeats")
-    else:
+    elif kind == "scatter" and measurement.sigma_db is not None:
         sigma = measurement.sigma_db
+    else:
+        return None, ()
     chosen = sigma[np.ix_(selected, inputs.used)]
     valid = np.isfinite(measurement.values[np.ix_(selected, inputs.used)])
     unknown = [(inputs.responses[i].name, int(n)) for i, n in zip(inputs.used, (np.isnan(chosen) & valid).sum(axis=0), strict=True) if n]
@@ -63,6 +45,3 @@ def line_sigma(
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
         notes = (f"weights: no {what}, hence the weight 1, for {named}",)
     return chosen, notes
-
-
-__all__ = ["line_sigma", "residual_options"]

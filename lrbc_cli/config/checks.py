@@ -72,21 +72,13 @@ def _check_names(campaign: Campaign) -> None:
     update = campaign.update
     if update.reference is not None:
         _known(campaign, update.reference, campaign.jobs, "job", "update", "reference")
-    elif update.prior == "reference":
+    elif update.approach == "bolts" and campaign.jobs:
         raise campaign.error(
-            "a prior from the reference job, but no reference job",
+            "changes at bolts against nothing",
             "update",
-            "prior",
+            "approach",
             expected="update.reference: the job with all bolts tight",
-            hint="name it, or write prior: initial",
-        )
-    if update.comparison == "relative" and (update.reference is None or update.prior == "initial"):
-        raise campaign.error(
-            "a comparison relative to nothing",
-            "update",
-            "comparison",
-            expected="update.reference: the job with all bolts tight, and prior: auto or reference",
-            found="no reference" if update.reference is None else "prior: initial",
+            hint="name it, or write approach: paper",
         )
     given = [name for name, value in update.nuisances if value is not None and name != "room"]
     if given and update.evaluation == "full":
@@ -96,25 +88,6 @@ def _check_names(campaign: Campaign) -> None:
             "nuisances",
             expected="update.evaluation: auto, port or reduced",
             found=f"update.evaluation: full, and {', '.join(given)}",
-        )
-    if update.unknowns == "bolts" and (update.reference is None or campaign.bolts is None):
-        raise campaign.error(
-            "unknowns at bolts need bolts and a reference job",
-            "update",
-            "unknowns",
-            expected="bolts: file, and update.reference: the job with all bolts tight",
-            found="no bolts" if campaign.bolts is None else "no reference",
-        )
-    drift = [key for key, value in update.nuisances if value is not None and key != "room"]
-    # Before anything is measured there is no reference job to name, and the plan counts with the drift already.
-    if drift and ((update.reference is None and campaign.jobs) or update.prior == "initial"):
-        raise campaign.error(
-            "drift since a reference job that results are not compared with",
-            "update",
-            "nuisances",
-            drift[0],
-            expected="update.reference: the job with all bolts tight, and no prior: initial",
-            hint="name it, or remove `nuisances`",
         )
     for index, name in enumerate(update.baselines):
         _known(campaign, name, campaign.jobs, "job", "update", "baselines", index)
@@ -133,15 +106,6 @@ def _check_names(campaign: Campaign) -> None:
         for section, names in (("records", config.records), ("scale", config.scale)):
             for name in names:
                 _known(campaign, name, campaign.responses, "response", "jobs", job, section, name)
-        if update.weights == "scatter" and not config.repeats:
-            raise campaign.error(
-                "weights from scatter need repeated measurements",
-                "jobs",
-                job,
-                expected="repeats: [file, ...]",
-                found="one file",
-                hint="add further measurements of this state, or write update.weights: coherence or none",
-            )
 
 
 def _check_calibration(campaign: Campaign) -> None:

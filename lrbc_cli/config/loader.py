@@ -13,6 +13,7 @@ from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
 from lrbc_cli.config.explain import explain
+from lrbc_cli.config.gone import refuse_gone
 from lrbc_cli.errors import ConfigError
 
 DEFAULT_OUTPUT = "output"
@@ -45,6 +46,7 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
 
 
 def _build(document: Document) -> Campaign:
+    refuse_gone(document)
     values: dict[str, Any] = document.root.plain()  # type: ignore[assignment]
     values.setdefault("output", DEFAULT_OUTPUT)
     try:

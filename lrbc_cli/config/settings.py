@@ -9,10 +9,6 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from lrbc_cli.config.fields import FilePath, FrozenDict, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
 from lrbc_cli.config.structure import Record
 
-#: Changes below which a bolt is loose [decades]: a third of the tight stiffness; half of it where bolts are tight or loose, so that
-#: the changes of those that are tight stay within retorquing.
-LOOSE_CHANGE, MIXTURE_CHANGE = -0.5, -0.35
-
 
 def _check_band(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] > 0:
@@ -74,14 +70,6 @@ Lines = Annotated[
 ]
 
 
-class PenaltyConfig(Strict):
-    """What the regularisation penalises; the weights share the factor `regularisation`."""
-
-    value: float = Field(default=1.0, ge=0, description="Departures of the log10 parameters from the prior, as in eq. (29).")
-    slope: float = Field(default=0.0, ge=0, description="First differences of the departures between neighbours along the edge.")
-    curvature: float = Field(default=0.0, ge=0, description="Second differences of the departures along the edge.")
-
-
 def _regularisation_form(value: object) -> str:
     return "form:word" if value in ("l-curve", "auto") else "form:number"
 
@@ -127,10 +115,16 @@ class UpdateConfig(Strict):
         default="resonances",
         description="Lines to fit: resonances (of the measurement), all, {every: n} or {list: [Hz, ...]}.",
     )
-    residual: Literal["db", "log-complex", "complex"] = Field(
+    approach: Literal["bolts", "paper"] | None = Field(
+        default=None,
+        description="bolts: one change a bolt against the reference job, each tight or loose; paper: all values along the edge, drawn to "
+        "their start values, as published. Absent: bolts where there is a reference job, unless a weight or bfgs is given. Keys of the "
+        "other approach are not used; `lrbc check` says so.",
+    )
+    residual: Literal["db", "log-complex"] = Field(
         default="db",
         description="What is squared: db, the difference of the magnitudes in dB, as in the paper; log-complex, that and the difference of "
-        "the phases (8.69 dB a radian); complex, the difference of the FRFs over each response's rms.",
+        "the phases (8.69 dB a radian).",
     )
     loss: Literal["squares", "soft"] = Field(
         default="squares", description="squares, or soft: differences well above `loss_scale` count by their size only (pseudo-Huber)."
@@ -139,44 +133,29 @@ class UpdateConfig(Strict):
     floor: Positive | None = Field(
         default=None,
         description="dB below a response's largest selected line under which differences fade, so that antiresonances do not dominate; "
-        "absent: none. Not with residual: complex.",
+        "absent: none.",
     )
-    weights: Literal["auto", "none", "coherence", "scatter"] = Field(
+    weights: Literal["auto", "none"] = Field(
         default="auto",
-        description="Weights of the lines 1/sqrt(1 + (sigma/s)²): coherence, sigma from it and the jobs' `averages`; scatter, from the "
-        "jobs' `repeats`; none; auto: coherence or scatter where measured and regularisation is auto. s is what the model lacks, which "
-        "follows the residuals with regularisation: auto, else 1 dB.",
+        description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`) or from the scatter of "
+        "the jobs' `repeats` where measured, s what the model lacks, which follows the residuals; none: all lines alike. With a given "
+        "weight of the penalty always none.",
     )
     regularisation: Regularisation = Field(
         default="auto",
-        description="Weight eta of the penalty on the unknowns, eq. (29): a number, at least 0, in dB² per decade² (0.04 in the paper); "
-        "l-curve: chosen for each job at the corner of its L-curve; auto: from the noise of the residuals and `prior_std`.",
-    )
-    prior: Literal["auto", "initial", "reference"] = Field(
-        default="auto",
-        description="What the unknowns are drawn to: initial, their start values, as in the paper; reference, the result of the reference "
-        "job, so that changes are penalised; auto: the reference job where there is one.",
+        description="For approach: paper, weight eta of the penalty on the values, eq. (29): a number, at least 0, in dB² per decade² "
+        "(0.04 in the paper), or l-curve: chosen for each job at the corner of its L-curve. auto: from the noise of the residuals and "
+        "`prior_std`.",
     )
     prior_std: Positive = Field(
         default=0.35,
-        description="Standard deviation in decades with which the prior expects the unknowns to differ from it, for regularisation: auto.",
+        description="Standard deviation in decades with which the unknowns are expected to differ from the prior, where its weight is not "
+        "given.",
     )
-    prior_shape: Literal["auto", "normal", "sparse", "mixture"] = Field(
-        default="auto",
-        description="Of the changes at bolts: normal, or sparse: long tails, so that few large changes cost less than many small ones; "
-        "mixture: each bolt tight or loose, which is sampled, for verdicts where neighbours are hard to tell apart; both need "
-        "regularisation: auto. auto: mixture where that serves, else normal.",
-    )
-    unknowns: Literal["auto", "values", "bolts"] = Field(
-        default="auto",
-        description="What is sought in jobs that are compared with the reference job: values, all along the edges; bolts, one change a "
-        "bolt through a shape along its edge; auto: bolts where they are known and prior is not initial.",
-    )
-    penalty: PenaltyConfig = Field(default=PenaltyConfig(), description="What is penalised: departures, their slope and curvature.")
     method: Literal["gauss-newton", "bfgs"] = Field(
         default="gauss-newton",
-        description="Optimiser: gauss-newton (bounded least squares, from coarse to fine profiles and from several starts) or bfgs (as in "
-        "the paper, from one start). The L-curve, what drifted (`nuisances`) and `lrbc calibrate` take gauss-newton in any case.",
+        description="Optimiser of approach: paper: gauss-newton (bounded least squares, from coarse to fine profiles and from several "
+        "starts) or bfgs (as in the paper, from one start). The L-curve and `lrbc calibrate` take gauss-newton in any case.",
     )
     max_iterations: int = Field(
         default=100,
@@ -205,70 +184,12 @@ class UpdateConfig(Strict):
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
         default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is undecided."
     )
-    comparison: Literal["auto", "direct", "relative"] = Field(
-        default="auto",
-        description="direct: the model with the measurement; relative: after correcting the measurement by what the model lacks in the "
-        "reference job, so that small changes show; auto: relative where changes at bolts are sought.",
-    )
     largest_misfit: Positive = Field(
         default=3.0,
         description="Mean misfit in dB of the responses that are not used (of those used, where all are) above which the model does not "
         "explain the measurement: no verdict is given.",
     )
     nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
-
-    @property
-    def threshold(self) -> float:
-        """``loose_change``, or what stands for it where it is absent."""
-        if self.loose_change is not None:
-            return self.loose_change
-        return MIXTURE_CHANGE if self.prior_shape == "mixture" else LOOSE_CHANGE
-
-    @property
-    def mixture_threshold(self) -> float:
-        """The same for what a mixture says."""
-        return MIXTURE_CHANGE if self.loose_change is None else self.loose_change
-
-    @property
-    def mixes(self) -> bool:
-        """Whether a mixture of tight and loose bolts is sampled, where the unknowns are changes at bolts."""
-        # Its evidence wants the noise, which only an automatic weight follows.
-        automatic = self.regularisation == "auto" and self.penalty == PenaltyConfig()
-        return self.prior_shape == "mixture" or (self.prior_shape == "auto" and automatic)
-
-    @model_validator(mode="after")
-    def _consistent(self) -> UpdateConfig:
-        if self.floor is not None and self.residual == "complex":
-            raise problem(
-                "a floor for complex differences",
-                "floor",
-                expected="residual: db or log-complex",
-                found="residual: complex",
-                hint="remove it: complex differences do not grow in antiresonances",
-            )
-        shape = self.prior_shape
-        if shape in ("sparse", "mixture") and (self.regularisation != "auto" or self.penalty != PenaltyConfig()):
-            raise problem(
-                f"a {shape} prior whose weight is given", "prior_shape", expected="regularisation: auto, and no penalty", found=shape
-            )
-        if shape in ("sparse", "mixture") and (self.unknowns == "values" or self.prior == "initial"):
-            raise problem(f"a {shape} prior on values along the edge", "prior_shape", expected="changes at bolts", found="values")
-        if self.unknowns == "bolts" and self.penalty != PenaltyConfig():
-            raise problem(
-                "a penalty on values along the edge, but unknowns at bolts",
-                "penalty",
-                expected="unknowns: values",
-                hint="remove `penalty`: each bolt's change is penalised",
-            )
-        if self.unknowns == "bolts" and self.prior == "initial":
-            raise problem("changes at bolts against nothing", "unknowns", expected="prior: reference", found="prior: initial")
-        if self.regularisation == "auto" and not max(self.penalty.value, self.penalty.slope, self.penalty.curvature) > 0:
-            raise problem("a prior without a penalty", "penalty", expected="a weight above 0", hint="or write regularisation: 0")
-        if self.regularisation == "l-curve" and not max(self.penalty.value, self.penalty.slope, self.penalty.curvature) > 0:
-            raise problem(
-                "an L-curve without a penalty", "penalty", expected="a weight above 0", hint="or write a number under regularisation"
-            )
-        return self
 
 
 SEPARATORS = {"tab": "\t", "blank": " "}
@@ -343,12 +264,14 @@ class JobConfig(Strict):
     )
 
     averages: int = Field(
-        default=5, ge=1, description="Averages behind each measured FRF (hammer blows, blocks), for weights: coherence; of one file."
+        default=5,
+        ge=1,
+        description="Averages behind each measured FRF (hammer blows, blocks), for the noise that its coherence tells; of one file.",
     )
     repeats: Annotated[tuple[FilePath, ...], AfterValidator(check_unique)] = Field(
         default=(),
-        description="Further files with measurements of the same state on the same lines; FRFs are averaged, their scatter serves "
-        "weights: scatter.",
+        description="Further files with measurements of the same state on the same lines; FRFs are averaged, their scatter tells "
+        "the noise of the lines.",
     )
 
     @model_validator(mode="after")

@@ -353,6 +353,7 @@ class JobRecord(_Job):
     prior: Prior | None = None
     nuisances: Nuisances = Nuisances()
     method: dict[str, Any] | None = None
+    decision_rule: dict[str, float] | None = None
     iterations: int
     evaluations: int
     line_evaluations: int

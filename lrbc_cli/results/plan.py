@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from lrbc_cli.results.fields import Document, Gap, Gaps, Many, Point, Record, Share
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
@@ -163,6 +163,7 @@ class PlanRecord(Document):
     method: str
     draws: int
     assumes: Many[str] = ()
+    identification: dict[str, Any] | None = None
     limits: Limits
     lines: Lines
     nuisances: Many[Nuisance] = ()

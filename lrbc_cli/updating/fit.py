@@ -151,12 +151,6 @@ def weighed(
     return misfit.with_level(level), level**2 * noise.factor
 
 
-def sparse_weights(z: Floats, std: Floats, freedom: float = 1.0) -> Floats:
-    """Factors on the rows of the penalty that turn squares into a Student t prior, at the present z (iteratively reweighted squares)."""
-    relative = np.where(np.isfinite(std), z / np.where(np.isfinite(std), std, 1.0), 0.0)
-    return np.asarray(np.sqrt((freedom + 1.0) / (freedom + relative**2)))
-
-
 def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:
     """Descend anew from an earlier place that the last weights and the dB misfit both prefer to the solution.
 
@@ -201,9 +195,7 @@ def follow_noise(
     misfit: Misfit,
     solution: Solution,
     again: Callable[[Misfit, Floats], Solution],
-    shapes: Shapes,
     selected: NDArray[np.int64],
-    sparse: bool,
     error: ChangeError | None = None,
     starts: Sequence[Floats] = (),
     *,
@@ -215,15 +207,12 @@ def follow_noise(
     Parameters
     ----------
     misfit : Misfit
-        Its rows are in standard deviations of the prior; with a sparse prior they are ``shapes.penalty()``.
+        Its rows are in standard deviations of the prior.
     solution : Solution
         Where to begin.
     again : callable
         The descent of a round, with its own limit and stop rule: from a misfit and a theta to a solution whose Jacobian is to z.
-    shapes : Shapes
     selected : int array
-    sparse : bool
-        A prior with long tails: few large changes cost less than many small ones.
     error : ChangeError or None
         See ``weighed``.
     starts : sequence of (size,) float arrays
@@ -236,16 +225,12 @@ def follow_noise(
     Misfit, Solution, Noise
         With the last weight and the status of the last round; evaluations and history of all rounds.
     """
-    rows, places, errors = misfit.rows, [*starts], misfit.errors
+    places, errors = [*starts], misfit.errors
     noise = noise_of(misfit, solution.evaluation, selected)
     history, iterations = list(solution.history), solution.iterations
     for round_ in range(rounds):
         kept = misfit, solution, noise
         places.append(solution.theta)
-        if sparse:
-            z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta - misfit.prior, rcond=None)[0])
-            # Unknowns without a prior have no row.
-            misfit = misfit.with_rows(sparse_weights(z, shapes.std)[np.isfinite(shapes.std), None] * rows)
         misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error, round_ > 1)
         misfit = misfit.with_eta(max(before, errors.least_variance))
         found = again(misfit, solution.theta)

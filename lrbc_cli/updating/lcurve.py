@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,8 +81,6 @@ def l_curve(
     start: Floats,
     bounds: Floats,
     fallback: float | None = None,
-    span: Floats | None = None,
-    further: Mapping[str, Floats] | None = None,
     *,
     decades: float = 3.0,
     weights: int = 9,
@@ -105,10 +102,6 @@ def l_curve(
     bounds : (size, 2) float array
     fallback : float or None
         Weight where the curve has no corner; the natural one where None.
-    span : (size, m) float array or None
-        Unknowns, see ``descend``.
-    further : mapping of str to (size,) float array
-        Further starts at the smallest weight, see ``gauss_newton_by_levels``.
     decades, weights : float, int
         Weights tried, and how far they reach to both sides of the natural one of ``natural_weight``.
     tolerance, iterations : float, int
@@ -132,7 +125,7 @@ def l_curve(
             found[i] = solution
 
     def attempt(i: int, theta: Floats) -> None:
-        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, span, tolerance=tolerance, max_iterations=iterations))
+        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, tolerance=tolerance, max_iterations=iterations))
 
     last = etas.size - 1
     for i in range(last, -1, -1):
@@ -140,7 +133,7 @@ def l_curve(
         if i < last:
             attempt(i, found[i + 1].theta)
     least = misfit.with_eta(float(etas[0]))
-    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations, further=further, span=span))
+    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations))
     # Back upwards a valley is kept as long as it is one.
     for i in range(1, etas.size):
         attempt(i, found[i - 1].theta)

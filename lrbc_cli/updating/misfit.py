@@ -138,14 +138,14 @@ class Evaluation:
         return np.asarray(2.0 * self.jacobian.T @ self.residual / (np.log(10.0) * self.total))
 
 
-def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float = 0.0, curvature: float = 0.0) -> Floats:
+def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float = 0.0) -> Floats:
     """Rows of the regularisation: departures from the prior, and their differences along each edge.
 
     Parameters
     ----------
     parameters : Parameterisation
-    value, slope, curvature : float
-        Weights of the departures, of their first and of their second differences between neighbours [per decade].
+    value, slope : float
+        Weights of the departures, and of their differences between neighbours [per decade].
 
     Returns
     -------
@@ -155,7 +155,7 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
     rows: list[Floats] = []
     for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
         eye = np.eye(group.count)
-        for weight, order in ((value, 0), (slope, 1), (curvature, 2)):
+        for weight, order in ((value, 0), (slope, 1)):
             if weight > 0 and group.count > order:
                 block = np.zeros((group.count - order, parameters.size))
                 block[:, values] = np.sqrt(weight) * np.diff(eye, n=order, axis=0)

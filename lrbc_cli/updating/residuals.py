@@ -33,15 +33,14 @@ class ResidualOptions:
     ----------
     kind : str
         ``db``: difference of the magnitudes in dB, eqs. (29) to (31). ``log-complex``: ``20/ln10 ln(y/m)``, the difference in dB and the
-        wrapped difference of the phases, a radian counting as 8.69 dB. ``complex``: ``20/ln10 (y - m)`` over the rms of the response's
-        selected lines, so that a small error counts as its dB where the response is at its rms.
+        wrapped difference of the phases, a radian counting as 8.69 dB.
     loss_scale : float or None
         Differences well above it [dB] count by their size and no longer by its square; None: squares throughout.
     floor : float or None
-        Level below a response's largest selected line [dB] under which differences fade; not for ``complex``.
+        Level below a response's largest selected line [dB] under which differences fade.
     """
 
-    kind: Literal["db", "log-complex", "complex"] = "db"
+    kind: Literal["db", "log-complex"] = "db"
     loss_scale: float | None = None
     floor: float | None = None
 
@@ -114,13 +113,6 @@ class DataResidual:
         if self.options.floor is not None:
             floor = power.max(axis=0) * 10.0 ** (-self.options.floor / 10.0)
             self._floor = np.broadcast_to(floor, self.valid.shape)[self.valid]
-        if self.options.kind == "complex":
-            # A response without any line has no rms, and needs none.
-            rms = np.sqrt(power.sum(axis=0) / np.maximum(self.valid.sum(axis=0), 1))
-            self._rms = np.broadcast_to(rms, self.valid.shape)[self.valid]
-            if self._sigma is not None:
-                # A dB of a weak line is little of the response's rms.
-                self._sigma = self._sigma * np.abs(self._measured) / self._rms
         self._noise = self._sigma
         self._patterns: Floats | None = None
         self._weigh(errors.first_discrepancy_db)
@@ -176,8 +168,6 @@ class DataResidual:
         both = np.hypot(wrong, most)
         # Nothing is wrong with a model that explains its reference state exactly.
         wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
-        if self.options.kind == "complex":
-            wrong = wrong * np.abs(self._measured) / self._rms
         other._sigma = wrong if self._noise is None else np.hypot(self._noise, wrong)
         other._weights = other._shared = None
         rows: NDArray[Any] = patterns if self.phase else patterns.real
@@ -268,11 +258,7 @@ class DataResidual:
         difference = (decibel(y) - self.target)[self.valid]
         jacobian: NDArray[Any] = J[self.valid]
         residual: NDArray[Any] = difference
-        if self.options.kind == "complex":
-            now = y[self.valid]
-            residual = DB * (now - self._measured) / self._rms
-            jacobian = jacobian * (now / self._rms)[:, None]
-        elif self.options.kind == "log-complex" or self._floor is not None:
+        if self.phase or self._floor is not None:
             residual, jacobian = self._logarithmic(y[self.valid], difference, jacobian)
         if self.options.loss_scale is not None:
             residual, jacobian = soft(residual, jacobian, self.options.loss_scale)

@@ -28,10 +28,10 @@ from lrbc_cli.campaign.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.records import read_measurement
 from lrbc_cli.campaign.stage import FrfSource, frf_source, obtain_reduction
 from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_sigma, residual_options
+from lrbc_cli.campaign.weights import line_sigma
 from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.levels import gauss_newton_by_levels
-from lrbc_cli.updating.misfit import Evaluation, Misfit, penalty_rows
+from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import bfgs, gauss_newton
 
 Floats = NDArray[np.float64]
@@ -139,23 +139,22 @@ def starts(misfit: Misfit, initial: Floats, bounds: Floats) -> Iterator[tuple[st
 
 def misfit_of(inputs: Inputs, source: FrfSource, name: str) -> tuple[Misfit, Floats, Floats]:
     """The cost of a job as `lrbc update` forms it, start and bounds."""
-    settings = inputs.campaign.update
     job = inputs.campaign.jobs[name]
     measurement = read_measurement(inputs, job, name)
     s = 2j * np.pi * measurement.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
     selected = select_lines(inputs, measurement, name)
-    assert settings.regularisation != "l-curve"
-    assert settings.prior == "initial"
-    rows = penalty_rows(parameters, settings.penalty.value, settings.penalty.slope, settings.penalty.curvature)
+    weight = inputs.method.regularisation
+    assert inputs.method.approach == "paper"
+    assert isinstance(weight, float)
     sigma, _ = line_sigma(inputs, measurement, job, selected)
     misfit = Misfit(
         source.model(s, parameters, selected, inputs.used),
         measurement.values[np.ix_(selected, inputs.used)],
         parameters.initial,
-        settings.regularisation,
-        rows,
-        residual_options(settings),
+        weight,
+        None,
+        inputs.method.residual,
         sigma,
     )
     return misfit, parameters.initial, parameters.bounds

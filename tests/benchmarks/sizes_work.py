@@ -182,7 +182,7 @@ def identifications(configs: list[str], backend: str, folder: str, job: str, rep
     """One identification on each model from its cached reduced model: equal r by padding, interleaved against drift of the machine."""
     loaded = []
     for config in configs:
-        inputs = _inputs(config, backend, "update.prior=initial", "update.unknowns=values", "update.regularisation=0.04")
+        inputs = _inputs(config, backend, "update.approach=paper", "update.regularisation=0.04")
         loaded.append((inputs, stage_from(inputs, Path(folder))))
     size = max(stage.reduction.model.size for _, stage in loaded)
     ready = [(inputs, _with(stage, padded(stage.reduction.model, size))) for inputs, stage in loaded]

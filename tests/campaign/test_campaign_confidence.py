@@ -26,8 +26,9 @@ AUTO = "update.regularisation=auto"
 class Made:
     """A campaign whose measurements are made by its own reduced model: without any error but what is asked for."""
 
-    def __init__(self, folder: Folder, *overrides: str) -> None:
+    def __init__(self, folder: Folder, *overrides: str, **by_hand: Any) -> None:
         self.study = lrbc_cli.load(folder.config, overrides=(AUTO, *overrides), cache=folder.cache)
+        self.study.inputs = replace(self.study.inputs, by_hand=by_hand)
         self.tight, self.other = self.study.jobs[:2]
         self.hz = self.study.read(self.tight).frequency_hz
         self.parameters = self.study.parameters(self.hz)
@@ -60,8 +61,7 @@ def test_intervals_cover_the_truth(kind: str, tmp_path: Path) -> None:
     lines = {"box": "update.lines=all", "frame": "update.lines=resonances"}[kind]
     # The model is exact: nothing that it lacks in the reference job would have to be corrected.
     # Intervals are those of the Gaussian prior, with or without a mixture sampled after it.
-    settings = (lines, "update.comparison=direct", "update.prior_shape=normal")
-    made = Made({"box": box, "frame": frame}[kind](tmp_path / kind), *settings)
+    made = Made({"box": box, "frame": frame}[kind](tmp_path / kind), lines, relative=False, mixture=False)
     tight = BOX_TRUTH["tight"] if kind == "box" else FRAME_TIGHT
     apart = []
     for round_ in range(ROUNDS):
@@ -85,7 +85,7 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path) -> None:
     from lrbc_cli.updating.misfit import Misfit
     from lrbc_cli.updating.optimise import gauss_newton
 
-    made = Made(box(tmp_path / "box"), "update.comparison=direct", "update.weights=none")
+    made = Made(box(tmp_path / "box"), "update.weights=none")
     tight = BOX_TRUTH["tight"]
     reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.0))
     z = np.array([0.1, -0.2, -0.6, 0.2, 0.0, 0.3])
@@ -146,10 +146,10 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
     gains = np.array([0.3, -0.3, 0.3, -0.3])
     changes = {}
     folder, tight = plane_box(tmp_path / "box"), BOX_TRUTH["tight"]
-    made = Made(folder, "update.comparison=direct", *NUISANCES)
+    made = Made(folder, *NUISANCES, relative=False)
     files = made.measured(made.frf(tight), 0.005), made.measured(drifted(made, tight, 2.0, gains, 0.003), 0.005)
     for drift in (NUISANCES, ()):
-        study = made.study if drift else Made(folder, "update.comparison=direct").study
+        study = made.study if drift else Made(folder, relative=False).study
         reference = study.identify(made.tight, files[0])
         tree = study.identify(made.other, files[1], reference=reference).record.tree()
         changes[bool(drift)] = np.array([bolt["change"] for bolt in tree["bolts"]])
@@ -169,14 +169,13 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
     assert np.abs(changes[True]).max() < 0.5 * np.abs(changes[False]).max()
 
 
-@pytest.mark.parametrize("comparison", ["direct", "relative"])
+@pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("loose", [None, 2])
-def test_a_mixture_tells_drift_from_bolts(loose: int | None, comparison: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mixture_tells_drift_from_bolts(loose: int | None, relative: bool, tmp_path: Path) -> None:
     """With the prior of tight and loose bolts too, and with what drifted and the reference state uncertain."""
-    made = Made(plane_box(tmp_path / "box"), f"update.comparison={comparison}", "update.prior_shape=mixture", *NUISANCES)
     # The model is exact.
     exact = replace(STATISTICS, errors=replace(ERRORS, coarsening=1.0))
-    made.study.inputs = replace(made.study.inputs, statistics=exact)
+    made = Made(plane_box(tmp_path / "box"), *NUISANCES, relative=relative, statistics=exact)
     tight = BOX_TRUTH["tight"]
     reference = made.study.identify(made.tight, made.measured(made.frf(tight), 0.005))
     z = np.zeros(made.shapes.std.size)
@@ -354,7 +353,7 @@ def test_the_gate(box: Folder) -> None:
     ("words", "key"),
     [
         (("update.nuisances.gain=0.3", "update.reference="), "update.nuisances.gain"),
-        (("update.nuisances.gain=0.3", "update.prior=initial"), "update.nuisances.gain"),
+        (("update.nuisances.gain=0.3", "update.approach=paper"), "update.nuisances.gain"),
     ],
 )
 def test_drift_needs_a_state_to_drift_from(box: Folder, words: tuple[str, ...], key: str) -> None:

@@ -95,7 +95,7 @@ def test_calibration_warns_of_one_response(frame: Folder) -> None:
 
 def test_intervals_of_a_fit_that_misses_the_data(frame: Folder) -> None:
     """Bounds that keep the fit from the truth: values with narrow intervals, and a warning that they mean little."""
-    held = ("parameters.left_edge.bounds=[5.5, 8.0]", "update.comparison=direct", "update.largest_misfit=100", "update.prior=initial")
+    held = ("parameters.left_edge.bounds=[5.5, 8.0]", "update.largest_misfit=100", "update.approach=paper")
     tree = update(frame, "loose-all", *held).json["results"]["loose-all"]
     assert tree["misfit_db"]["final"] > 1.5
     (text,) = [text for text in tree["warnings"] if "does not reach the data" in text]

@@ -391,7 +391,7 @@ def test_a_distant_node_is_told(box: Folder) -> None:
 
 
 def test_a_response_that_is_only_reported_may_be_missing(box: Folder) -> None:
-    words = ("update.responses=[mic1, mic2, acc1]", "responses.mic3.record=nothing", "update.comparison=direct")
+    words = ("update.responses=[mic1, mic2, acc1]", "responses.mic3.record=nothing")
     overrides = tuple(part for word in words for part in ("--override", word))
     result = box.run("check", *overrides)
     assert result.code == 0

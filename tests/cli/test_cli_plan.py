@@ -104,8 +104,7 @@ def said(tree: Any, words: str) -> bool:
     [
         ((), -0.35),
         (("update.loose_change=-0.6",), -0.6),
-        (("update.prior_shape=normal",), -0.5),
-        (("update.unknowns=values",), -0.5),
+        (("update.approach=paper",), -0.5),
     ],
 )
 def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], loose_change: float) -> None:
@@ -133,7 +132,7 @@ def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     ):
         assert said(tree, words), words
     assert said(tree, "each bolt tight or loose (mixture); loose below -0.35 decades")
-    bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.prior_shape=normal")
+    bare.run("plan", "--draws", "1", "--noise", "0.5", *auto, "--override", "update.approach=paper")
     tree = json.loads((bare.out / "plan.json").read_text())
     assert said(tree, "model discrepancy 0.5 dB a line (--noise)")
     assert said(tree, "no drift between the jobs")
@@ -227,8 +226,9 @@ def test_values_where_there_are_no_bolts(bare: Folder) -> None:
 
 
 def test_drift_costs_information(bare: Folder) -> None:
-    held = planned(bare)
-    drifting = planned(bare, "--override", "update.nuisances={temperature: 3.0, gain: 3.0}")
+    auto = ("--override", "update.regularisation=auto")
+    held = planned(bare, *auto)
+    drifting = planned(bare, *auto, "--override", "update.nuisances={temperature: 3.0, gain: 3.0}")
     kinds = [entry["kind"] for entry in drifting["nuisances"]]
     assert kinds.count("gain") == 4
     assert kinds.count("factor") == 1

@@ -10,7 +10,7 @@ from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, sparse_weights, weighed
+from lrbc_cli.updating.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
 from lrbc_cli.updating.levels import Level, descend
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.noise import Noise
@@ -45,11 +45,11 @@ class Case:
     def begin(self, misfit: Misfit):
         return descend(misfit, self.prior, self.parameters.bounds, self.shapes.T)
 
-    def follow(self, misfit: Misfit, *, sparse: bool = False):
+    def follow(self, misfit: Misfit):
         def again(misfit: Misfit, theta: np.ndarray):
             return descend(misfit, theta, self.parameters.bounds, self.shapes.T, tolerance=1e-8)
 
-        return follow_noise(misfit, self.begin(misfit), again, self.shapes, SELECTED, sparse)
+        return follow_noise(misfit, self.begin(misfit), again, SELECTED)
 
 
 def data_of(case: Case, misfit: Misfit) -> np.ndarray:
@@ -121,34 +121,11 @@ class TestFollowNoise:
     def test_values_with_a_damping_exponent(self) -> None:
         """The exponent has no prior of its own, and no row."""
         case = Case(6, values=True)
-        for sparse in (False, True):
-            truth = np.zeros(VALUES + 1)
-            truth[[3, -1]] = -0.8, 1.5
-            _, solution, noise = case.follow(case.misfit(truth), sparse=sparse)
-            np.testing.assert_allclose(solution.theta - case.prior, truth, atol=0.25)
-            assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
-
-
-class TestSparse:
-    def test_small_changes_shrink_and_large_ones_stay(self) -> None:
-        truth = np.array([0.0, 0.0, -2.0, 0.0, 0.0])
-        ends = {}
-        for sparse in (False, True):
-            case = Case(7, strength=0.2)
-            misfit = case.misfit(truth)
-            ends[sparse] = np.linalg.lstsq(case.shapes.T, case.follow(misfit, sparse=sparse)[1].theta - case.prior, rcond=None)[0]
-        calm = [0, 1, 3, 4]
-        assert np.linalg.norm(ends[True][calm]) < np.linalg.norm(ends[False][calm])
-        assert abs(ends[True][2] + 2.0) < abs(ends[False][2] + 2.0)
-
-    def test_the_weights_are_those_of_a_t_distribution(self) -> None:
-        """Reweighted squares have the gradient of -2 log of the density (Cauchy): 2 log(1 + r²) at r = z/std."""
-        z, std = np.array([0.0, 0.1, -0.35, 2.0]), np.full(4, STD)
-        weight = sparse_weights(z, std)
-        gradient = 2 * weight**2 * z / std
-        r = z / std
-        np.testing.assert_allclose(gradient, 2 * 2 * r / (1 + r**2))
-        np.testing.assert_array_equal(sparse_weights(z, np.full(4, np.inf)), np.sqrt(2.0))
+        truth = np.zeros(VALUES + 1)
+        truth[[3, -1]] = -0.8, 1.5
+        _, solution, noise = case.follow(case.misfit(truth))
+        np.testing.assert_allclose(solution.theta - case.prior, truth, atol=0.25)
+        assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
 
 
 class _WithGain:
@@ -239,7 +216,7 @@ class TestRounds:
         def slides(misfit: Misfit, theta: np.ndarray):
             return descend(misfit, case.prior, case.parameters.bounds, case.shapes.T, max_iterations=0)
 
-        kept, solution, noise = follow_noise(misfit, begun, slides, case.shapes, SELECTED, False)
+        kept, solution, noise = follow_noise(misfit, begun, slides, SELECTED)
         assert kept is misfit
         np.testing.assert_array_equal(solution.theta, begun.theta)
         assert noise == noise_of(misfit, begun.evaluation, SELECTED)

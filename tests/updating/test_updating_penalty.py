@@ -30,14 +30,10 @@ def test_departures_alone_are_the_paper():
     np.testing.assert_array_equal(rows[:, 4], 0.0)
 
 
-@pytest.mark.parametrize(("key", "blind_to"), [("slope", [np.ones(5)]), ("curvature", [np.ones(5), np.arange(5.0)])])
-def test_differences_do_not_see_constants_and_straight_lines(key, blind_to):
-    rows = penalty_rows(Parameterisation((edge(5),)), value=0.0, **{key: 2.0})
-    for direction in blind_to:
-        np.testing.assert_allclose(rows @ direction, 0.0, atol=1e-14)
-    bump = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
-    expected = {"slope": 2.0 * 2, "curvature": 2.0 * 6}[key]
-    assert np.sum((rows @ bump) ** 2) == pytest.approx(expected)
+def test_differences_do_not_see_constants():
+    rows = penalty_rows(Parameterisation((edge(5),)), value=0.0, slope=2.0)
+    np.testing.assert_allclose(rows @ np.ones(5), 0.0, atol=1e-14)
+    assert np.sum((rows @ np.array([0.0, 0.0, 1.0, 0.0, 0.0])) ** 2) == pytest.approx(2.0 * 2)
 
 
 def test_groups_are_not_tied_to_each_other():
@@ -48,4 +44,4 @@ def test_groups_are_not_tied_to_each_other():
 
 
 def test_a_single_parameter_has_no_neighbour():
-    assert penalty_rows(Parameterisation((edge(1),)), value=0.0, slope=1.0, curvature=1.0).shape == (0, 1)
+    assert penalty_rows(Parameterisation((edge(1),)), value=0.0, slope=1.0).shape == (0, 1)

@@ -25,7 +25,7 @@ from lrbc_cli.updating.residuals import (
 )
 
 ROWS = np.array([0, 2, 3])
-KINDS = ("db", "log-complex", "complex")
+KINDS = ("db", "log-complex")
 CASES = [
     ResidualOptions(kind, loss, floor)
     for kind, loss, floor in itertools.product(KINDS, (None, 2.0), (None, 20.0))
@@ -159,18 +159,6 @@ class TestDefinitions:
         assert abs(found[1]) <= DB * np.pi * (1 + 1e-12)
         assert np.exp(1j * found[1] / DB) == pytest.approx(np.exp(1j * angle), abs=1e-9)
 
-    @pytest.mark.parametrize("factor", [1.01, 0.99])
-    def test_a_small_complex_error_at_the_rms_counts_as_its_decibels(self, factor):
-        m = np.array([3.0 + 4.0j, -5.0, 5.0j])
-        found = self.residual(factor * m, m, kind="complex")
-        np.testing.assert_allclose(np.hypot(found[:3], found[3:]), np.abs(20 * np.log10(factor)), rtol=6e-3)
-
-    def test_complex_is_scaled_by_each_response(self):
-        m = np.array([[1.0, 1000.0], [1.0j, 1000.0j]])
-        data = DataResidual(m, ResidualOptions("complex"))
-        found = data(1.1 * m, np.zeros((2, 2, 1), dtype=complex))[0].reshape(2, 2, 2)
-        np.testing.assert_allclose(found[:, :, 0], found[:, :, 1])
-
     @given(st.floats(-60.0, 60.0), st.floats(-100.0, 0.0), st.floats(5.0, 60.0))
     def test_the_floor_only_fades(self, difference, level, floor):
         """Never more than the plain difference, of the same sign; nearly the same well above the floor."""
@@ -264,33 +252,16 @@ class TestWeights:
         np.testing.assert_array_equal(plain.residual, none.residual)
         np.testing.assert_array_equal(plain.jacobian, none.jacobian)
 
-    @pytest.mark.parametrize("kind", ["db", "log-complex", "complex"])
+    @pytest.mark.parametrize("kind", KINDS)
     def test_a_line_that_is_only_noise_does_not_matter(self, kind):
         _, parameters, measured = state()
-        # Every response keeps its rms, by which complex differences are scaled.
-        measured[5] *= np.exp(2.0j)
-        if kind != "complex":
-            measured[5] *= 100.0
+        measured[5] *= 100.0 * np.exp(2.0j)
         sigma = np.zeros((S.size, ROWS.size))
         sigma[5] = np.inf
         theta = wavy(parameters)
         a = misfit_of(ResidualOptions(kind), sigma=sigma)(theta)
         b = misfit_of(ResidualOptions(kind), sigma=sigma, measured=measured)(theta)
         assert a.total == pytest.approx(b.total, rel=1e-12)
-
-    def test_complex_differences_weigh_by_their_own_size(self):
-        """A dB of a line far below its response's rms is a small difference: its noise is too."""
-        _, parameters, measured = state()
-        sigma = np.full((S.size, ROWS.size), 0.5)
-        theta = wavy(parameters)
-        plain = misfit_of(ResidualOptions("complex"))(theta).residual
-        weighted = misfit_of(ResidualOptions("complex"), sigma=sigma)(theta).residual
-        valid = np.isfinite(measured) & (np.abs(measured) > 0)
-        rms = np.sqrt(np.sum(np.abs(np.where(valid, measured, 0.0)) ** 2, axis=0) / valid.sum(axis=0))
-        own = (0.5 * np.abs(measured) / rms)[valid]
-        expected = np.tile(1.0 / np.sqrt(1.0 + own**2), 2)
-        count = 2 * int(valid.sum())
-        np.testing.assert_allclose(weighted[:count], expected * plain[:count], rtol=1e-10)
 
 
 class TestLevel:
@@ -324,7 +295,7 @@ class TestLevel:
 class TestSharedErrors:
     """Errors that lines share are whitened: the sum of squares is that of the full covariance."""
 
-    @pytest.mark.parametrize("kind", ["db", "log-complex", "complex"])
+    @pytest.mark.parametrize("kind", KINDS)
     def test_against_the_full_covariance(self, kind):
         rng = np.random.default_rng(3)
         shape = (30, 4)
@@ -341,8 +312,6 @@ class TestSharedErrors:
         wrong = ERRORS.change_error * np.abs(change)
         wrong /= np.sqrt(1 + (wrong / 0.4) ** 2)
         own = np.hypot(sigma, wrong)
-        if kind == "complex":
-            own = own * np.abs(measured) / np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
         own = np.tile(own.ravel(), 1 if real else 2)
         inverse = level**2 * np.linalg.inv(np.diag(level**2 + own**2) + B @ B.T)
         found, found_rows, _ = data(y, J.real if real else J)

@@ -1,0 +1,244 @@
+"""From settings and facts of a campaign to the method: frozen, all decided, with the reason of each choice.
+
+Execution is no part of it: back end, workers, and which of two formulas that give the same FRFs serves (``formula``).
+Values that depend on the FRFs themselves (``initial: auto``, ``bounds: auto``) follow from ``statistics.limits``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Literal
+
+from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.updating.decide import DecisionRule
+from lrbc_cli.updating.residuals import ResidualOptions
+from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
+
+Approach = Literal["bolts", "paper"]
+Noise = Literal["coherence", "scatter", "none"]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a resolution needs to know of a campaign besides its settings.
+
+    Attributes
+    ----------
+    reference : bool
+        There is a reference job, or one will be measured.
+    bolts : bool
+        The places of the bolts are known.
+    """
+
+    reference: bool
+    bolts: bool
+
+
+@dataclass(frozen=True)
+class Method:
+    """How jobs are identified.
+
+    Attributes
+    ----------
+    approach : str
+        ``bolts``: changes against the reference job, at bolts where they are known; ``paper``: values along the edge, drawn to their start
+        values. The reference job itself is always identified by values along the edge.
+    regularisation : float or str
+        Weight eta of the penalty [dB² per decade²]; ``noise``: from the residuals and the priors; ``l-curve``: at its corner.
+    optimiser : str
+        ``gauss-newton`` or ``bfgs``.
+    tolerance, max_iterations : float, int
+        Its stop rule.
+    relative : bool
+        Measurements are corrected by what the model lacks in the reference state.
+    mixture : bool
+        Bolts are judged by sampled changes, each tight or loose.
+    weighted : bool
+        Lines are weighted by what is known of their noise, see ``noise_source``, and by errors of predicted changes.
+    residual : ResidualOptions
+    lines : str or mapping
+        As in the campaign file.
+    responses : tuple of str or None
+        Those that are fitted; all where None.
+    nuisances : mapping of str to float
+        Standard deviations of what may drift, by key of the campaign file.
+    full_order : bool
+        FRFs are those of the full model.
+    statistics : StatisticalModel
+    rule : DecisionRule
+        Stands beside the method in a result, and is no part of the digest: it changes no identification.
+    reasons : mapping of str to str
+        Why each choice was made, by field; no part of the identity.
+    warnings : tuple of str
+        Settings that are not used.
+    """
+
+    approach: Approach
+    regularisation: float | Literal["noise", "l-curve"]
+    optimiser: Literal["gauss-newton", "bfgs"]
+    tolerance: float
+    max_iterations: int
+    relative: bool
+    mixture: bool
+    weighted: bool
+    residual: ResidualOptions
+    lines: Any
+    responses: tuple[str, ...] | None
+    nuisances: Mapping[str, float]
+    full_order: bool
+    statistics: StatisticalModel = STATISTICS
+    rule: DecisionRule = field(default_factory=DecisionRule, compare=False)
+    reasons: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False, repr=False)
+
+    @property
+    def follows_noise(self) -> bool:
+        """Whether the weight of the prior follows the noise of the residuals."""
+        return self.regularisation == "noise"
+
+    def tree(self) -> dict[str, Any]:
+        """``method`` of ``result.json``: all fields but the rule as plain values, reasons included."""
+        found = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "rule"}
+        found |= {"residual": asdict(self.residual), "statistics": asdict(self.statistics)}
+        return found | {"nuisances": dict(self.nuisances), "reasons": dict(self.reasons)}
+
+    @property
+    def digest(self) -> str:
+        """Digest of everything but rule, reasons and warnings: what identifications rest on besides model and measurement."""
+        tree = self.tree()
+        del tree["reasons"], tree["warnings"]
+        return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:32]
+
+    @property
+    def choices(self) -> list[str]:
+        """One line a choice: what, and why."""
+        words = {True: "yes", False: "no"}
+        shown = ((name, getattr(self, name), reason) for name, reason in self.reasons.items())
+        return [f"{name}: {words[value] if isinstance(value, bool) else value} ({reason})" for name, value, reason in shown]
+
+
+def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = STATISTICS) -> Method:
+    """Decide.
+
+    Parameters
+    ----------
+    update : UpdateConfig
+    facts : Facts
+    statistics : StatisticalModel
+        Its prior of values takes the standard deviation of the settings.
+
+    Returns
+    -------
+    Method
+    """
+    approach, why = _approach(update, facts)
+    by_bolts = approach == "bolts"
+    reasons, warnings = {"approach": why}, list[str]()
+    regularisation: float | Literal["noise", "l-curve"] = "noise"
+    given = update.regularisation
+    if by_bolts:
+        reasons["regularisation"] = "the weight of the prior follows the residuals"
+        if given != "auto":
+            warnings.append(f"update.regularisation: {given} is a weight of values along the edge, for approach: paper, and not used")
+    else:
+        regularisation = "noise" if given == "auto" else given
+        reasons["regularisation"] = "no weight is given: it follows the residuals" if given == "auto" else "as given"
+    optimiser = "gauss-newton" if by_bolts else update.method
+    reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs keeps to the nearest basin"
+    if optimiser != update.method:
+        warnings.append(f"update.method: {update.method} is for approach: paper, and not used")
+    follows = regularisation == "noise"
+    weighted = follows and update.weights == "auto"
+    reasons["weighted"] = (
+        "noise of the lines counts where coherence or repeats tell it, against the model discrepancy"
+        if weighted
+        else ("update.weights: none" if follows else "without a noise variance that follows the residuals nothing weighs against it")
+    )
+    mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
+    reasons["relative"] = (
+        "most of the model discrepancy is that of the reference state"
+        if relative
+        else ("errors of changes need weights" if mixture else "no changes at bolts are sought")
+    )
+    reasons["mixture"] = "each bolt is tight or loose" if mixture else "no changes at bolts are sought"
+    return Method(
+        approach=approach,
+        regularisation=regularisation,
+        optimiser=optimiser,
+        # Of the paper, on the log10 of the sum; of Gauss-Newton on the sum itself.
+        tolerance=update.tolerance or (1e-4 if optimiser == "gauss-newton" else 1e-3),
+        max_iterations=update.max_iterations,
+        relative=relative,
+        mixture=mixture,
+        weighted=weighted,
+        residual=ResidualOptions(update.residual, update.loss_scale if update.loss == "soft" else None, update.floor),
+        lines=update.lines if isinstance(update.lines, str) else update.lines.model_dump(mode="json", by_alias=True),
+        responses=update.responses,
+        nuisances={name: value for name, value in update.nuisances if value is not None},
+        full_order=update.evaluation == "full",
+        statistics=replace(statistics, values=replace(statistics.values, std=update.prior_std)),
+        rule=rule_of(update),
+        reasons=reasons,
+        warnings=tuple(warnings),
+    )
+
+
+def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
+    if update.approach is not None:
+        return update.approach, "as given"
+    if not facts.reference:
+        return "paper", "no reference job to compare with"
+    if update.regularisation != "auto":
+        return "paper", f"regularisation: {update.regularisation} is a weight of values along the edge"
+    if update.method == "bfgs":
+        return "paper", "method: bfgs is the paper's"
+    return "bolts", "there is a reference job to compare with"
+
+
+def rule_of(update: UpdateConfig) -> DecisionRule:
+    """The decision rule of the settings: a given ``loose_change`` holds for either posterior."""
+    rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
+    given = update.loose_change
+    return rule if given is None else replace(rule, loose_change=given, mixture_change=given)
+
+
+def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:
+    """From what the noise of the lines of one measurement is known.
+
+    Parameters
+    ----------
+    method : Method
+    coherent : bool
+        There are coherences of more than one average.
+    repeated : bool
+        There are repeated measurements.
+
+    Returns
+    -------
+    str
+        ``coherence``, ``scatter`` or ``none``.
+    """
+    if not method.weighted:
+        return "none"
+    return "coherence" if coherent else "scatter" if repeated else "none"
+
+
+def formula(evaluation: str, terms: int, size: int) -> str:
+    """By what FRFs are evaluated; ``auto`` takes the cheaper: a solve of order nt, or one of order r, each with its right-hand sides.
+
+    Parameters
+    ----------
+    evaluation : str
+        Of the settings.
+    terms, size : int
+        nt, and the order r of the reduced model.
+
+    Returns
+    -------
+    str
+        ``port``, ``reduced`` or ``full``.
+    """
+    return evaluation if evaluation != "auto" else "port" if terms <= size else "reduced"

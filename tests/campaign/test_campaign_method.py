@@ -1,0 +1,123 @@
+"""One resolver: what settings come to, the same for check, plan and update, and part of what a result rests on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+from campaigns import Folder
+
+from lrbc_cli.campaign import cache
+from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.jobs import plan
+from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.method import Facts, Method, formula, noise_source, resolve
+from lrbc_cli.updating.statistics import STATISTICS
+
+JOBS = ["tight", "loose-2", "loose-all"]
+
+
+def method(*, reference: bool = True, bolts: bool = True, **settings: Any) -> Method:
+    return resolve(UpdateConfig.model_validate(settings), Facts(reference, bolts))
+
+
+@pytest.mark.parametrize(
+    ("found", "approach", "regularisation", "optimiser", "sampled"),
+    [
+        (method(), "bolts", "noise", "gauss-newton", True),
+        (method(reference=False), "paper", "noise", "gauss-newton", False),
+        (method(bolts=False), "bolts", "noise", "gauss-newton", False),
+        (method(regularisation=0.04), "paper", 0.04, "gauss-newton", False),
+        (method(regularisation="l-curve"), "paper", "l-curve", "gauss-newton", False),
+        (method(method="bfgs"), "paper", "noise", "bfgs", False),
+        (method(approach="paper"), "paper", "noise", "gauss-newton", False),
+        (method(approach="bolts", regularisation=0.04, method="bfgs"), "bolts", "noise", "gauss-newton", True),
+    ],
+)
+def test_two_ways(found: Method, approach: str, regularisation: Any, optimiser: str, sampled: bool) -> None:
+    assert (found.approach, found.regularisation, found.optimiser) == (approach, regularisation, optimiser)
+    assert found.mixture == found.relative == sampled
+    assert set(found.reasons) == {"approach", "regularisation", "optimiser", "weighted", "relative", "mixture"}
+
+
+def test_settings_of_the_other_way_are_named() -> None:
+    assert method(regularisation=0.04, method="bfgs").warnings == ()
+    first, second = method(approach="bolts", regularisation=0.04, method="bfgs").warnings
+    assert "update.regularisation: 0.04" in first
+    assert "update.method: bfgs" in second
+
+
+@pytest.mark.parametrize(
+    ("weights", "regularisation", "coherent", "repeated", "source"),
+    [
+        ("auto", "auto", True, True, "coherence"),
+        ("auto", "auto", False, True, "scatter"),
+        ("auto", "auto", False, False, "none"),
+        ("none", "auto", True, True, "none"),
+        ("auto", 0.04, True, True, "none"),
+    ],
+)
+def test_where_the_noise_of_lines_is_from(weights: str, regularisation: Any, coherent: bool, repeated: bool, source: str) -> None:
+    found = method(weights=weights, regularisation=regularisation)
+    assert noise_source(found, coherent=coherent, repeated=repeated) == source
+
+
+def test_formulas() -> None:
+    assert [formula("auto", 10, 38), formula("auto", 40, 38), formula("reduced", 10, 38), formula("full", 10, 0)] == [
+        "port",
+        "reduced",
+        "reduced",
+        "full",
+    ]
+
+
+def test_nothing_is_auto_any_more() -> None:
+    text = json.dumps({name: value for name, value in method().tree().items() if name != "reasons"})
+    assert '"auto"' not in text
+
+
+@pytest.mark.parametrize(("part", "name"), [(p.name, f.name) for p in fields(STATISTICS) for f in fields(getattr(STATISTICS, p.name))])
+def test_every_number_is_part_of_the_identity(part: str, name: str) -> None:
+    found = method()
+    own = getattr(found.statistics, part)
+    value = getattr(own, name)
+    other = tuple(2 * x for x in value) if isinstance(value, tuple) else 2 * value
+    changed = replace(found.statistics, **{part: replace(own, **{name: other})})
+    assert replace(found, statistics=changed).digest != found.digest
+
+
+def test_reasons_are_no_part_of_the_identity() -> None:
+    assert method(approach="bolts").digest == method().digest
+    assert method(prior_std=0.3).digest != method().digest
+    assert method(loss="soft").digest != method().digest
+
+
+def runs(inputs: Inputs) -> list[str]:
+    """Jobs that would run."""
+    return [job.name for job in plan(inputs, cache.key_parts(inputs), JOBS) if job.run]
+
+
+def test_a_number_of_the_statistical_model_makes_results_outdated(frame: Folder) -> None:
+    inputs = frame.inputs()
+    assert runs(inputs) == []
+    errors = replace(STATISTICS.errors, shift_error=0.30)
+    changed = replace(inputs, by_hand={"statistics": replace(inputs.statistics, errors=errors)})
+    assert changed.method.statistics.errors.shift_error == 0.30
+    assert runs(changed) == JOBS
+
+
+def test_check_update_and_plan_take_the_same_method(frame: Folder) -> None:
+    found = frame.run("check", "--json").json
+    checked = found["method"]
+    assert checked["approach"] == "bolts"
+    assert all(frame.result(job)["method"] == checked for job in JOBS)
+    assert all(frame.result(job)["decision_rule"] == found["decision_rule"] for job in JOBS)
+    assert frame.run("plan", "--draws", "0").code == 0
+    assert json.loads((frame.out / "plan.json").read_text())["identification"] == checked
+    text = frame.run("check").stdout
+    for line in ("approach: bolts (there is a reference job to compare with)", "mixture: yes (each bolt is tight or loose)"):
+        assert line in text
+    listing = frame.run("check", "--override", "update.approach=bolts", "--override", "update.regularisation=0.04").stdout
+    assert "update.regularisation: 0.04 is a weight of values along the edge, for approach: paper, and not used" in listing
