@@ -61,7 +61,7 @@ class LrbcError(Exception):
         if self.found is not None:
             lines.append(f"  found:    {_shortened(self.found)}")
         if self.hint:
-            lines.append(f"  to mend:  {_shortened(self.hint)}")
+            lines.append(f"  fix:      {_shortened(self.hint)}")
         return "\n".join(lines)
 
     def __str__(self) -> str:

@@ -149,7 +149,7 @@ def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> 
             f"{cost.nonzeros / 1e6:.2f} million entries of the factors) of {limit / GB:.1f} GB {source}"
         )
         if peak > limit:
-            out.warnings.append(f"the memory does not suffice for the reduction: {peak / GB:.2f} GB of {limit / GB:.2f} GB {source}")
+            out.warnings.append(f"not enough memory for the reduction: {peak / GB:.2f} GB of {limit / GB:.2f} GB {source}")
         out.predicted = {
             "peak_bytes": round(peak),
             "available_bytes": round(limit) if np.isfinite(limit) else None,

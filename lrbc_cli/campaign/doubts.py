@@ -142,7 +142,7 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
 def compared_text(inputs: Inputs, result: Identification) -> str:
     """What entered the cost, and against what, in a clause."""
     residual = {"db": "magnitudes in dB", "log-complex": "magnitudes in dB and phases"}
-    against = f"corrected by what the model lacks in {inputs.campaign.update.reference}" if result.relative else "as measured"
+    against = f"corrected by the model discrepancy of {inputs.campaign.update.reference}" if result.relative else "as measured"
     names = ", ".join(inputs.responses[i].name for i in inputs.used)
     lines = result.measurement.frequency_hz[result.selected]
     band = f"{lines.size} lines from {lines[0]:g} to {lines[-1]:g} Hz"

@@ -297,5 +297,5 @@ def remarks(result: Identification) -> list[str]:
             f"and by {apart:.2f} decades (rms) in what they identify"
         )
     if result.relative:
-        found.append("compared after correcting the measurement by what the model lacks in the reference job")
+        found.append("compared after correcting the measurement by the model discrepancy of the reference job")
     return found

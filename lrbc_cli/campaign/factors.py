@@ -70,7 +70,7 @@ def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> di
             outside = abs(matrix).sum() - abs(matrix).multiply(abs(whole).sign()).sum()
             if outside > 1e-6 * abs(matrix).sum():
                 raise DataError(
-                    f"the {operator} of group {name} is no share of the model's: it has entries where the model has none",
+                    f"the {operator} of group {name} is not part of the model's matrix: it has entries where the model has none",
                     file=ref.path,
                     place=ref.group,
                     expected=f"a part of the model's {operator} matrix, in the same order of DOFs",
@@ -91,7 +91,7 @@ def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, 
     share = float(norm(matrix) / norm(there))
     if share > LARGEST_SHARE:
         raise DataError(
-            f"the {operator} of group {name} is no share of the model's: it is {share:.3g} times what the model has in these entries",
+            f"the {operator} of group {name} is not part of the model's matrix: it is {share:.3g} times what the model has there",
             file=ref.path,
             place=ref.group,
             expected=f"a part of the model's {operator} matrix, in the same units",

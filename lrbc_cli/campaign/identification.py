@@ -48,7 +48,7 @@ class Identification:
     against_reference : bool
         The unknowns are changes against the reference job.
     relative : bool
-        The measurement was corrected by what the model lacks in the reference state.
+        The measurement was corrected by the model discrepancy of the reference state.
     cost_initial : float
     line_evaluations : int
     seconds : dict

@@ -148,12 +148,12 @@ class _Job:
             tight = self._read(reference)
         except DataError as error:
             # Its earlier result still serves.
-            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without what it tells")
+            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
             return None
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.warnings.append(f"its lines are not those of {reference}: compared without what the measurement of {reference} tells")
+            self.warnings.append(f"its lines are not those of {reference}: compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]

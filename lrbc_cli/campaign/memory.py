@@ -111,7 +111,7 @@ def require_memory(inputs: Inputs) -> None:
     elif cost.backend == "superlu":
         hints.append("reduction.backend: pardiso, which needs half of it for symmetric models")
     raise NumericalError(
-        "the memory does not suffice for the reduction",
+        "not enough memory for the reduction",
         place="reduction",
         expected=f"at most {limit / GB:.3g} GB ({source})",
         found=f"a predicted peak of {peak / GB:.2f} GB, {cost.memory[largest] / GB:.2f} GB of it for the {largest}",

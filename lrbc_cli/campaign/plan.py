@@ -228,7 +228,7 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
                 theta[values] = bounds[values, 1 if state == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
     if record is not None and reference is not None and job != reference:
-        # A job that is compared states what its changes leave, which is far less than what the model lacks.
+        # A job that is compared states what its changes leave, which is far less than the model discrepancy.
         job, record = reference, read_job(campaign.output, reference)
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:

@@ -117,7 +117,7 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
             )
         if np.any(np.abs(numbers[np.isfinite(numbers)]) > MAX_LOG10):
             raise ConfigError(
-                "a value that no structure has",
+                "a value out of range",
                 place=f"--set {text}",
                 expected=f"log10 values between {-MAX_LOG10:g} and {MAX_LOG10:g}, inf or -inf",
                 found=values,

@@ -83,7 +83,7 @@ def obtain_reduction(
     ConfigError
         Where the cache cannot be written.
     NumericalError
-        Where the memory does not suffice, and where the tolerance is not reached and not accepted; what was built is kept.
+        Where there is not enough memory, and where the tolerance is not reached and not accepted; what was built is kept.
     """
     start = time.perf_counter()
     parts = cache.key_parts(inputs)

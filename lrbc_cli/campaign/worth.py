@@ -17,7 +17,7 @@ from lrbc_cli.updating.information import Experiment, Outlook, bits_of, distance
 Floats = NDArray[np.float64]
 
 #: Why nothing can be said of a bolt.
-_NOT_FELT = "no term feels it: beyond the ends of the edge"
+_NOT_FELT = "no identified spring near this bolt: it lies beyond the ends of the edge"
 _HELD = "the bounds of the values leave no room for a change"
 
 

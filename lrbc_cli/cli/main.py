@@ -31,7 +31,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
-    "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign file, or of the result files."),
+    "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign or result files."),
     "guide": ("lrbc_cli.cli.guide:guide", "Show the pages of the guide."),
 }
 DEFECT = 1
@@ -161,7 +161,7 @@ def _usage_error(error: click.ClickException) -> str:
 
 def _defect(error: BaseException) -> str:
     problem = f"{type(error).__name__}: {error}".splitlines()[0][:300]
-    return f"lrbc: a defect of the program ({problem})\n  to mend:  run with -vv for the traceback, and report it"
+    return f"lrbc: internal error ({problem})\n  fix:      run with -vv for the traceback, and report it"
 
 
 def _complete_streams() -> None:
@@ -205,7 +205,7 @@ def _stop(error: BaseException, *, at_once: bool = False) -> NoReturn:
         message, code = "lrbc: interrupted; what was finished is kept", INTERRUPTED
     elif isinstance(error, MemoryError):
         short = NumericalError(
-            f"the memory does not suffice ({str(error).rstrip('.') or 'no details'})",
+            f"not enough memory ({str(error).rstrip('.') or 'no details'})",
             hint="a coarser model, fewer terms or responses, or more memory; lrbc check predicts what is needed",
         )
         message, code = short.message, short.exit_code

@@ -138,7 +138,7 @@ class UpdateConfig(Strict):
     weights: Literal["auto", "none"] = Field(
         default="auto",
         description="Weights of the lines 1/sqrt(1 + (sigma/s)²), sigma from coherence (with the jobs' `averages`) or from the scatter of "
-        "the jobs' `repeats` where measured, s what the model lacks, which follows the residuals; none: all lines alike. With a given "
+        "the jobs' `repeats` where measured, s the model discrepancy, which follows the residuals; none: all lines alike. With a given "
         "weight of the penalty always none.",
     )
     regularisation: Regularisation = Field(

@@ -53,7 +53,7 @@ class Method:
     tolerance, max_iterations : float, int
         Its stop rule.
     relative : bool
-        Measurements are corrected by what the model lacks in the reference state.
+        Measurements are corrected by the model discrepancy of the reference state.
     mixture : bool
         Bolts are judged by sampled changes, each tight or loose.
     weighted : bool

@@ -17,6 +17,8 @@ from lrbc_cli.results.plan import Excitation, PlannedBolt, PlanRecord, Visibilit
 from lrbc_cli.results.store import read
 
 VERDICTS: tuple[Visibility, ...] = ("seen", "weak", "blind")
+#: What people read for the keys of ``plan.json``.
+WORDS: dict[Visibility, str] = {"seen": "detectable", "weak": "marginal", "blind": "not detectable"}
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
@@ -53,12 +55,11 @@ def plan_chart(plan: PlanRecord) -> Chart:
     width = float(np.clip(left + RIGHT + _LABEL + 30.0 * count, 560.0, 900.0))
     ranked = 20.0 + _BAR * max(len(shown), 1)
     panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
-    subtitle = (
-        f"{_state(plan.state)} · {number(plan.noise.sigma_db, 3)} dB a line · {plan.planned.seen} seen, {plan.planned.weak} weak, "
-        f"{plan.planned.blind} blind with {sum(entry.planned for entry in plan.responses)} planned responses"
-    )
-    alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
-    return Chart(f"What can be seen · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
+    counts = f"{plan.planned.seen} detectable, {plan.planned.weak} marginal, {plan.planned.blind} not detectable"
+    planned = sum(entry.planned for entry in plan.responses)
+    subtitle = f"{_state(plan.state)} · {number(plan.noise.sigma_db, 3)} dB a line · {counts} with {planned} planned responses"
+    alt = " ".join(f"{WORDS[word]}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
+    return Chart(f"Detectable loosening · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
 
 
 def _cut(name: str, limit: int = 24) -> str:
@@ -85,7 +86,8 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
         every = max(1, math.ceil((_GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
         for index, bolt in enumerate(edge):
             top = min(bolt.d_prime, high)
-            text = f"{bolt.name}, {bolt.verdict}: d' {number(bolt.d_prime, 3)}, correct verdict {fmt.probability(bolt.probability_correct)}"
+            correct = fmt.probability(bolt.probability_correct)
+            text = f"{bolt.name}, {WORDS[bolt.verdict]}: d' {number(bolt.d_prime, 3)}, correct verdict {correct}"
             # A blind bolt keeps a visible foot.
             boxes[bolt.verdict].append(((at + 0.17, at + 0.83, 0.0, max(top, 0.012 * high)), text))
             if bolt.all_responses.d_prime > bolt.d_prime + 0.005 * high:
@@ -107,9 +109,9 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
         at += 0.5
     how = "right verdict when rehearsed" if plan.rehearsed else "verdict correct"
     labels = {
-        "seen": f"seen: {how}, {100 * plan.limits.seen.probability:.0f} % or more",
-        "weak": "weak",
-        "blind": f"blind: below {100 * plan.limits.blind.probability:.0f} %",
+        "seen": f"detectable: {how}, {100 * plan.limits.seen.probability:.0f} % or more",
+        "weak": "marginal",
+        "blind": f"not detectable: below {100 * plan.limits.blind.probability:.0f} %",
     }
     items: list[Item] = [
         Tiles(f"plan-{word}", np.array([box for box, _ in found]).reshape(-1, 4), labels[word], tuple(text for _, text in found))
@@ -182,7 +184,7 @@ def plan_text(output: Path) -> str:
     rows = [
         [
             bolt.name,
-            bolt.verdict,
+            WORDS[bolt.verdict],
             _plain(bolt.d_prime, 1),
             _plain(bolt.probability_correct, 2),
             _plain(bolt.all_responses.d_prime, 1),
@@ -203,7 +205,9 @@ def plan_text(output: Path) -> str:
         if bolt.note is not None:
             notes.setdefault(bolt.note, []).append(bolt.name)
     lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
-    lines.append(f"{plan.planned.seen} seen, {plan.planned.weak} weak, {plan.planned.blind} blind with {', '.join(planned)}")
+    lines.append(
+        f"{plan.planned.seen} detectable, {plan.planned.weak} marginal, {plan.planned.blind} not detectable with {', '.join(planned)}"
+    )
     lines += ["", *_worths("response", plan.responses, plan.planned.worst)]
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
@@ -275,7 +279,7 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     rows: list[list[str | Cell]] = [
         [
             bolt.name,
-            bolt.verdict,
+            WORDS[bolt.verdict],
             fmt.fixed(bolt.d_prime, 1),
             fmt.probability(bolt.probability_correct),
             fmt.fixed(bolt.all_responses.d_prime, 1),

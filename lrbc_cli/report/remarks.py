@@ -50,7 +50,7 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
         Cell("Validation", tag("br"), "channels [dB]"),
         "Limit [dB]",
         Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
-        Cell("Lines worth one", title="residuals of neighbouring lines are alike; so many count as one independent value"),
+        Cell("Lines per independent value", title="residuals of neighbouring lines are alike; so many count as one independent value"),
     ]
     return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
 

@@ -120,7 +120,7 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
 def weighed(
     misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None, damped: bool = False
 ) -> tuple[Misfit, float]:
-    """The cost with its lines weighted against what the model lacks at an optimum, and the noise variance to be expected then.
+    """The cost with its lines weighted against the model discrepancy at an optimum, and the noise variance to be expected then.
 
     Parameters
     ----------

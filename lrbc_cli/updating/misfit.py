@@ -325,7 +325,7 @@ class Misfit:
 
     @property
     def level(self) -> float:
-        """Standard deviation of what the model lacks [dB]."""
+        """Standard deviation of the model discrepancy [dB]."""
         return self._data.level
 
     @property
@@ -334,7 +334,7 @@ class Misfit:
         return self._data.weighted
 
     def with_level(self, level: float) -> Misfit:
-        """The same cost with another standard deviation of what the model lacks."""
+        """The same cost with another standard deviation of the model discrepancy."""
         other = copy(self)
         other._data, other.evaluations = self._data.with_level(level), 0
         return other
@@ -362,7 +362,7 @@ class Misfit:
         return self._data.carried(columns, other._data)
 
     def followed(self, theta: Floats, evaluation: Evaluation) -> float:
-        """Standard deviation of what the model lacks, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
+        """Standard deviation of the model discrepancy, by what is left at an optimum [dB]: see ``DataResidual.follow``."""
         rows = evaluation.residual.size - self.penalty.shape[0]
         return self._data.follow(self.model.frf(theta), spent(evaluation.jacobian[:rows], evaluation.jacobian[rows:]))
 

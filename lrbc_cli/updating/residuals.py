@@ -88,7 +88,7 @@ class DataResidual:
     target : (F, R) float array
         Measurement in dB, zero where not valid.
     level : float
-        Standard deviation of what the model lacks [dB].
+        Standard deviation of the model discrepancy [dB].
 
     Raises
     ------
@@ -133,7 +133,7 @@ class DataResidual:
         return self._sigma is not None or self._patterns is not None
 
     def with_level(self, level: float) -> DataResidual:
-        """The same with another standard deviation of what the model lacks [dB]."""
+        """The same with another standard deviation of the model discrepancy [dB]."""
         other = copy(self)
         other._weigh(level)
         return other
@@ -196,7 +196,7 @@ class DataResidual:
         return other(y, np.zeros((*y.shape, 0), dtype=complex))[0]
 
     def follow(self, y: Complexes, spent: float) -> float:
-        """Standard deviation of what the model lacks, by the residuals that are left [dB].
+        """Standard deviation of the model discrepancy, by the residuals that are left [dB].
 
         The s at which the sum of squares is ``s²`` for each residual less those that the unknowns take: lines that the measurement's noise
         explains, and errors that lines share, tell nothing of the rest.
@@ -342,6 +342,6 @@ def noise_weights(sigma: Floats, level: float) -> Floats:
     sigma : float array
         Standard deviations [dB].
     level : float
-        Standard deviation of what the model lacks [dB].
+        Standard deviation of the model discrepancy [dB].
     """
     return np.where(np.isnan(sigma), 1.0, 1.0 / np.sqrt(1.0 + (np.nan_to_num(sigma, posinf=np.inf) / level) ** 2))

@@ -226,7 +226,7 @@ def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     assert warning in box.run("check").stdout
     result = box.run("update", "--job", "loose", "--override", "update.regularisation=auto")
     assert result.code == 0
-    others = "its lines are not those of tight: compared without what the measurement of tight tells"
+    others = "its lines are not those of tight: compared without correction by it"
     assert result.stderr == f"warning: job loose: {warning}\nwarning: job loose: {others}\n"
     assert box.result("loose")["notes"][0] == warning
 

@@ -123,20 +123,20 @@ class Case:
 
 
 MODEL = [
-    Case("no stiffness", remove("K.mtx"), 3, ("K.mtx", "does not exist", "to mend:"), ("check", "reduce", "update", "simulate")),
+    Case("no stiffness", remove("K.mtx"), 3, ("K.mtx", "does not exist", "fix:"), ("check", "reduce", "update", "simulate")),
     Case("empty stiffness", empty("K.mtx"), 3, ("K.mtx", "empty", "0 bytes")),
     Case("folder for stiffness", directory("K.mtx"), 3, ("K.mtx", "not a file", "a folder")),
     Case("garbage stiffness", garbage("K.mtx"), 3, ("K.mtx", "expected:", "found:")),
-    Case("truncated stiffness", truncated("K.mtx"), 3, ("K.mtx", "expected:", "found:", "to mend:"), ("check", "reduce")),
+    Case("truncated stiffness", truncated("K.mtx"), 3, ("K.mtx", "expected:", "found:", "fix:"), ("check", "reduce")),
     Case("text for stiffness", on_file("K.mtx", lambda _: b"hello\n"), 3, ("K.mtx", "expected:", "found:")),
     Case("no mass", remove("M.mtx"), 3, ("M.mtx", "does not exist")),
-    Case("NaN in stiffness", substitute("K.mtx", r"^3 3 \S+", "3 3 nan"), 3, ("K.mtx", "row 2, column 2", "finite", "nan", "to mend:")),
+    Case("NaN in stiffness", substitute("K.mtx", r"^3 3 \S+", "3 3 nan"), 3, ("K.mtx", "row 2, column 2", "finite", "nan", "fix:")),
     Case("Inf in mass", substitute("M.mtx", r"^3 3 \S+", "3 3 -inf"), 3, ("M.mtx", "row 2, column 2", "finite", "-inf")),
     Case(
         "mass too small",
         matrix("M.mtx", lambda M: M.tocsr()[:-1, :-1].tocoo()),
         3,
-        ("M.mtx", "wrong size", "32 x 32", "31 x 31", "to mend:"),
+        ("M.mtx", "wrong size", "32 x 32", "31 x 31", "fix:"),
     ),
     Case("stiffness not square", matrix("K.mtx", lambda K: K.tocsr()[:-1].tocoo()), 3, ("K.mtx", "not square", "31 x 32")),
     Case("complex mass", matrix("M.mtx", lambda M: sp.coo_array(M * (1 + 0.1j))), 3, ("M.mtx", "complex", "real numbers")),
@@ -179,7 +179,7 @@ SELECTIONS = [
         2,
         ("parameters.springs.select", "PRES, UZ", "ROTY"),
     ),
-    Case("empty box", config("- 0\n        - 1.5", "- 7\n        - 8"), 2, ("parameters.springs.select.box", "x 0 to 2.1", "to mend:")),
+    Case("empty box", config("- 0\n        - 1.5", "- 7\n        - 8"), 2, ("parameters.springs.select.box", "x 0 to 2.1", "fix:")),
     Case(
         "unknown excitation node", config("node: 8\n    component: UZ", "node: 88\n    component: UZ"), 2, ("excitation.hammer", "node 88")
     ),
@@ -216,13 +216,13 @@ MEASUREMENTS = [
         "lines outside the band",
         outside("loose.uff"),
         3,
-        ("loose.uff", "job loose", "lines between 20 and 400 Hz", "2020 to 2400 Hz", "to mend:"),
+        ("loose.uff", "job loose", "lines between 20 and 400 Hz", "2020 to 2400 Hz", "fix:"),
     ),
     Case(
         "record not found",
         config("removed:", "records: {mic1: nothing}\n    removed:"),
         3,
-        ("loose.uff", "job loose", "no record of response mic1", "name nothing", "record 4: acc1", "to mend:"),
+        ("loose.uff", "job loose", "no record of response mic1", "name nothing", "record 4: acc1", "fix:"),
     ),
     Case(
         "node not found",
@@ -233,9 +233,7 @@ MEASUREMENTS = [
     Case(
         "another quantity", config("removed:", "records: {mic1: acc1}\n    removed:"), 3, ("record 4", "expected: pressure", "acceleration")
     ),
-    Case(
-        "ambiguous records", doubled("loose.uff"), 3, ("loose.uff", "several records fit response mic1", "record 1", "record 2", "to mend:")
-    ),
+    Case("ambiguous records", doubled("loose.uff"), 3, ("loose.uff", "several records fit response mic1", "record 1", "record 2", "fix:")),
     Case("silent response", zeroed("loose.uff"), 3, ("loose.uff", "mic2", "zero")),
 ]
 

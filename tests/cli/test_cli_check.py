@@ -274,7 +274,7 @@ def test_points_in_millimetres(tmp_path: Path) -> None:
     folder.write(tree)
     result = folder.run("check")
     assert result.code == 3
-    assert "millimetres" not in result.stderr.split("to mend:")[1]
+    assert "millimetres" not in result.stderr.split("fix:")[1]
 
 
 def test_a_dof_table_in_millimetres(tmp_path: Path) -> None:

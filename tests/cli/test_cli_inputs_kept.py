@@ -56,7 +56,7 @@ def place(folder: Folder, file: str, *keys: str) -> Path:
 def test_a_measurement_where_its_result_goes(chain: Folder, command: tuple[str, ...]) -> None:
     place(chain, "out/one/frf.csv", "jobs", "one", "frf")
     said = run(chain, command)
-    for part in ("jobs.one.frf", "the results would replace this input", "out/one/frf.csv", "to mend:"):
+    for part in ("jobs.one.frf", "the results would replace this input", "out/one/frf.csv", "fix:"):
         assert part in said
 
 

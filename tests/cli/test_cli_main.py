@@ -102,7 +102,7 @@ def test_exit_codes(run, what: str, code: int, message: str) -> None:  # type: i
 def test_a_defect_is_told_shortly(run, what: str, name: str) -> None:  # type: ignore[no-untyped-def]
     result = run("trial", what)
     assert result.exit_code == 1
-    assert f"a defect of the program ({name}" in result.stderr
+    assert f"internal error ({name}" in result.stderr
     assert "Traceback" not in result.stderr
     assert "Traceback" not in run("trial", "-v", what).stderr
 

@@ -13,6 +13,7 @@ import pytest
 from campaigns import ROOT, Folder, lrbc
 from samples import reduced_cache
 
+WORDS = {"seen": "detectable", "weak": "marginal", "blind": "not detectable"}
 FILES = {"plan.json", "plan.csv", "plan.png"}
 
 
@@ -151,7 +152,7 @@ def test_the_table_says_what_the_file_says(bare: Folder) -> None:
     tree = json.loads((bare.out / "plan.json").read_text())
     for bolt in tree["bolts"]:
         line = next(line for line in outcome.stdout.splitlines() if line.startswith(f"{bolt['name']} "))
-        assert bolt["verdict"] in line
+        assert f" {WORDS[bolt['verdict']]} " in line
         assert f"{bolt['d_prime']:.1f}" in line
     for entry in tree["responses"]:
         line = next(line for line in outcome.stdout.splitlines() if line.startswith(f"{entry['name']} "))
@@ -202,7 +203,7 @@ def test_a_finished_job_is_a_state(box: Folder) -> None:
     assert other["state"] == "job:loose"
     assert other["noise"] == {
         "sigma_db": 0.5,
-        # What changes leave in a job that is compared is not what the model lacks.
+        # What changes leave in a job that is compared is not the model discrepancy.
         "correlation_factor": result["noise"]["correlation_factor"],
         "source": "--noise",
     }

@@ -616,7 +616,7 @@ def test_output_that_cannot_be_written(box: Folder, command: str) -> None:
         result = box.run(command, "--override", f"output={box.path.as_posix()}/{output}")
         assert result.code == 2, result.stderr
         assert "the results cannot be written" in result.stderr
-        assert "to mend:" in result.stderr
+        assert "fix:" in result.stderr
         assert "Traceback" not in result.stderr
     assert (box.path / "file").read_text() == "no folder"
 

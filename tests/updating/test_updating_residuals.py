@@ -326,7 +326,7 @@ class TestSharedErrors:
         np.testing.assert_allclose(data.carried(other(y, J.real if real else J)[1], other), found_rows, rtol=1e-8, atol=1e-10)
 
     def test_the_level_beside_shared_errors(self):
-        """Errors along known patterns tell nothing of what the model lacks besides."""
+        """Errors along known patterns tell nothing of the model discrepancy besides."""
         rng = np.random.default_rng(4)
         shape = (200, 5)
         measured = np.ones(shape, dtype=complex)
