@@ -164,6 +164,7 @@ class PlanRecord(Document):
     draws: int
     assumes: Many[str] = ()
     identification: dict[str, Any] | None = None
+    identification: dict[str, Any] | None = None
     limits: Limits
     lines: Lines
     nuisances: Many[Nuisance] = ()
