@@ -164,7 +164,6 @@ class PlanRecord(Document):
     draws: int
     assumes: Many[str] = ()
     identification: dict[str, Any] | None = None
-    identification: dict[str, Any] | None = None
     limits: Limits
     lines: Lines
     nuisances: Many[Nuisance] = ()
