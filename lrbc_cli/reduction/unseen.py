@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import nctdtrit, ndtri
 
 from lrbc_cli.reduction.certify import ROUNDING, SILENT
 from lrbc_cli.reduction.ports import PortFrf
@@ -58,7 +58,7 @@ def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFI
     The noncentral t distribution of Owen (1968), as tabled in ISO 16269-6.
     """
     root = np.sqrt(count)
-    return float(stats.nct.ppf(confidence, count - 1, stats.norm.ppf(share) * root) / root)
+    return float(nctdtrit(count - 1, ndtri(share) * root, confidence) / root)
 
 
 def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Floats, tolerance: float = 0.0) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 #: Two-sided 95 %.
-NORMAL_95 = float(norm.ppf(0.975))
+NORMAL_95 = float(ndtri(0.975))
 
 #: Increase of the data's sum of squares over the noise that 95 % of fluctuations do not reach (chi-squared, one unknown).
 CHI2_95 = NORMAL_95**2

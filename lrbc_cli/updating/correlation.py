@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.signal import find_peaks
+
+from lrbc_cli.updating.peaks import peaks_of
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -138,7 +139,7 @@ def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float 
     """
     known = np.flatnonzero(np.isfinite(level_db))
     level, f = level_db[known], frequency_hz[known]
-    at, _ = find_peaks(level, prominence=prominence_db)
+    at = peaks_of(level, prominence=prominence_db)
     # The neighbours on both sides must be neighbours in the measurement as well.
     at = at[(known[at + 1] - known[at - 1]) == 2]
     refined = np.array([_vertex(f[i - 1 : i + 2], level[i - 1 : i + 2]) for i in at])

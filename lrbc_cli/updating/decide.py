@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.verdicts import Edge, Place, places
@@ -92,7 +92,7 @@ class SampledChange:
     def below(self, limit: float, scatter: float) -> float:
         """Probability that the change lies below a limit, with a further standard deviation [decades]."""
         loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
-        tight_cdf, loose_cdf = norm.cdf((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
+        tight_cdf, loose_cdf = ndtr((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
         # Weights that are rounded may add up to more than one.
         return min(float(weight @ ((1.0 - loose) * tight_cdf + loose * loose_cdf)), 1.0)
 
@@ -125,7 +125,7 @@ class Change:
         """Posterior probability of a change below a limit, where tight states scatter so much."""
         if self.sampled is not None:
             return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)))
-        return float(norm.cdf((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
+        return float(ndtr((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
 
 
 @dataclass(frozen=True, kw_only=True)

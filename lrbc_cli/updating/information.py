@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.misfit import Sensitive
@@ -243,12 +243,12 @@ def chance(distance: Floats, confidence: float) -> Floats:
     this confidence, both being equally likely beforehand: ``Phi(d'/2 - ln(c/(1-c))/d')``, the same whether the bolt is changed or not.
     """
     away = np.maximum(distance, 1e-12)
-    return np.asarray(norm.cdf(0.5 * away - np.log(confidence / (1.0 - confidence)) / away))
+    return np.asarray(ndtr(0.5 * away - np.log(confidence / (1.0 - confidence)) / away))
 
 
 def distance_for(probability: float, confidence: float) -> float:
     """The d' at which ``chance`` is this: ``q + sqrt(q² + 2 ln(c/(1-c)))`` with ``Phi(q)`` the probability."""
-    q = float(norm.ppf(probability))
+    q = float(ndtri(probability))
     return float(q + np.sqrt(q**2 + 2.0 * np.log(confidence / (1.0 - confidence))))
 
 
@@ -320,7 +320,7 @@ def expectation(of: Experiment, limit: float) -> tuple[Floats, Floats]:
         there = _inverse(of.prior + of.loosened[n])
         expected[n] = of.change[n] * (1.0 - there[c] @ of.prior[:, c])
         if of.change[n] < 0:
-            loose[n] = norm.cdf((limit - expected[n]) / max(float(np.sqrt(max(there[c, c], 0.0))), 1e-12))
+            loose[n] = ndtr((limit - expected[n]) / max(float(np.sqrt(max(there[c, c], 0.0))), 1e-12))
     return expected, loose
 
 

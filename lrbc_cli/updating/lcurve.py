@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
 
 from lrbc_cli.updating.levels import descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.optimise import Solution
+from lrbc_cli.updating.peaks import peaks_of
 
 Floats = NDArray[np.float64]
 
@@ -177,6 +175,10 @@ def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2,
         [1/decade].
     """
     t = np.linspace(np.log10(eta[0]), np.log10(eta[-1]), between * (eta.size - 1) + 1)
+    # Loaded here: few campaigns choose their weight so, and all would wait.
+    from scipy.interpolate import PchipInterpolator
+    from scipy.ndimage import gaussian_filter1d
+
     x, y = (PchipInterpolator(np.log10(eta), np.log10(values))(t) for values in (data, penalty))
     along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     if not along[-1] > 0.0:
@@ -208,7 +210,7 @@ def find_corner(eta: Floats, data: Floats, penalty: Floats, *, sharpness: float 
     if not (np.all(data > 0) and np.all(penalty > 0)):
         return None
     points, kappa = curvature(eta, data, penalty)
-    peaks, _ = find_peaks(kappa, height=sharpness)
+    peaks = peaks_of(kappa, height=sharpness)
     t = np.log10(eta)
     inner = [peak for peak in peaks if t[1] <= points[peak, 0] <= t[-2]]
     if not inner:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from lrbc_cli.updating.misfit import decibel
+from lrbc_cli.updating.peaks import peaks_of
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, A
         ]
     for spectrum in spectra:
         filled = np.where(np.isfinite(spectrum), spectrum, np.nanmin(spectrum[np.isfinite(spectrum)]))
-        peaks, _ = find_peaks(filled, prominence=rule.prominence_db)
+        peaks = peaks_of(filled, prominence=rule.prominence_db)
         for peak in peaks:
             for direction in (-1, 1):
                 at = peak

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
-from scipy.stats import norm
+from scipy.special import expit, ndtr
 
 from lrbc_cli.updating.misfit import Evaluation
 from lrbc_cli.updating.optimise import Solution, gauss_newton
@@ -114,7 +113,7 @@ class ChangeSamples:
     def below(self, limit: float | Floats, scatter: float | Floats = 0.0) -> Floats:
         """(b,) probabilities that the changes lie below a limit [decades], with a further standard deviation where tight states scatter."""
         limits, further = (np.broadcast_to(value, self.bolts.shape)[:, None] for value in (limit, scatter))
-        inside = norm.cdf((limits - self.means) / np.hypot(self.stds, further))
+        inside = ndtr((limits - self.means) / np.hypot(self.stds, further))
         return np.asarray((self._weights * inside).sum(axis=2).mean(axis=0))
 
     @property

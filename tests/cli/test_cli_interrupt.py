@@ -17,7 +17,7 @@ from campaigns import Folder, frame
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
-JOBS = [f"state-{i:02d}" for i in range(4)]
+JOBS = [f"state-{i:02d}" for i in range(6)]
 
 
 def many_jobs(path: Path) -> Folder:

@@ -143,8 +143,8 @@ def test_given_values(box: Folder, assignment: str, log10: np.ndarray) -> None:
         ("springs=nan", ["cannot be used", "nan"]),
         ("springs=1,2", ["does not fit", "1 or 6 values", "2"]),
         ("springs=", ["not a number"]),
-        ("springs=31", ["no structure has", "between -30 and 30"]),
-        ("springs=4,4,4,4,4,-1e300", ["no structure has"]),
+        ("springs=31", ["out of range", "between -30 and 30"]),
+        ("springs=4,4,4,4,4,-1e300", ["out of range"]),
         ("springs.damping=1", ["has no damping exponent"]),
     ],
 )
