@@ -369,6 +369,7 @@ def test_drift_of_the_air_needs_air(frame: Folder) -> None:
     assert "PRES" in result.stderr
 
 
+@pytest.mark.slow
 def test_the_frame_with_all_of_it(tmp_path: Path) -> None:
     """Through the command line: a baseline, drift, verdicts with probabilities, exit code 6."""
     folder = two_jobs(tmp_path / "frame")

@@ -63,6 +63,7 @@ def groups(folder: Folder, **wanted: Any) -> None:
 # -- formulas and optimisers --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_formulas_agree_on_the_frame(frame: Folder) -> None:
     band = "reduction.band=[30.0, 160.0]"
     found = {kind: identify(frame, band, f"update.evaluation={kind}", job="loose-2") for kind in ("port", "reduced", "full")}

@@ -101,7 +101,7 @@ def done(lines: list[str]) -> list[str]:
     [
         pytest.param(1, 0.0, (), id="while-reducing"),
         pytest.param("state-01", 0.02, (), id="within-a-job"),
-        pytest.param("state-01", 0.01, ("--workers", "2"), id="with-two-workers"),
+        pytest.param("state-01", 0.01, ("--workers", "2"), id="with-two-workers", marks=pytest.mark.slow),
     ],
 )
 def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, pause: float, args: tuple[str, ...]) -> None:
@@ -125,6 +125,7 @@ def test_interrupted(tmp_path: Path, undisturbed: Folder, after: int | str, paus
     assert_same(folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_killed_within_a_job(tmp_path: Path, undisturbed: Folder) -> None:
     """While files are written: test_cli_killed.py."""
     folder = many_jobs(tmp_path / "frame")
@@ -139,6 +140,7 @@ def test_killed_within_a_job(tmp_path: Path, undisturbed: Folder) -> None:
     assert_same(folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_an_interrupted_rerun_keeps_what_was_there(undisturbed: Folder, tmp_path: Path) -> None:
     """Running finished jobs again, an interruption leaves every job with a whole result: the old one or the new one."""
     folder = undisturbed.copy(tmp_path / "frame")

@@ -88,7 +88,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     return folder
 
 
-@pytest.mark.parametrize("file", ["model.h5", "calibration.json", "campaign.json"])
+@pytest.mark.parametrize(
+    "file", [pytest.param("model.h5", marks=pytest.mark.slow), "calibration.json", pytest.param("campaign.json", marks=pytest.mark.slow)]
+)
 def test_calibrate(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     folder = two_jobs(tmp_path / "frame")
     kill(folder, file, "calibrate")
@@ -115,7 +117,13 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     assert outcome.json["kept"] == JOBS
 
 
-@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "evidence.json", "result.json", "campaign.csv"])
+@pytest.mark.parametrize(
+    "file",
+    [
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("campaign.json", "reduction.json", "evidence.json", "campaign.csv")),
+        "result.json",
+    ],
+)
 def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     folder = calibrated
     kill(folder, file, "update")
@@ -159,7 +167,7 @@ def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, 
 READERS = {"h5": lambda path: h5py.File(path).close(), "mat": scipy.io.loadmat}
 
 
-@pytest.mark.parametrize("ending", ["h5", "mat"])
+@pytest.mark.parametrize("ending", ["h5", pytest.param("mat", marks=pytest.mark.slow)])
 def test_export(tmp_path: Path, ending: str) -> None:
     folder = frame(tmp_path / "frame")
     target = folder.path / f"mine.{ending}"

@@ -116,6 +116,7 @@ def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], lo
     assert max(bolt["threshold"] for bolt in box.result("loose")["bolts"]) == loose_change
 
 
+@pytest.mark.slow
 def test_the_plan_says_what_it_assumes(bare: Folder) -> None:
     few_bolts(bare)
     auto = ("--override", "update.regularisation=auto")
