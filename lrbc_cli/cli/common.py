@@ -36,7 +36,7 @@ def load(
         require_own_output(campaign)
     inputs = read_as_exported(campaign) if calibration is None else read_inputs(campaign, calibration=calibration)
     if warn and verbosity.level >= 0:
-        for warning in inputs.warnings:
+        for warning in (*inputs.warnings, *inputs.method.warnings):
             click.echo(f"warning: {warning}", err=True)
     use = inputs.calibration
     # That there is none is no news but for those who ask for the plan.

@@ -49,6 +49,13 @@ def test_settings_of_the_other_way_are_named() -> None:
     assert "update.method: bfgs" in second
 
 
+def test_every_command_says_what_is_not_used(frame: Folder) -> None:
+    words = ("--override", "update.approach=bolts", "--override", "update.regularisation=0.04")
+    for command in (("check",), ("update", "--dry-run"), ("reduce", "--dry-run")):
+        outcome = frame.run(*command, *words)
+        assert (outcome.stdout + outcome.stderr).count("update.regularisation: 0.04") == 1, command
+
+
 @pytest.mark.parametrize(
     ("weights", "regularisation", "coherent", "repeated", "source"),
     [
