@@ -180,7 +180,8 @@ def _tiles(content: Content) -> Iterable[Markup]:
     states = [f"{count} {state}" for state in STATUSES if (count := sum(job.status == state for job in jobs))]
     yield _tile("Jobs", str(len(jobs)), ", ".join(states))
     if any(job.bolts for job in done):
-        yield _loose(done, len(jobs))
+        assumed = [job.job for job in done if job.taken_as_tight is not None]
+        yield _loose([job for job in done if job.job not in assumed], len(jobs) - len(assumed))
     known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"

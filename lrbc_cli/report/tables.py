@@ -200,8 +200,9 @@ def sentence(bolt: Bolt) -> str:
 
 
 def hits(jobs: Iterable[JobRecord]) -> str | None:
-    """Say how the verdicts compare with what is known; None where nothing is known."""
-    bolts = [bolt for job in jobs if job.explained for bolt in job.bolts if bolt.removed is not None]
+    """Say how the verdicts compare with what is known, in jobs that are not tight by assumption; None where nothing is known."""
+    told = [job for job in jobs if job.explained and job.taken_as_tight is None]
+    bolts = [bolt for job in told for bolt in job.bolts if bolt.removed is not None]
     removed: list[str] = [bolt.verdict for bolt in bolts if bolt.removed]
     tight: list[str] = [bolt.verdict for bolt in bolts if not bolt.removed]
     if not bolts:
@@ -210,10 +211,10 @@ def hits(jobs: Iterable[JobRecord]) -> str | None:
     for verdicts, what, right, wrong in ((removed, "removed", "loose", "tight"), (tight, "in place", "tight", "loose")):
         seen = len(verdicts) - verdicts.count("outside")
         if seen:
-            parts.append(
-                f"Of {seen} bolts known to be {what}, {verdicts.count(right)} are judged {right}, "
-                f"{verdicts.count('undecided')} undecided, {verdicts.count(wrong)} {wrong}."
-            )
+            good, plural = verdicts.count(right), "" if seen == 1 else "s"
+            judged = f"{good} {'is' if good == 1 else 'are'} judged {right}"
+            others = f"{verdicts.count('undecided')} undecided, {verdicts.count(wrong)} {wrong}."
+            parts.append(f"Of {seen} bolt{plural} known to be {what}, {judged}, {others}")
     outside = (removed + tight).count("outside")
     if outside:
         parts.append(f"{outside} more are outside, where nothing is observable.")
