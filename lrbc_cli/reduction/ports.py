@@ -24,8 +24,12 @@ SYMMETRY = 1e-9
 #: Flexibility that is left where a term clamps, relative to its port: none would make terms that depend on each other singular.
 CLAMPED = 1e-14
 
-#: A motion that nothing holds counts as driven where it takes more than this fraction of the loads: far above rounding, far below a signal.
+#: A motion that nothing holds counts as driven where loads move it by more than this fraction of what its own port does: far above
+#: rounding, far below a signal.
 DRIVEN = 1e-9
+
+#: Roundings of a complex product and a sum: a pivot that is no more has lost all its digits.
+LOST = 4.0
 
 #: Cubes of the terms, summed over the lines, from which two threads solve: less is done before a thread has begun; and terms up to which
 #: LAPACK does not use threads of its own.
@@ -206,17 +210,22 @@ class PortFrf:
         A = Hpp * F[:, None, :]
         index = np.arange(E.shape[1])
         A[:, index, index] += E
+        # A term that alone holds a motion, set free: E + Hpp F is zero or its rounding, by chance. Where nothing drives the motion, any
+        # number but zero gives the rest; this one is within the rounding of E. A motion that is driven has no answer.
+        least = np.finfo(float).eps * E
+        lost = np.abs(A[:, index, index]) <= LOST * least
+        within = np.where(lost, least, 0.0)
+        A[:, index, index] = np.where(lost, least, A[:, index, index])
         try:
-            return solved(A, B)
-        except np.linalg.LinAlgError:
-            # A term that alone holds a motion, set free: E + Hpp F is zero or its rounding, by chance. Where nothing drives the motion, any
-            # number but zero gives the rest; this one is within the rounding of E. A motion that is driven has no answer.
-            within = np.finfo(float).eps * E
-            A[:, index, index] += within
             found = solved(A, B)
-            if np.abs(within[:, :, None] * found).max() > DRIVEN * np.abs(B).max():
-                raise
-            return found
+        except np.linalg.LinAlgError:
+            # The same of several terms together.
+            A[:, index, index] += least
+            within += least
+            found = solved(A, B)
+        if within.any() and np.any(np.abs(within[:, :, None] * found).max(axis=2) > DRIVEN * np.abs(Hpp[:, index, index])):
+            raise np.linalg.LinAlgError("a motion that nothing holds is driven")
+        return found
 
     def _respond(self, F: Complexes, w: Complexes) -> Complexes:
         y = (self.H0p * F[:, None, :]) @ w
