@@ -16,6 +16,7 @@ from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.cli.interruption import stop_if_asked
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign
 from lrbc_cli.results.fields import plain
@@ -46,7 +47,20 @@ def load(
 
 
 def progress() -> Callable[[str], None]:
-    """Write progress lines to stderr: kept with -v, one changing line on a terminal, nothing otherwise."""
+    """Write progress lines to stderr: kept with -v, one changing line on a terminal, nothing otherwise.
+
+    Each is a step after which an interrupted run stops.
+    """
+    show = _shown()
+
+    def step(text: str) -> None:
+        show(text)
+        stop_if_asked()
+
+    return step
+
+
+def _shown() -> Callable[[str], None]:
     if verbosity.level >= 1:
         return lambda text: click.echo(text, err=True)
     if verbosity.level == 0 and sys.stderr.isatty():

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from lrbc_cli import __version__
+from lrbc_cli.cli import interruption
 from lrbc_cli.cli.options import verbosity, verbosity_options
 from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
 
@@ -109,8 +110,10 @@ class LazyGroup(click.Group):
         """Run and exit: an int that a command returns is its exit code, errors have theirs."""
         verbosity.reset()
         _complete_streams()
+        interruption.listen()
         try:
             code = super().main(args, prog_name or "lrbc", complete_var, standalone_mode=False, **extra)
+            interruption.stop_if_asked()
         except (Exception, KeyboardInterrupt) as error:
             if isinstance(error, Exception) and not standalone_mode:
                 raise

@@ -170,6 +170,34 @@ def test_an_interrupted_report_leaves_no_half_page(undisturbed: Folder, tmp_path
     assert not page.exists() or page.read_text().rstrip().endswith("</html>")
 
 
+def test_an_interruption_that_is_swallowed_stops_the_run_at_its_next_step(tmp_path: Path) -> None:
+    """Python ignores exceptions in finalisers: a signal that came in one let the whole run go on, with exit code 0."""
+    (tmp_path / "deaf.py").write_text(
+        "import os, signal, click\n"
+        "from lrbc_cli.cli.common import progress\n"
+        "from lrbc_cli.cli.main import LazyGroup\n"
+        "class Deaf:\n"
+        "    def __del__(self):\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "@click.command()\n"
+        "@click.option('--steps', type=int)\n"
+        "def listen(steps):\n"
+        "    tell = progress()\n"
+        "    Deaf()\n"
+        "    click.echo('goes on')\n"
+        "    for _ in range(steps):\n"
+        "        tell('a step')\n"
+        "        click.echo('another')\n"
+        "if __name__ == '__main__':\n"
+        "    LazyGroup('lrbc', table={'listen': ('deaf:listen', 'Listen.')})()\n"
+    )
+    for steps in ("0", "2"):
+        command = [sys.executable, "deaf.py", "listen", "--steps", steps]
+        found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+        assert (found.returncode, found.stdout.split("\n")) == (130, ["goes on", ""]), found.stderr
+        assert "interrupted; what was finished is kept" in found.stderr
+
+
 def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: Path) -> None:
     (tmp_path / "hanging.py").write_text(
         "import threading, click\n"

@@ -1,0 +1,41 @@
+"""An interruption from the keyboard that nothing swallows.
+
+Python raises KeyboardInterrupt wherever it is; in a finaliser or a callback from compiled code the interpreter prints it
+as ignored and goes on, so that a run of hours would not stop. It is noted here, and raised again at the next step.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+
+
+class _Interruption:
+    asked = False
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        signal.default_int_handler(number, frame)
+
+
+_state = _Interruption()
+
+
+def listen() -> None:
+    """Note interruptions from now on; where they are ignored (``nohup``, a shell's background job) they stay so."""
+    _state.asked = False
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _state.note)
+
+
+def stop_if_asked() -> None:
+    """Stop at a place between two steps.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If an interruption came since :func:`listen`.
+    """
+    if _state.asked:
+        raise KeyboardInterrupt
