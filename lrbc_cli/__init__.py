@@ -24,7 +24,7 @@ _PUBLIC = {
     "Reduction": "lrbc_cli.reduction.build",
     "ReductionOptions": "lrbc_cli.reduction.build",
     "reduce_model": "lrbc_cli.reduction.build",
-    "Measurement": "lrbc_cli.campaign.records",
+    "Measurement": "lrbc_cli.campaign.identification.records",
     "read_frf": "lrbc_cli.io.frf",
     "write_frf": "lrbc_cli.io.frf",
     "LrbcError": "lrbc_cli.errors",
@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from lrbc_cli.campaign.records import Measurement
+    from lrbc_cli.campaign.identification.records import Measurement
     from lrbc_cli.errors import LrbcError
     from lrbc_cli.io.frf import read_frf, write_frf
     from lrbc_cli.matrices import TermModel, reduce

@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.evidence import evidence_of
-from lrbc_cli.campaign.identification import Identification
-from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.judging import role_of, scatter_of_records
-from lrbc_cli.campaign.plan import Request, make_plan
-from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.rehearsal import DRAWS
-from lrbc_cli.campaign.results import identified_tree, with_judgement
-from lrbc_cli.campaign.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
+from lrbc_cli.campaign.jobs.results import identified_tree, with_judgement
+from lrbc_cli.campaign.planning.plan import Request, make_plan
+from lrbc_cli.campaign.planning.rehearsal import DRAWS
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.cache import cache_folder
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import ConfigError, DataError

@@ -59,7 +59,7 @@ FORBIDDEN = {
 LONGEST = 450
 
 #: Modules in one folder; rooms that are not divided into sub-rooms yet may have more, and `cli` has one a command.
-WIDEST, UNDIVIDED = 13, {"campaign", "cli", "reduction", "report", "updating"}
+WIDEST, UNDIVIDED = 13, {"cli", "reduction", "updating"}
 
 MODULES = sorted(ROOT.rglob("*.py"))
 

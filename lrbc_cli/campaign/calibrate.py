@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
-from lrbc_cli.campaign.doubts import calibration_doubts, refuse_units
-from lrbc_cli.campaign.drift import drift_extras
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.records import Measurement, read_measurement
-from lrbc_cli.campaign.results import frf_rows, write_campaign
-from lrbc_cli.campaign.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_sigma
+from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
+from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.jobs.results import frf_rows, write_campaign
+from lrbc_cli.campaign.reading.drift import drift_extras
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.certify import lines_between, measured_errors

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.factors import CalibrationUse
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reading.factors import CalibrationUse
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash

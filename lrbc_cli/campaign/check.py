@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.jobs import JobPlan, choose_jobs, plan
-from lrbc_cli.campaign.memory import GB, limit_of, reduction_cost
-from lrbc_cli.campaign.model_doubts import loss_factor
-from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.unknowns import select_lines
+from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.unknowns import select_lines
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.model_doubts import loss_factor
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.protect import require_new, require_no_input
-from lrbc_cli.campaign.reader import DIRECTIONS
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.reader import DIRECTIONS
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula
 from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
-from lrbc_cli.campaign.stage import FrfSource, ReductionStage, cheaper_formula
-from lrbc_cli.campaign.unknowns import parameterise
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation

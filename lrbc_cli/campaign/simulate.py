@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.identification.unknowns import layout, parameterise, stored_theta
 from lrbc_cli.campaign.protect import require_new, require_no_input
-from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
-from lrbc_cli.campaign.unknowns import layout, parameterise, stored_theta
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet

@@ -12,10 +12,10 @@ from typing import Any
 
 import click
 
-from lrbc_cli.campaign.cache import cache_folder
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.documents import require_own_output
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.cli.interruption import stop_if_asked
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.config import load_campaign

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.plan import Request, make_plan, write_plan
-from lrbc_cli.campaign.rehearsal import DRAWS
+from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
+from lrbc_cli.campaign.planning.rehearsal import DRAWS
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.report import draw_plan, plan_text

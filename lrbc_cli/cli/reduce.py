@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from lrbc_cli.campaign.cache import key_parts, look_up
 from lrbc_cli.campaign.export import check_targets, export, require_real
-from lrbc_cli.campaign.results import write_campaign, write_reduction
+from lrbc_cli.campaign.jobs.results import write_campaign, write_reduction
+from lrbc_cli.campaign.reduced.cache import key_parts, look_up
+from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.campaign.simulate import check_parameters
-from lrbc_cli.campaign.stage import obtain_reduction
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.errors import ConfigError

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.cache import key_parts, look_up
-from lrbc_cli.campaign.jobs import choose_jobs, plan
-from lrbc_cli.campaign.run import run_jobs
-from lrbc_cli.campaign.standing import findings_of
+from lrbc_cli.campaign.jobs.plans import choose_jobs, plan
+from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.campaign.jobs.standing import findings_of
+from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.report import summary_text

@@ -1,6 +1,6 @@
 """Figures, tables and the HTML page; reads result files only, never computes physics."""
 
-from lrbc_cli.report.plan import draw_plan, plan_text
+from lrbc_cli.report.parts.plan import draw_plan, plan_text
 from lrbc_cli.report.summary import summary_text
 from lrbc_cli.report.write import write_report
 

@@ -14,20 +14,20 @@ from urllib.parse import quote
 
 import numpy as np
 
-from lrbc_cli.report import format as fmt
-from lrbc_cli.report import tables
-from lrbc_cli.report.calibration import calibration_parts, serves
-from lrbc_cli.report.certificate import certificate_parts
-from lrbc_cli.report.chart import Chart
-from lrbc_cli.report.correlation import correlation_parts
-from lrbc_cli.report.figures import convergence_charts
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.drawing.chart import Chart
+from lrbc_cli.report.drawing.style import css
+from lrbc_cli.report.drawing.svg import legend, own_size, svg
 from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Cell, Markup, details, figure, join, table, tag
-from lrbc_cli.report.plan import plan_parts
-from lrbc_cli.report.provenance import provenance
-from lrbc_cli.report.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
-from lrbc_cli.report.style import css
-from lrbc_cli.report.svg import legend, own_size, svg
+from lrbc_cli.report.parts import tables
+from lrbc_cli.report.parts.calibration import calibration_parts, serves
+from lrbc_cli.report.parts.certificate import certificate_parts
+from lrbc_cli.report.parts.correlation import correlation_parts
+from lrbc_cli.report.parts.figures import convergence_charts
+from lrbc_cli.report.parts.plan import plan_parts
+from lrbc_cli.report.parts.provenance import provenance
+from lrbc_cli.report.parts.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
 from lrbc_cli.results.job import STATUSES, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord

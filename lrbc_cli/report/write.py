@@ -10,14 +10,14 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.report.chart import Chart
-from lrbc_cli.report.correlation import fdac_chart
-from lrbc_cli.report.figures import frf_chart, profile_chart, profile_scales
+from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.files import frf_file, replace
-from lrbc_cli.report.lcurve import l_curve_chart
 from lrbc_cli.report.page import Content, FrfFigure, render
-from lrbc_cli.report.plan import plan_chart
-from lrbc_cli.report.strip import map_chart, strip_chart
+from lrbc_cli.report.parts.correlation import fdac_chart
+from lrbc_cli.report.parts.figures import frf_chart, profile_chart, profile_scales
+from lrbc_cli.report.parts.lcurve import l_curve_chart
+from lrbc_cli.report.parts.plan import plan_chart
+from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
@@ -184,7 +184,7 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
 
 def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) -> int:
     # matplotlib takes a second to import; `update` comes by here for the summary only.
-    from lrbc_cli.report.png import is_current
+    from lrbc_cli.report.drawing.png import is_current
 
     todo = [(chart, file) for chart, file in tasks if not is_current(chart, file)]
     if todo:
@@ -201,6 +201,6 @@ def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) 
 
 
 def _draw_one(task: _Task) -> None:
-    from lrbc_cli.report.png import draw
+    from lrbc_cli.report.drawing.png import draw
 
     draw(*task)

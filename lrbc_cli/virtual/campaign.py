@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.drift import speed_std
-from lrbc_cli.campaign.inputs import Inputs
 from lrbc_cli.campaign.protect import require_new, require_no_input
+from lrbc_cli.campaign.reading.drift import speed_std
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.document import as_yaml
 from lrbc_cli.config.fields import NAME_LENGTH, is_name
 from lrbc_cli.config.skeleton import FILE

@@ -11,10 +11,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.memory import options_of
-from lrbc_cli.campaign.stage import FrfSource, cheaper_formula, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.memory import options_of
+from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
 from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError, NumericalError
 from lrbc_cli.model.factors import SOUND_SPEED, with_factors

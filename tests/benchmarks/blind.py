@@ -30,8 +30,8 @@ from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.inputs import read_as_exported
-from lrbc_cli.campaign.run import run_jobs
+from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import LrbcError, NumericalError
 

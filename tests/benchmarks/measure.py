@@ -18,12 +18,12 @@ import numpy as np
 import scipy.linalg as la
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.stage import ReductionStage, frf_source
-from lrbc_cli.campaign.unknowns import parameterise, select_lines
+from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_operators, full_ports, reduce_model
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.reduced import ReducedModel

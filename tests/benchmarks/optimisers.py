@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.stage import FrfSource, frf_source, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.weights import line_sigma
+from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
+from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Evaluation, Misfit

@@ -24,7 +24,7 @@ import numpy as np
 from measure import Figure, at_most
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.reduction.build import Reduction
 from lrbc_cli.reduction.certify import quantity_groups, relative_error
 from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation

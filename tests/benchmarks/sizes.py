@@ -31,7 +31,7 @@ from measure import Figure, at_most
 from run import head, table
 from sizes_chart import draw, exponent
 
-from lrbc_cli.campaign.results import versions
+from lrbc_cli.campaign.jobs.results import versions
 from lrbc_cli.reduction import pardiso
 from rigs.campaign import campaign_text
 from rigs.design import EDGES

@@ -18,11 +18,11 @@ import measure
 import numpy as np
 import scipy.linalg as la
 
-from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.identify import identify
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.stage import ReductionStage, frf_source, line_seconds
-from lrbc_cli.campaign.unknowns import parameterise
+from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source, line_seconds
 from lrbc_cli.config import load_campaign
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_operators, reduce_model
 from lrbc_cli.reduction.dynamic import DynamicStiffness

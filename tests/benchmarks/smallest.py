@@ -6,7 +6,7 @@ import numpy as np
 from measure import Figure, at_most
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.inputs import Inputs
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
 from lrbc_cli.reduction.certify import quantity_groups
 from lrbc_cli.reduction.reduced import ReducedModel

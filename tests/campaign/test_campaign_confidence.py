@@ -12,7 +12,7 @@ from campaigns import BOX_TRUTH, Folder, box, frame, two_jobs
 
 import lrbc_cli
 from lrbc_cli import Measurement
-from lrbc_cli.campaign.stage import affine_model
+from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.updating.error_model import ERRORS

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.doubts import noise_level, unreached, worsened
-from lrbc_cli.campaign.records import read_measurement
+from lrbc_cli.campaign.identification.doubts import noise_level, unreached, worsened
+from lrbc_cli.campaign.identification.records import read_measurement
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
 

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf
 
-from lrbc_cli.campaign import identify as identification
+from lrbc_cli.campaign.identification import identify as identification
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating import levels

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from campaigns import Folder, box, finished
 
-from lrbc_cli.campaign.evidence import validation_channels
+from lrbc_cli.campaign.jobs.evidence import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign import cache
-from lrbc_cli.campaign.inputs import Inputs
-from lrbc_cli.campaign.jobs import plan
+from lrbc_cli.campaign.jobs.plans import plan
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.method import Facts, Method, formula, noise_source, resolve
 from lrbc_cli.updating.statistics import STATISTICS

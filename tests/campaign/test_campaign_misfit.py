@@ -9,9 +9,9 @@ import pytest
 from campaigns import Folder
 from test_campaign_identify import identify, measure, values
 
-from lrbc_cli.campaign.records import read_measurement
-from lrbc_cli.campaign.unknowns import select_lines
-from lrbc_cli.campaign.weights import line_sigma
+from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.unknowns import select_lines
+from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.updating.residuals import coherence_sigma, noise_weights

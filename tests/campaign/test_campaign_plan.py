@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from campaigns import Folder, frame
 
-from lrbc_cli.campaign.stage import frf_source, obtain_reduction
-from lrbc_cli.campaign.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.information import LOOSENING

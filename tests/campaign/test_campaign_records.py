@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -204,7 +204,7 @@ def test_lines_that_differ_by_rounding_are_the_same(box: Folder, monkeypatch: py
     records = list(read_frf(box.data / "loose.uff").records)
     records[1] = replace(records[1], frequency_hz=records[1].frequency_hz * (1 + 2e-8))
     records[2] = replace(records[2], frequency_hz=records[2].frequency_hz * (1 - 5e-7))
-    monkeypatch.setattr("lrbc_cli.campaign.records.read_frf", lambda *_: FrfSet("", tuple(records)))
+    monkeypatch.setattr("lrbc_cli.campaign.identification.records.read_frf", lambda *_: FrfSet("", tuple(records)))
     found = measured(box, "reduction.band=[19.0, 401.0]")
     assert found.frequency_hz.size == 191
     assert np.isfinite(found.values).all()

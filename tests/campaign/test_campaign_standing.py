@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from campaigns import Folder, environment, finished, two_jobs
 
-from lrbc_cli.campaign.standing import changes_of, other_baselines, other_reference, state_of
+from lrbc_cli.campaign.jobs.standing import changes_of, other_baselines, other_reference, state_of
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.store import read_job
 
@@ -22,7 +22,7 @@ OTHERS = ["loose-2"]
 #: The command on a disk that is full while one job is written: a limit of the size of files, of which the record of a failure has less.
 FULL = """
 import resource, sys
-from lrbc_cli.campaign import run
+from lrbc_cli.campaign.jobs import run
 
 name = sys.argv.pop(1)
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]

@@ -14,7 +14,7 @@ import scipy.io
 import scipy.sparse as sp
 from campaigns import Folder, box, chain_folder, frame
 
-from lrbc_cli.campaign import memory
+from lrbc_cli.campaign.reduced import memory
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.hdf5.store import read_store, write_store
 

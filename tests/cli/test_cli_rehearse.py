@@ -10,7 +10,7 @@ import pytest
 from campaigns import ROOT, lrbc
 from samples import reduced_cache
 
-from lrbc_cli.campaign.inputs import read_as_exported
+from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.virtual.campaign import declared_scatter, job_list

@@ -16,7 +16,7 @@ import pytest
 from campaigns import ROOT, command, environment
 from shared import shared
 
-from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
+from lrbc_cli.campaign.jobs.table import CAMPAIGN_COLUMNS
 
 pytestmark = pytest.mark.slow
 

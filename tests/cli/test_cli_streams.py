@@ -83,7 +83,7 @@ def test_only_the_report_imports_matplotlib(frame: Folder, name: str) -> None:
     args = [name, str(frame.config), "--cache", str(frame.cache)] + (["--out", str(frame.path / "x.csv")] if name == "simulate" else [])
     done = subprocess.run([sys.executable, "-c", code, *args], capture_output=True, text=True, check=False, env=environment())
     assert done.returncode == 0, done.stderr
-    assert "lrbc_cli.campaign.inputs" in done.stderr
+    assert "lrbc_cli.campaign.reading.inputs" in done.stderr
     assert "matplotlib" not in done.stderr
 
 

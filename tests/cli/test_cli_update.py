@@ -18,7 +18,7 @@ import pytest
 from campaigns import BOX_TRUTH, Folder, frame, lrbc, measure_again
 from campaigns import box as make_box
 
-from lrbc_cli.campaign.table import CAMPAIGN_COLUMNS
+from lrbc_cli.campaign.jobs.table import CAMPAIGN_COLUMNS
 from lrbc_cli.io.frf import read_frf
 
 
@@ -420,7 +420,7 @@ def test_failures_with_several_workers(tmp_path: Path) -> None:
 
 
 def test_a_defect_in_one_job_is_its_failure(box: Folder, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    from lrbc_cli.campaign import run
+    from lrbc_cli.campaign.jobs import run
 
     original = run.identify
 
@@ -449,7 +449,7 @@ def test_all_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.stderr.count("does not exist") == 2
     assert [row["status"] for row in table(folder).values()] == ["failed", "failed"]
 
-    from lrbc_cli.campaign import run
+    from lrbc_cli.campaign.jobs import run
     from lrbc_cli.errors import NumericalError
 
     def identify(*_: Any) -> Any:

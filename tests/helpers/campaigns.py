@@ -21,7 +21,7 @@ import yaml
 from shared import shared
 from systems import chain, csc, direct_frf, duct, fe_model, unit
 
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.cli.main import main
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import write_frf

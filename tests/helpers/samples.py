@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from shared import shared
 
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.stage import obtain_reduction
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.reduction.build import Reduction
 

@@ -11,14 +11,16 @@ from test_report_page import parsed
 from test_report_reading import spoil
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import figures, strip, style, summary_text, tables, write_report
-from lrbc_cli.report import format as fmt
-from lrbc_cli.report.calibration import calibration_charts
-from lrbc_cli.report.chart import Area, Curve, Marks, Span, Tiles, Word
-from lrbc_cli.report.correlation import fdac_chart
-from lrbc_cli.report.layout import Line, lay_out, swatch
+from lrbc_cli.report import summary_text, write_report
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.drawing import style
+from lrbc_cli.report.drawing.chart import Area, Curve, Marks, Span, Tiles, Word
+from lrbc_cli.report.drawing.layout import Line, lay_out, swatch
+from lrbc_cli.report.parts import figures, strip, tables
+from lrbc_cli.report.parts.calibration import calibration_charts
+from lrbc_cli.report.parts.correlation import fdac_chart
+from lrbc_cli.report.parts.strip import level_of, map_chart, strip_chart
 from lrbc_cli.report.places import along_the_edges
-from lrbc_cli.report.strip import level_of, map_chart, strip_chart
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read, read_job

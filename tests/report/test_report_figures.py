@@ -8,13 +8,13 @@ from fake_campaign import changed as replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lrbc_cli.report import figures
-from lrbc_cli.report.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
-from lrbc_cli.report.layout import lay_out
-from lrbc_cli.report.lcurve import l_curve_chart
-from lrbc_cli.report.png import draw, is_current
-from lrbc_cli.report.style import STYLES, css
-from lrbc_cli.report.svg import path, svg
+from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
+from lrbc_cli.report.drawing.layout import lay_out
+from lrbc_cli.report.drawing.png import draw, is_current
+from lrbc_cli.report.drawing.style import STYLES, css
+from lrbc_cli.report.drawing.svg import path, svg
+from lrbc_cli.report.parts import figures
+from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.results.job import CornerRecord, LCurveRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import read_frf

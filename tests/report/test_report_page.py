@@ -11,9 +11,10 @@ import pytest
 from fake_campaign import reduction_of, write_campaign, write_frf
 
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.report import format as fmt
-from lrbc_cli.report import page, summary_text, tables, write, write_report
+from lrbc_cli.report import page, summary_text, write, write_report
+from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.parts import tables
 from lrbc_cli.results.store import read_job
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "col"}

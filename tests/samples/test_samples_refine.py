@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 pytest.importorskip("skfem")
 
-from lrbc_cli.campaign.inputs import read_as_exported
+from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.model.coupling import coupling_of
 from rigs.coupled import factorise, lowest_modes

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("skfem", reason="extra `samples`")
 
-from lrbc_cli.campaign.inputs import read_as_exported
+from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.io.matrices.read import read_matrix

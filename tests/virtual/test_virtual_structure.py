@@ -10,7 +10,7 @@ import pytest
 from campaigns import lrbc
 from samples import reduced_cache, sample
 
-from lrbc_cli.campaign.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.frf import read_frf

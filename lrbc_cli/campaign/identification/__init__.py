@@ -1,0 +1,1 @@
+"""One identification: the measurement of a job, its unknowns and weights, the fit, and what became of it."""

@@ -1,0 +1,64 @@
+"""Correlation figures of a job for its result files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.correlation import Correlation, PeakTable, correlate
+
+Floats = NDArray[np.float64]
+
+FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
+
+
+def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
+    """Compare the measured with the initial and the updated FRFs of a job, held-out responses included."""
+    quantities = tuple(response.quantity for response in inputs.responses)
+    measurement = result.measurement
+    return correlate(measurement.frequency_hz, measurement.values, result.initial, result.updated, quantities)
+
+
+def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
+    """The key ``correlation`` of ``result.json``; means of FRAC are over the responses that the updating uses, and over the others."""
+    initial, final = found.mean_peaks.shifts_percent()
+    used, held_out = inputs.used, inputs.held_out
+    return {
+        "frac_initial": _mean(found.frac_initial[used]),
+        "frac_final": _mean(found.frac_final[used]),
+        "frac_held_out_initial": _mean(found.frac_initial[held_out]),
+        "frac_held_out_final": _mean(found.frac_final[held_out]),
+        "fdac_diagonal_initial": _mean(np.diag(found.fdac_initial)),
+        "fdac_diagonal_final": _mean(np.diag(found.fdac_final)),
+        "peak_shift_percent_initial": initial,
+        "peak_shift_percent_final": final,
+        "mean_spectrum": {"peaks": _peaks(found.mean_peaks)},
+        "responses": {
+            response.name: {"frac_initial": found.frac_initial[i], "frac_final": found.frac_final[i], "peaks": _peaks(found.peaks[i])}
+            for i, response in enumerate(inputs.responses)
+        },
+    }
+
+
+def _peaks(table: PeakTable) -> list[dict[str, float]]:
+    columns = (table.measured_hz, table.initial_hz, table.final_hz)
+    names = ("measured_hz", "initial_hz", "final_hz")
+    # Six digits are finer than any line.
+    return [{name: float(f"{value:.6g}") for name, value in zip(names, row, strict=True)} for row in zip(*columns, strict=True)]
+
+
+def _mean(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
+
+
+def fdac_rows(result: Identification, found: Correlation) -> list[list[float]]:
+    """Rows of ``fdac.csv``: measured line, line of the model, FDAC before and after, to three decimals."""
+    f = result.measurement.frequency_hz[found.lines]
+    initial, updated = found.fdac_initial.round(3), found.fdac_final.round(3)
+    n = range(f.size)
+    return [[float(f[i]), float(f[j]), float(initial[i, j]), float(updated[i, j])] for i in n for j in n]

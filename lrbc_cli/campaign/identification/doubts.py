@@ -1,0 +1,245 @@
+"""What makes a result doubtful before its values are read: units, signs, a fit that does not reach the data or ends above its start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.residuals import coherence_sigma
+from lrbc_cli.updating.scale import MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
+FAR_ABOVE_NOISE = 3.0
+
+#: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it [dB].
+LARGE_MISFIT = 1.0
+
+#: Share of the band in which a constant factor can be told from errors of the model.
+LEAST_BAND = 0.5
+
+#: Misfits are shown to two decimals: less is no difference [dB].
+SHOWN = 0.01
+
+
+def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Complexes]) -> tuple[Offset, ...]:
+    """Constant factors between a measurement and the model at some states, of all responses that were measured.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurement : Measurement
+    states : sequence of (F, R) complex arrays
+        On all its lines.
+
+    Returns
+    -------
+    tuple of Offset
+        None where the lines cover less than half of the band: over a resonance or two errors of the model look like a factor.
+    """
+    low, high = inputs.campaign.reduction.band
+    if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
+        return ()
+    return offsets_of(measurement.frequency_hz, measurement.values, states, _quantities(inputs))
+
+
+def _quantities(inputs: Inputs) -> list[str]:
+    return [response.quantity for response in inputs.responses]
+
+
+def _names(inputs: Inputs, responses: Sequence[int], of: int) -> str:
+    names = ", ".join(inputs.responses[i].name for i in responses)
+    return f"all responses ({names})" if len(responses) == of and of > 1 else names
+
+
+def _factors(inputs: Inputs, responses: Sequence[int], factor: float) -> str:
+    return "{" + ", ".join(f"{inputs.responses[i].name}: {factor:.6g}" for i in responses) + "}"
+
+
+def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[str, str]:
+    """One factor: what was found, and the likely cause with the key that allows for it."""
+    offset, names = common.offset, _names(inputs, common.responses, count)
+    b, quantity = offset.power, inputs.responses[offset.response].quantity
+    frequency = "" if not b else f" times {'' if b > 0 else '1/'}(2 pi f){'²' if abs(b) == 2 else ''}"
+    size = f"{offset.db:+.2f} dB" if not b or abs(offset.db) >= offset.half + 0.5 else "a factor"
+    text = f"{names}: measured over computed {size}{frequency} at all lines (+-{offset.half:.2f} dB), {offset.before:.1f} dB of misfit, "
+    text += f"{offset.after:.1f} dB without it"
+    # Parts of the band that differ by more are seldom one factor.
+    likely = "likely" if offset.half <= MOST_REACH else "perhaps"
+    causes = [known.cause for known in offset.known if known.cause]
+    unit = next((known.unit for known in offset.known if known.unit), None)
+    other = moved(quantity, b)
+    if b and other is not None:
+        cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
+        keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
+        return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
+    if b:
+        return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
+    own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
+    if not causes:
+        return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
+    known = next(known for known in offset.known if known.cause)
+    own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-known.db / 20.0))}"
+    cause = f"{likely} {' or '.join(causes)}: "
+    if known.of_model:
+        scales = (f"responses.{inputs.responses[i].name}.scale: {10.0 ** (known.db / 20.0):.6g}" for i in common.responses)
+        return text, cause + ", ".join(scales)
+    return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
+
+
+def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[str]:
+    """What the factors and the phases say, a line each; nothing where all is well."""
+    found = [
+        "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
+        for common in grouped(offsets, _quantities(inputs))
+    ]
+    silent = inputs.campaign.update.residual == "db"
+    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if silent else ""
+    turned = [o.response for o in offsets if o.reversed]
+    if turned:
+        what = "hammer or of all sensors" if len(turned) == len(offsets) else "sensor"
+        found.append(
+            f"reversed sign, it seems: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's; "
+            f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, turned, -1.0)}{tail}"
+        )
+    mirrored = [o.response for o in offsets if o.conjugate]
+    if mirrored:
+        found.append(
+            f"phases run the other way, it seems: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed; "
+            f"likely the convention exp(-i omega t): conjugate the FRF file{tail}"
+        )
+    return found
+
+
+def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
+    """Whether a constant factor explains the misfit, in a clause."""
+    if not offsets:
+        return "too few lines, or too little of the band, to look for a constant factor"
+    groups = grouped(offsets, _quantities(inputs))
+    if groups:
+        worst = max(groups, key=lambda common: common.offset.before - common.offset.after).offset
+        what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
+        left = f"{worst.before:.1f} dB, {worst.after:.1f} without it"
+        return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
+    worst = max(offsets, key=lambda offset: abs(offset.db))
+    return (
+        f"the misfit is not a constant factor: the largest, {worst.db:+.2f} dB in {inputs.responses[worst.response].name}, leaves "
+        f"{worst.after:.1f} of {worst.before:.1f} dB"
+    )
+
+
+def compared_text(inputs: Inputs, result: Identification) -> str:
+    """What entered the cost, and against what, in a clause."""
+    residual = {"db": "magnitudes in dB", "log-complex": "magnitudes in dB and phases"}
+    against = f"corrected by the model discrepancy of {inputs.campaign.update.reference}" if result.relative else "as measured"
+    names = ", ".join(inputs.responses[i].name for i in inputs.used)
+    lines = result.measurement.frequency_hz[result.selected]
+    band = f"{lines.size} lines from {lines[0]:g} to {lines[-1]:g} Hz"
+    return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
+
+
+def noise_level(measurement: Measurement, job: JobConfig, responses: NDArray[np.int64]) -> float | None:
+    """Mean absolute error of the measured levels by repeats, else by coherence [dB]; None where nothing is known of it."""
+    sigma, averages = measurement.sigma_db, job.averages * measurement.files
+    if sigma is None or not np.isfinite(sigma).any():
+        # One average has a coherence of 1, whatever its noise.
+        if averages < 2:
+            return None
+        sigma = coherence_sigma(np.where(measurement.coherence > 0.0, measurement.coherence, np.nan), averages)
+    chosen = sigma[:, responses]
+    chosen = chosen[np.isfinite(chosen)]
+    # Of a Gaussian error.
+    return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
+
+
+def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | None = None) -> str | None:
+    """A warning where a fit to a measurement stays far above its noise.
+
+    Intervals take what is left for noise about the right optimum. Far above the noise the fit may stand in another valley, or lack what
+    the structure has: then its curvature says nothing of how far the truth is.
+    """
+    limit = max(LARGE_MISFIT, FAR_ABOVE_NOISE * (noise_db or 0.0))
+    if misfit_db <= limit:
+        return None
+    noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
+    other = "" if reference is None else f", reference job {reference.misfit_db.final:.2f} dB"
+    return (
+        f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; "
+        f"wanted below {limit:.2g} dB): intervals rest on the curvature there and understate what is not known"
+    )
+
+
+def worsened(initial_db: float | None, final_db: float | None) -> str | None:
+    """A warning where the misfit over all lines of the responses used rose."""
+    if initial_db is None or final_db is None or not final_db > initial_db + SHOWN:
+        return None
+    return f"the mean misfit of the responses used rose from {initial_db:.2f} dB at the start values to {final_db:.2f} dB over all lines"
+
+
+def doubts(
+    inputs: Inputs,
+    result: Identification,
+    reference: JobRecord | None,
+    misfit: tuple[float | None, float | None],
+) -> tuple[list[str], str]:
+    """Warnings of a job, and what was compared and found of constant factors.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    result : Identification
+    reference : JobRecord or None
+        Stored result of the reference job.
+    misfit : pair of float or None
+        Of the responses used at the start values and at the end [dB].
+    """
+    offsets = factors_of(inputs, result.measurement, (result.initial, result.updated))
+    compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
+    job = inputs.campaign.jobs[result.name]
+    found = offset_texts(inputs, offsets, result.name)
+    noise = noise_level(result.measurement, job, inputs.used)
+    # What both states lack has dropped out of a comparison of their changes.
+    further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]
+    return found + [text for text in further if text is not None], compared
+
+
+def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job: str) -> None:
+    """Refuse a measurement in other units than the model before factors of the model make up for them.
+
+    Raises
+    ------
+    DataError
+        Where every response differs from the model by a unit or by a derivative.
+    """
+    offsets = factors_of(inputs, measurement, (model,))
+    if not misses_unit(offsets):
+        return
+    texts = [_factor_text(inputs, common, len(offsets), job) for common in grouped(offsets, _quantities(inputs))]
+    raise DataError(
+        "measurement and model are in different units, it seems",
+        file=inputs.campaign.jobs[job].frf,
+        place=f"job {job}",
+        expected="FRFs that differ from the model's by its errors, not by one factor at all lines",
+        found="; ".join(found for found, _ in texts),
+        hint="; ".join(remedy for _, remedy in texts),
+    )
+
+
+def calibration_doubts(
+    inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float]
+) -> list[str]:
+    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB]."""
+    found = offset_texts(inputs, factors_of(inputs, measurement, states), job)
+    further = [unreached(misfit[1], noise_level(measurement, inputs.campaign.jobs[job], inputs.used)), worsened(*misfit)]
+    return found + [text for text in further if text is not None]

@@ -1,0 +1,87 @@
+"""What one updating job found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.fit import Posterior
+from lrbc_cli.updating.lcurve import LCurve
+from lrbc_cli.updating.mixture import ChangeSamples
+from lrbc_cli.updating.optimise import Solution
+from lrbc_cli.updating.saturation import Saturation
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of one job.
+
+    Attributes
+    ----------
+    name : str
+    solution : Solution
+        Its theta is that of ``parameters``.
+    parameters : Parameterisation
+    saturations : dict
+        By stiffness group.
+    measurement : Measurement
+    selected : int array
+        Lines that entered the cost.
+    initial, updated : (F, R) complex arrays
+        FRFs of the model on all measured lines, what drifted included in the latter.
+    misfit_initial, misfit_final : (R,) float arrays
+        Mean absolute dB difference over all lines of the band.
+    notes : tuple of str
+        On weights, on the choice of the regularisation, on what was compared.
+    posterior : Posterior
+    opens : two (size,) bool arrays
+        Whether the data object to each value being free, or clamped; True where they do not.
+    prior : (size,) float array
+    against_reference : bool
+        The unknowns are changes against the reference job.
+    relative : bool
+        The measurement was corrected by the model discrepancy of the reference state.
+    cost_initial : float
+    line_evaluations : int
+    seconds : dict
+    regularisation : float
+        Weight of the penalty [dB² per decade²].
+    l_curve : LCurve or None
+        Where the weight was chosen by it.
+    changes : ChangeSamples or None
+        Changes at the bolts where their prior is a mixture.
+    warnings : tuple of str
+        Those of the notes that a user has to act on.
+    """
+
+    name: str
+    solution: Solution
+    parameters: Parameterisation
+    saturations: dict[str, Saturation]
+    measurement: Measurement = field(repr=False)
+    selected: NDArray[np.int64] = field(repr=False)
+    initial: Complexes = field(repr=False)
+    updated: Complexes = field(repr=False)
+    misfit_initial: Floats = field(repr=False)
+    misfit_final: Floats = field(repr=False)
+    notes: tuple[str, ...]
+    posterior: Posterior = field(repr=False)
+    opens: tuple[NDArray[np.bool_], NDArray[np.bool_]] = field(repr=False)
+    prior: Floats = field(repr=False)
+    against_reference: bool = False
+    relative: bool = False
+    cost_initial: float = 0.0
+    line_evaluations: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+    regularisation: float = 0.0
+    l_curve: LCurve | None = None
+    changes: ChangeSamples | None = None
+    warnings: tuple[str, ...] = ()

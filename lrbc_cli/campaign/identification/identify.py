@@ -1,0 +1,409 @@
+"""One updating job: from a measurement to identified parameters and what is known of them."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.sampling import changes_of
+from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
+from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.reading.drift import drift_extras, stored_offsets
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
+from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.reduction.ports import single_threaded
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.confidence import open_values
+from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
+from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
+from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.verdicts import pitch_of
+
+log = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
+
+    measured: Complexes
+    relative: bool
+    plain: Misfit
+    misfit: Misfit
+    solution: Solution
+    knowledge: Posterior
+    curve: LCurve | None
+    evaluations: int
+
+    def after(self, evaluations: int) -> _Fit:
+        """The same, with what was evaluated on another way."""
+        solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
+        return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
+
+
+class _Job:
+    """What the steps of one identification share."""
+
+    def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]) -> None:
+        self.inputs, self.source, self.name, self._given = inputs, source, name, given
+        self.method, self.statistics = inputs.method, inputs.statistics
+        begin = time.perf_counter()
+        self.measurement = self._read(name)
+        self.seconds_read = time.perf_counter() - begin
+        for warning in self.measurement.warnings:
+            log.warning("job %s: %s", name, warning)
+        self.s = 2j * np.pi * self.measurement.frequency_hz
+        self.parameters, self.limits = parameterise(inputs, source, self.s)
+        self.start = self.parameters.initial
+        self.notes: list[str] = []
+        self.warnings: list[str] = []
+        before = self._before(reference)
+        self.tight_offsets = stored_offsets(reference)
+        self.against_reference = before is not None
+        self.prior = self.start if before is None else before
+        self.shapes = self._shapes()
+        self.selected = select_lines(inputs, self.measurement, name)
+        self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
+        self.error = self._change_error(reference)
+        self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.tight_sigma: Floats | None = None
+        self.notes += notes
+
+    def _read(self, name: str) -> Measurement:
+        """A job's measurement, from its file where it was not handed over."""
+        return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
+
+    def _before(self, reference: JobRecord | None) -> Floats | None:
+        """Theta of the reference job, where it is the prior."""
+        job = self.inputs.campaign.update.reference
+        if self.method.approach == "paper" or job is None or job == self.name:
+            return None
+        found = stored_theta(self.parameters, reference)
+        if found is None:
+            self.warnings.append(f"the reference job {job} has no result: the start values are the prior, no bolt is judged")
+        return found
+
+    def _change_error(self, reference: JobRecord | None) -> ChangeError | None:
+        """How wrong the changes may be that the model predicts; None without a state that it explains."""
+        if reference is None or not self.shapes.by_bolt or not self.method.weighted:
+            return None
+        step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
+        nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
+        # A change is the difference of two states, each as wrong as the reference state.
+        lacks = max(reference.noise.sigma_db, reference.misfit_db.final)
+        most = float(np.sqrt(2.0)) * lacks
+        lines = self.measurement.frequency_hz[self.selected]
+        return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size, self.statistics.errors)
+
+    def _shapes(self) -> Shapes:
+        values, bolts = self.statistics.values, self.inputs.bolts
+        if self.against_reference and bolts is not None:
+            found = bolt_shapes(self.parameters, bolts.xyz, values.std, values.damping_std)
+            if (found.bolts >= 0).any():
+                return found
+        # A weight that is given is one of decades.
+        return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
+
+    def _rows(self) -> Floats:
+        """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
+        values = self.statistics.values
+        if self.shapes.by_bolt:
+            return self.shapes.penalty()
+        if not self.method.follows_noise:
+            return penalty_rows(self.parameters)
+        if self.against_reference:
+            return penalty_rows(self.parameters) / values.std
+        # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
+        return penalty_rows(self.parameters, values.level_std**-2, values.std**-2)
+
+    def measured(self) -> Complexes:
+        """(F, U) measurement on the selected lines, for the responses used."""
+        return self.measurement.values[np.ix_(self.selected, self.inputs.used)]
+
+    def corrected(self) -> Complexes | None:
+        """The same times what the model at the reference state has over the reference measurement, where both are known.
+
+        What the model lacks in the tight state it mostly lacks in the others too; a small change then shows above it.
+        """
+        reference = self.inputs.campaign.update.reference
+        if not self.against_reference or reference is None:
+            return None
+        try:
+            tight = self._read(reference)
+        except DataError as error:
+            # Its earlier result still serves.
+            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
+            return None
+        if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
+            tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
+        ):
+            self.warnings.append(f"its lines are not those of {reference}: compared without correction by it")
+            return None
+        self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
+        known = tight.values[np.ix_(self.selected, self.inputs.used)]
+        valid = np.isfinite(known) & (np.abs(known) > 0)
+        ratio = np.where(valid, self._tight_frf() / np.where(valid, known, 1.0), np.nan)
+        level = 20.0 * np.log10(np.abs(ratio))
+        most = self.statistics.errors.most_correction_db
+        limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
+        return self.measured() * limited
+
+    def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
+        """Minimise; the weight of the prior by the method; ``draws`` from the prior of changes are further starts."""
+        method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
+        eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
+        misfit = self._misfit(measured, eta, relative)
+        span = self.shapes.T if self.shapes.by_bolt else None
+        curve = None
+        further: dict[str, Floats] = {}
+        begin = self.prior if span is not None else self.start
+        if weight == "l-curve":
+            curve = l_curve(misfit, begin, bounds)
+            misfit = misfit.with_eta(curve.chosen)
+            further = {"end of the L-curve": curve.nearest}
+        if method.optimiser == "bfgs":
+            solution = self._descend(misfit, begin)
+        else:
+            if span is not None:
+                further = prior_draws(misfit, self.shapes, bounds, draws=draws)
+            solution = gauss_newton_by_levels(
+                misfit, begin, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations, further=further, span=span
+            )
+        if solution.status == "failed":
+            raise NumericalError(f"job {self.name}: {solution.reason}")
+        if method.follows_noise:
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin,))
+        else:
+            noise = noise_of(misfit, solution.evaluation, self.selected)
+        knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
+        evaluations = solution.evaluations + (curve.evaluations if curve else 0)
+        found = _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations)
+        return found.after(0 if span is None else draws)
+
+    def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
+        # A ratio of two measurements has the noise of both, as far as it is known.
+        parts = [part for part in (self.sigma, self.tight_sigma if relative else None) if part is not None]
+        sigma: Floats | None = None
+        if parts:
+            unknown = np.all([np.isnan(part) for part in parts], axis=0)
+            sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), self.method.residual, sigma, self.statistics.errors)
+
+    def _descend(self, misfit: Misfit, start: Floats) -> Solution:
+        """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""
+        method, bounds = self.method, self.parameters.bounds
+        if method.optimiser == "gauss-newton":
+            return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
+        return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
+
+    def _extras(self) -> tuple[Extra, ...]:
+        """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
+        found = drift_extras(self.inputs, self.inputs.campaign.update.nuisances)
+        if self.against_reference:
+            return found
+        return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.inputs.campaign.update.reference else ()
+
+    def _tight_frf(self) -> Complexes:
+        """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
+        extras = tuple(extra for extra in drift_extras(self.inputs, self.inputs.campaign.update.nuisances) if extra.kind == "shift")
+        if not extras or self.source.stage is None or not self.tight_offsets:
+            return self.model.frf(self.prior)
+        affine = affine_model(self.inputs, self.source.stage)
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
+        return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(extra.name, 0.0) for extra in extras]]))
+
+    def drifted(self, fit: _Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> _Fit:
+        """The same with what may have drifted since the reference job, from here and from the reference state.
+
+        Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
+        the noise variance that needs no further round.
+        """
+        extras = self._extras()
+        if not extras:
+            return fit
+        # The campaign file is refused where it asks for drift of the full model.
+        assert self.source.stage is not None
+        affine = affine_model(self.inputs, self.source.stage)
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
+        noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
+        T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
+        T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
+        T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
+        misfit = extended_misfit(fit.misfit, model, extras, noise.variance)
+        level = Level(misfit, misfit.prior, T)
+        box = level.bounds(model.bounds)
+
+        def onwards(z: Floats, iterations: int) -> Solution:
+            limit = min(iterations, self.method.max_iterations)
+            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
+
+        # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
+        first = np.concatenate([fit.knowledge.z, np.zeros(len(extras))])
+        begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
+        evaluations = fit.evaluations + sum(found.evaluations for found in begun)
+        found = min(begun, key=lambda end: end.evaluation.total)
+        for _ in range(rounds):
+            found = onwards(found.theta, steps)
+            evaluations += found.evaluations
+            now = noise_of(misfit, found.evaluation, self.selected)
+            settled = abs(now.variance - noise.variance) < change * max(noise.variance, least)
+            if not self.method.follows_noise or settled:
+                break
+            base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
+            noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
+            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, extras, noise.variance)
+            level = Level(misfit, misfit.prior, T)
+        best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, steps))
+        evaluations += best.evaluations - found.evaluations
+        found = replace(best, theta=level.theta(best.theta))
+        noise = noise_of(misfit, found.evaluation, self.selected)
+        knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
+        history = fit.solution.history
+        solution = replace(
+            found,
+            theta=found.theta[: self.parameters.size],
+            starts=fit.solution.starts,
+            history=history,
+            iterations=fit.solution.iterations + found.iterations,
+            evaluations=fit.solution.evaluations + evaluations - fit.evaluations,
+        )
+        # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
+        own = solution.theta
+        measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
+        plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
+        return _Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
+
+    def best(self) -> _Fit:
+        """Relative for changes at bolts, where the reference job has the same lines."""
+        corrected = self.corrected() if self.method.relative and self.error is not None else None
+        return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
+
+    def about_reference(self, fit: _Fit, reference: JobRecord | None) -> _Fit:
+        """The same with the uncertainty of the reference state."""
+        if not self.against_reference:
+            return fit
+        state, knowledge = stored_covariance(self.parameters, reference), fit.knowledge
+        if fit.relative:
+            # Its error is in model and measurement alike; that of its measurement is in the residuals.
+            return replace(fit, knowledge=knowledge.about_estimate(state))
+        value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
+        rows = value.residual.size - fit.misfit.penalty.shape[0]
+        jacobian = fit.solution.evaluation.jacobian[:rows]
+        return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
+
+    def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
+        pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
+        return open_values(self.parameters, pitch, fit.plain.data_sum, fit.solution.theta, fit.knowledge.noise.variance)
+
+    def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
+        """(F, R) FRFs on all measured lines, with what drifted."""
+        shared = [] if knowledge is None else [(e, v) for e, v in zip(knowledge.extras, knowledge.values, strict=True) if e.kind != "gain"]
+        if not shared or self.source.stage is None:
+            return self.source.model(self.s, self.parameters).frf(theta)
+        every = np.arange(len(self.inputs.responses))
+        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, [e for e, _ in shared], every)
+        y = model.frf(np.concatenate([theta, [v for _, v in shared]]))
+        assert knowledge is not None
+        for extra, value in zip(knowledge.extras, knowledge.values, strict=True):
+            if extra.kind == "gain":
+                y[:, self.inputs.used[extra.index]] *= 10.0 ** (value / 20.0)
+        return y
+
+
+def identify(
+    inputs: Inputs,
+    source: FrfSource,
+    name: str,
+    reference: JobRecord | None = None,
+    measurements: Mapping[str, Measurement] | None = None,
+) -> Identification:
+    """Run one job.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    source : FrfSource
+    name : str
+    reference : mapping or None
+        Stored result of the reference job.
+    measurements : mapping or None
+        Measurements that are at hand, by job: their files are not read.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    DataError
+        Where its measurement is unusable.
+    NumericalError
+        Where the optimisation fails.
+    """
+    with single_threaded():
+        return _identify(inputs, source, name, reference, measurements or {})
+
+
+def _identify(
+    inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]
+) -> Identification:
+    start = time.perf_counter()
+    job = _Job(inputs, source, name, reference, given)
+    ports = time.perf_counter()
+    fit = job.about_reference(job.best(), reference)
+    solution, knowledge = fit.solution, fit.knowledge
+    if fit.curve is not None:
+        job.notes += curve_notes(fit.curve)
+    state = None if fit.relative else stored_covariance(job.parameters, reference)
+    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error)
+    opens = job.opens(fit)
+    optimised = time.perf_counter()
+    initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)
+    values = job.measurement.values
+    return Identification(
+        name,
+        solution,
+        job.parameters,
+        job.limits,
+        job.measurement,
+        job.selected,
+        initial,
+        updated,
+        mean_misfit(initial, values),
+        mean_misfit(updated, values),
+        tuple(job.notes),
+        knowledge,
+        opens,
+        job.prior,
+        job.against_reference,
+        fit.relative,
+        solution.history[0].cost,
+        fit.evaluations * fit.misfit.lines,
+        {
+            "read": job.seconds_read,
+            "port": ports - start - job.seconds_read,
+            "optimise": optimised - ports,
+            "total": time.perf_counter() - start,
+        },
+        fit.plain.eta,
+        fit.curve,
+        changes,
+        tuple(job.warnings),
+    )

@@ -1,0 +1,104 @@
+"""The mixture prior in a job: its fit as a problem of tight and loose bolts, with what drifted and the reference state marginalised."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.fit import Posterior
+from lrbc_cli.updating.levels import Level
+from lrbc_cli.updating.misfit import ChangeError, Misfit
+from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem, sample_changes
+from lrbc_cli.updating.shapes import neighbours
+
+Floats = NDArray[np.float64]
+
+
+def changes_of(
+    inputs: Inputs,
+    plain: Misfit,
+    knowledge: Posterior,
+    jacobian: Floats,
+    state: Floats | None,
+    error: ChangeError | None = None,
+    *,
+    least: float = 1e-10,
+) -> ChangeSamples | None:
+    """Sample the changes at the bolts of a job whose prior is a mixture, or a Gaussian and a mixture.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    plain : Misfit
+        About the measurement without what drifted; its prior is the reference state.
+    knowledge : Posterior
+        Of the fit with a Gaussian prior: its noise, and where to begin.
+    jacobian : (n, m + k) float array
+        Of the fit, to its unknowns and to what drifted.
+    state : (size, size) float array or None
+        Covariance of the reference state; None where the comparison is free of its error.
+    error : ChangeError or None
+        How wrong predicted changes may be: the tight state predicts none, so nothing of it is forgiven there.
+    least : float
+        Directions of the reference state's covariance below this share of its largest say nothing.
+
+    Returns
+    -------
+    ChangeSamples or None
+        None where the prior is no mixture, or where the unknowns are no changes at bolts.
+    """
+    shapes = knowledge.shapes
+    if not inputs.method.mixture or inputs.bolts is None or not shapes.by_bolt:
+        return None
+    parameters, prior, bolts = plain.model.parameters, plain.prior, inputs.bolts.xyz
+    level = Level(plain, prior, shapes.T)
+    count = shapes.std.size
+    value = plain(prior + shapes.T @ knowledge.z)
+    rows = value.residual.size - plain.penalty.shape[0]
+    # What drifted was taken out at its estimate: its prior lies that far from zero.
+    columns, std = [jacobian[:rows, count:]], [extra.std for extra in knowledge.extras]
+    mean = [extra.mean - float(at) for extra, at in zip(knowledge.extras, knowledge.values, strict=True)]
+    if state is not None:
+        variances, directions = np.linalg.eigh(state)
+        kept = variances > least * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)
+        # An error of the reference state moves the model whatever the changes are.
+        columns.append(value.jacobian[:rows, : parameters.size] @ (directions[:, kept] * np.sqrt(variances[kept])))
+        mean += [0.0] * int(kept.sum())
+        std += [1.0] * int(kept.sum())
+    further = np.hstack(columns)
+    variance = max(plain.errors.coarsening * knowledge.noise.variance, plain.errors.least_variance)
+
+    def data_by(level: Level, further: Floats) -> Callable[[Floats], tuple[Floats, Floats]]:
+        def data(z: Floats) -> tuple[Floats, Floats]:
+            found = level(z[:count])
+            return found.residual[:rows] + further @ z[count:], np.hstack([found.jacobian[:rows], further])
+
+        return data
+
+    def about(z: Floats) -> tuple[Callable[[Floats], tuple[Floats, Floats]], float]:
+        assert error is not None
+        there = plain.about(np.clip(level.theta(z[:count]), *parameters.bounds.T), error)
+        offset = -0.5 * there.log_det * there.level**2 / variance
+        return data_by(Level(there, prior, shapes.T), there.carried(further, plain)), offset
+
+    free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
+    order = np.unique(shapes.bolts[shapes.bolts >= 0])
+    place = {int(column): i for i, column in enumerate(order)}
+    pairs = [
+        (place[int(shapes.bolts[a])], place[int(shapes.bolts[b])])
+        for a, b in neighbours(parameters, bolts, [int(i) for i in np.flatnonzero(shapes.bolts >= 0)])
+    ]
+    problem = MixtureProblem(
+        data_by(level, further),
+        variance,
+        np.vstack([level.bounds(parameters.bounds), free]),
+        order,
+        pairs,
+        np.concatenate([np.zeros(count), mean]),
+        np.concatenate([shapes.std, std]),
+        None if error is None else about,
+    )
+    return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]), inputs.statistics.bolts)

@@ -1,0 +1,162 @@
+"""Unknowns and lines of one job: start values, bounds, what an earlier result says, which lines count."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.reduced.stage import FrfSource
+from lrbc_cli.config.settings import EveryLine, ListedLines
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.vectors import band_omega, local_scale
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.lines import resonance_lines
+from lrbc_cli.updating.saturation import Saturation, saturation
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
+    """Start values, bounds and smoothing of every group; ``auto`` is resolved on the lines s, once for all jobs that have them.
+
+    Returns
+    -------
+    Parameterisation
+    dict
+        Where the FRFs saturate, by stiffness group.
+    """
+    key = s.tobytes()
+    if key not in source.known:
+        source.known[key] = _parameterise(inputs, source, s)
+    found: tuple[Parameterisation, dict[str, Saturation]] = source.known[key]
+    return found
+
+
+def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 120) -> tuple[Parameterisation, dict[str, Saturation]]:
+    """Saturation is sought on all lines up to so many terms."""
+    model = inputs.model
+    scale = local_scale(model.K, model.M, model.terms, band_omega(model.K, model.M, inputs.campaign.reduction.band))
+    # Other groups stand at their start values, or at their local stiffness while those are unknown.
+    nominal = np.array(scale)
+    for group in inputs.groups:
+        if group.config.initial != "auto":
+            nominal[group.terms] = 10.0**group.config.initial
+    D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
+    found: dict[str, Saturation] = {}
+    groups = []
+    for group in inputs.groups:
+        limits: Saturation | None = None
+        if group.config.kind == "stiffness":
+            empty = Parameterisation(())
+            # Each evaluation costs the cube of the terms: with very many of them some lines tell as much.
+            lines = np.arange(0, s.size, max(1, round((model.terms.size / terms) ** 2)))
+            values = source.model(s, empty, lines, inputs.used).values
+            typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
+            limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline, inputs.statistics.limits)
+        groups.append(_group(group, limits))
+    return Parameterisation(tuple(groups)), found
+
+
+def layout(inputs: Inputs) -> Parameterisation:
+    """The groups with their sizes, before values that are found on the FRFs are known; those stand at zero."""
+    return Parameterisation(tuple(_group(group, Saturation(0.0, -1.0, 1.0, False)) for group in inputs.groups))
+
+
+def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
+    config, count = group.config, group.count
+    W = smoothing_matrix(config.smoothing, count, config.normalised)
+    if np.any(W.sum(axis=1) <= 0):
+        raise ConfigError(
+            "smoothing weights that leave a term without stiffness",
+            place=f"parameters.{group.name}.smoothing",
+            expected="a positive weight in the middle",
+            found=str(list(config.smoothing or ())),
+        )
+    if config.bounds != "auto":
+        low, high = config.bounds
+    else:
+        assert limits is not None
+        low, high = limits.lower, limits.upper
+    if config.initial != "auto":
+        start = float(config.initial)
+        low, high = (min(low, start), max(high, start)) if config.bounds == "auto" else (low, high)
+    else:
+        assert limits is not None
+        start = float(np.clip(limits.start, low, high))
+    damping = None
+    if config.damping is not None:
+        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
+    return ParameterGroup(
+        group.name,
+        config.kind,
+        group.terms,
+        group.parameter,
+        np.full(count, start),
+        np.tile([low, high], (count, 1)),
+        W,
+        config.baseline,
+        damping,
+        group.xyz,
+        group.arc_length,
+    )
+
+
+def stored_theta(parameters: Parameterisation, record: JobRecord | None) -> Floats | None:
+    """Theta of a stored result; None where there is none or it belongs to other groups."""
+    if record is None:
+        return None
+    theta = parameters.initial
+    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+        stored = record.parameters.get(group.name)
+        if stored is None or len(stored.log10) != group.count or (at is not None) != (stored.damping_exponent is not None):
+            return None
+        theta[where] = stored.log10
+        if at is not None:
+            theta[at] = stored.damping_exponent
+    return theta
+
+
+def stored_covariance(parameters: Parameterisation, record: JobRecord | None) -> Floats:
+    """Covariance of theta in a stored result that ``stored_theta`` accepts; zero where it has none."""
+    size = (parameters.size, parameters.size)
+    stored = None if record is None else record.covariance
+    return np.zeros(size) if stored is None or stored.shape != size else stored
+
+
+def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
+    """Indices of the lines that enter the cost.
+
+    Raises
+    ------
+    DataError
+        Where a listed line was not measured.
+    """
+    lines = inputs.campaign.update.lines
+    frequency = measurement.frequency_hz
+    if isinstance(lines, EveryLine):
+        return np.arange(0, frequency.size, lines.every)
+    if isinstance(lines, ListedLines):
+        wanted = np.sort(np.array(lines.frequencies, dtype=float))
+        distance = np.abs(frequency[None, :] - wanted[:, None])
+        nearest = distance.argmin(axis=1)
+        step = np.median(np.diff(frequency)) if frequency.size > 1 else 0.0
+        off = distance[np.arange(wanted.size), nearest] > 0.5 * step + 1e-9 * wanted
+        if off.any():
+            raise DataError(
+                "a listed line was not measured",
+                file=inputs.campaign.jobs[name].frf,
+                place=f"job {name}",
+                expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",
+                found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),
+                hint="correct update.lines",
+            )
+        return np.unique(nearest)
+    if lines == "all":
+        return np.arange(frequency.size)
+    return resonance_lines(frequency, measurement.values[:, inputs.used], inputs.statistics.resonances)

@@ -1,0 +1,1 @@
+"""All jobs of a campaign: what each rests on, running, judging, writing."""

@@ -1,0 +1,301 @@
+"""From an identification to what judging needs of it, in memory and stored; and to what a reader wants: intervals and remarks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.identification.doubts import doubts
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.records import MIN_LINES
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.terms import LN10, ParameterGroup
+from lrbc_cli.results.evidence import EvidenceRecord
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read, write
+from lrbc_cli.updating.confidence import Band, band
+from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
+from lrbc_cli.updating.levels import near_tie
+from lrbc_cli.updating.verdicts import Edge, Place
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+COPIED = 1e-6
+
+#: What is stored of an identification so that it can be judged by another rule.
+FILE = "evidence.json"
+
+
+def effective(group: ParameterGroup, p: Floats) -> Floats:
+    """log10(W 10^p)."""
+    return np.asarray(np.log10(group.values(p)))
+
+
+def bands(result: Identification) -> dict[str, Band]:
+    """Confidence of the effective values of every group."""
+    covariance = result.posterior.boundary
+    found = {}
+    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        opens = (result.opens[0][values], result.opens[1][values])
+        found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
+    return found
+
+
+def mean_of(values: Floats) -> float | None:
+    """Of the values that there are."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
+
+
+def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | None) -> Evidence:
+    """What an identification says, as far as it is needed to judge it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    result : Identification
+    reference : JobRecord or None
+        Stored result of the reference job.
+    """
+    update = inputs.campaign.update
+    compared, misfit, unvalidated = _misfit(inputs, result)
+    used = inputs.used
+    warnings, setting = doubts(inputs, result, reference, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
+    edges, bolts = _bolts(inputs, result, reference)
+    wanted = update.reference not in (None, result.name)
+    return Evidence(
+        job=result.name,
+        status=result.solution.status,
+        reason=result.solution.reason,
+        along_edges=edges,
+        bolts=bolts,
+        missing_reference=update.reference if wanted and reference is None else None,
+        prior_std=update.prior_std,
+        compared=compared,
+        misfit_db=misfit,
+        unvalidated=unvalidated,
+        repeats=_repeats(inputs, result, reference),
+        setting=setting,
+        data_warnings=result.measurement.warnings,
+        warnings=(*result.warnings, *warnings),
+        notes=(*result.notes, *remarks(result)),
+    )
+
+
+def write_evidence(folder: Path, evidence: Evidence) -> str:
+    """Store it; returns the SHA-256 of the file."""
+    return write(folder / FILE, EvidenceRecord.of(evidence))
+
+
+def read_evidence(folder: Path) -> Evidence:
+    """Read it back.
+
+    Raises
+    ------
+    DataError
+        Where it is missing, damaged or of another version.
+    """
+    record = read(folder / FILE, EvidenceRecord)
+    if record is None:
+        raise DataError("this result file is missing", file=folder / FILE, hint=EvidenceRecord.HINT)
+    return record.evidence
+
+
+def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:
+    """The channels that tell whether the model explains the measurement, their mean misfit, and why they are no validation channels."""
+    independent, why = validation_channels(result.measurement.values, inputs.used, inputs.held_out)
+    for at, compared in ((independent, VALIDATION), (inputs.used, USED)):
+        misfit = mean_of(result.misfit_final[at])
+        if misfit is not None:
+            return compared, misfit, why
+    return None, None, why
+
+
+def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
+    """What is wrong with a file that is that of the reference job: a measurement that was not exchanged tells nothing of the bolts."""
+    job = inputs.campaign.jobs[result.name]
+    own = result.measurement.hashes.get(job.frf.as_posix())
+    if reference is None or own is None or own not in reference.provenance.inputs.values():
+        return None
+    return f"{job.frf.name} holds the measurement of {reference.job} once more; was another file meant?"
+
+
+def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+    """Responses that can test an identification which did not see them, and why there is none.
+
+    Parameters
+    ----------
+    values : (F, R) complex array
+        As measured; NaN where there is no value.
+    used, held_out : int arrays
+
+    Returns
+    -------
+    int array, str
+        Those of the held-out ones with values on most lines that are no copy of a response used.
+    """
+    if not held_out.size:
+        return held_out, "there are no validation channels"
+    finite = np.isfinite(values)
+    share = finite[:, held_out].mean(axis=0)
+    if not share.any():
+        return held_out[:0], "the validation channels have no values"
+    told = held_out[share >= MIN_LINES]
+    if not told.size:
+        return told, f"the validation channels have values on {share.max():.0%} of the lines only"
+
+    def copied(i: int, j: int) -> bool:
+        """Whether a record is another one but for a constant factor: two sensors never are."""
+        both = finite[:, i] & finite[:, j] & (values[:, j] != 0)
+        if not both.any():
+            return False
+        ratio = values[both, i] / values[both, j]
+        return bool(np.all(np.abs(ratio - ratio[0]) <= COPIED * abs(ratio[0])))
+
+    own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
+    return own, "" if own.size else "the validation channels are records that were fitted too"
+
+
+def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:
+    """A list of the reference job's group, where it fits."""
+    stored = None if reference is None else reference.parameters.get(group.name)
+    found: Floats | None = None if stored is None else getattr(stored, key)
+    return found if found is not None and len(found) == group.count else None
+
+
+def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) -> tuple[bool, tuple[BoltEvidence, ...]]:
+    """Whether there are edges along which bolts can lie, and what is known of each bolt."""
+    if inputs.bolts is None:
+        return False, ()
+    names, xyz = inputs.bolts.name, inputs.bolts.xyz
+    edges, where = [], []
+    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        if group.kind != "stiffness" or group.xyz is None or group.arc_length is None:
+            continue
+        log10 = effective(group, result.solution.theta[values])
+        tight = _stored(reference, group, "log10_effective")
+        edges.append(Edge(group.xyz, group.arc_length, log10, result.saturations[group.name].start, tight))
+        where.append((group, values))
+    if not edges:
+        places = [(float(x), float(y), float(z)) for x, y, z in xyz]
+        return False, tuple(BoltEvidence(name=name, position=position) for name, position in zip(names, places, strict=True))
+    if reference is None or inputs.campaign.update.reference == result.name:
+        return True, at_bolts(edges, names, xyz)
+
+    def change_of(bolt: int, place: Place, difference: float | None) -> Change | None:
+        group, values = where[place.edge]
+        return _change(result, bolt, place, difference, group, values, reference)
+
+    found = at_bolts(edges, names, xyz, change_of)
+    if result.changes is not None:
+        inclusion = result.changes.inclusion
+        at = [_sampled(result, i) for i in range(len(found))]
+        found = tuple(
+            bolt if k is None or bolt.outside is not None else replace(bolt, probability_changed=min(float(inclusion[k]), 1.0))
+            for bolt, k in zip(found, at, strict=True)
+        )
+    return True, found
+
+
+def _sampled(result: Identification, bolt: int) -> int | None:
+    """Position of a bolt among the sampled changes."""
+    if result.changes is None or not result.posterior.shapes.by_bolt:
+        return None
+    at = np.flatnonzero(result.changes.bolts == result.posterior.shapes.bolts[bolt])
+    return int(at[0]) if at.size else None
+
+
+def _change(
+    result: Identification,
+    bolt: int,
+    place: Place,
+    difference: float | None,
+    group: ParameterGroup,
+    values: slice,
+    reference: JobRecord,
+) -> Change | None:
+    """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values near it."""
+    knowledge = result.posterior
+    column = int(knowledge.shapes.bolts[bolt]) if knowledge.shapes.by_bolt else -1
+    if column >= 0:
+        excess, ceiling = _saturated(result, column, group, values, reference)
+        at = _sampled(result, bolt)
+        if result.changes is None or at is None:
+            mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
+            return Change(mean=mean + excess, std=std, ceiling=ceiling, excess=excess)
+        mean, std = float(result.changes.mean[at]), float(np.hypot(result.changes.std[at], excess))
+        return Change(
+            mean=mean + excess,
+            std=std,
+            ceiling=ceiling,
+            excess=excess,
+            leakage=float(result.changes.smeared[at]),
+            sampled=SampledChange.of(result.changes, at),
+        )
+    if difference is None:
+        return None
+    p = result.solution.theta[values]
+    # Mean of log10(W 10^p) over the values near the bolt.
+    row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[place.near].mean(axis=0)
+    covariance = knowledge.boundary
+    if result.against_reference:
+        # Of the change, not of the value.
+        covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
+    variance = float(row @ covariance[values, values] @ row)
+    if not result.against_reference:
+        before = _stored(reference, group, "std")
+        variance += 0.0 if before is None else float(np.mean(before[place.near] ** 2))
+    return Change(mean=difference, std=float(np.sqrt(max(variance, 0.0))))
+
+
+def _saturated(
+    result: Identification, column: int, group: ParameterGroup, values: slice, reference: JobRecord
+) -> tuple[float, float | None]:
+    """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
+
+    How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too.
+    """
+    tight = _stored(reference, group, "log10_effective")
+    hat = result.posterior.shapes.T[values, column]
+    if tight is None or not hat.any():
+        return 0.0, None
+    above = float(hat @ tight / hat.sum()) - result.saturations[group.name].start
+    return max(above, 0.0), max(-above, 0.0)
+
+
+def remarks(result: Identification) -> list[str]:
+    """What a reader of the result should know: limits that do not exist, values at their bounds."""
+    found = []
+    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+        limits = result.saturations.get(group.name)
+        if limits is not None and not limits.found:
+            found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")
+        p, bounds = result.solution.theta[values], group.bounds
+        low, high = int(np.sum(p <= bounds[:, 0])), int(np.sum(p >= bounds[:, 1]))
+        if low or high:
+            found.append(f"{group.name}: {low} of {group.count} values at the lower and {high} at the upper bound")
+        if (
+            at is not None
+            and group.damping is not None
+            and not group.damping.bounds[0] < result.solution.theta[at] < group.damping.bounds[1]
+        ):
+            found.append(
+                f"{group.name}: the damping exponent lies at its bound {result.solution.theta[at]:g}: the FRFs do not determine it"
+            )
+    tie = near_tie(result.parameters, result.solution.starts)
+    if tie is not None:
+        best, second, apart = tie
+        found.append(
+            f"near tie: the ends from '{best.description}' and '{second.description}' differ by {second.cost - best.cost:.3f} in cost "
+            f"and by {apart:.2f} decades (rms) in what they identify"
+        )
+    if result.relative:
+        found.append("compared after correcting the measurement by the model discrepancy of the reference job")
+    return found

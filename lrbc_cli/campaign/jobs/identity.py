@@ -1,0 +1,137 @@
+"""What an identification, and a judgement of it, rest on: digests by part, so that it can be said which part changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from lrbc_cli.campaign.jobs.judging import role_of
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+
+#: Increased whenever the same input would be identified differently, or judged differently.
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 17, 1
+
+#: The parts of an identification in words.
+PARTS = {
+    "version": "the method of this version",
+    "model": "the model",
+    "reduction": "the reduction",
+    "parameters": "the parameter groups",
+    "bolts": "the bolts",
+    "settings": "the settings of the identification",
+    "responses": "the responses",
+    "measurement": "its measurement",
+    "reference": "the measurement or the settings of the reference job",
+}
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Digest of what a result rests on.
+
+    Attributes
+    ----------
+    digest : str
+    parts : dict
+        Digest by named part.
+    """
+
+    digest: str
+    parts: dict[str, str]
+
+    def tree(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        return {"identity": self.digest, "parts": self.parts}
+
+    @classmethod
+    def of(cls, parts: dict[str, str]) -> Identity:
+        """Of its parts."""
+        return cls(cache.digest(sorted(parts.items()))[:32], parts)
+
+
+def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Identity:
+    """What the identification of a job rests on: model, measurement, settings; not paths, back end or workers.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    model : mapping
+        See ``cache.key_parts``.
+    name : str
+    """
+    reference = inputs.campaign.update.reference
+    parts = _own(inputs, model, name)
+    if reference is not None and reference != name and reference in inputs.campaign.jobs:
+        parts["reference"] = Identity.of(_own(inputs, model, reference)).digest
+    return Identity.of(parts)
+
+
+def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
+    campaign, digest = inputs.campaign, cache.digest
+    resolved, job = campaign.resolved(), campaign.jobs[name]
+
+    def contents(path: Path | None) -> str | None:
+        # A file that cannot be read is the failure of its own job, when that is run.
+        try:
+            return None if path is None else file_hash(path)
+        except DataError:
+            return None
+
+    reduction = ("band", "tolerance", "limits", "version")
+    about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
+    groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
+    return {
+        "version": digest(IDENTIFICATION_VERSION),
+        "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction)),
+        "reduction": digest(sorted((key, model[key]) for key in reduction)),
+        "parameters": digest(
+            list(resolved["parameters"]),
+            groups,
+            [group.beta for group in inputs.groups],
+            *[group.xyz for group in inputs.groups if group.xyz is not None],
+            # Which terms share a value: nothing else tells where terms have no positions.
+            *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
+        ),
+        "bolts": digest(None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())),
+        "settings": digest(inputs.method.digest, campaign.update.reference == name),
+        "responses": digest(
+            {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
+        ),
+        "measurement": digest(about, contents(job.frf), contents(job.coherence), [contents(file) for file in job.repeats]),
+    }
+
+
+def judgement(inputs: Inputs, name: str) -> Identity:
+    """What the judgement of a job's identification rests on, but for the tight states, see ``standing``."""
+    update = inputs.campaign.update
+    return Identity.of(
+        {
+            "version": cache.digest(JUDGEMENT_VERSION),
+            "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
+            "role": cache.digest(role_of(update, name)),
+            # What is known of the bolts is told with the verdicts.
+            "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items()}),
+        }
+    )
+
+
+#: The parts of a judgement in words.
+JUDGED = {
+    "version": "the judgement of this version",
+    "rule": "the decision rule",
+    "role": "its role in the campaign",
+    "removed": "the bolts stated as removed",
+}
+
+
+def changed(before: Mapping[str, str] | None, now: Mapping[str, str], words: Mapping[str, str]) -> str | None:
+    """Which parts differ, in words; None where none does."""
+    if before is None:
+        return "the earlier result does not say what it rests on"
+    names = [name for name in words if before.get(name) != now.get(name)]
+    return f"changed: {', '.join(words[name] for name in names)}" if names else None

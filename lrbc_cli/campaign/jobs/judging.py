@@ -1,0 +1,131 @@
+"""Judging the jobs of a campaign: the rule and the role that its settings give, and what a judgement adds to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config import UpdateConfig
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.decide import (
+    BASELINE,
+    JOB,
+    REFERENCE,
+    VALIDATION,
+    BoltVerdict,
+    DecisionRule,
+    Evidence,
+    Judgement,
+    judge,
+    scatter_of,
+)
+
+#: Status of a job whose measurement the model does not explain.
+UNEXPLAINED = "unexplained"
+
+
+def role_of(update: UpdateConfig, name: str) -> str:
+    """What a job is in its campaign."""
+    return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
+
+
+def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
+    """The part of ``result.json`` that judging writes, over what the identification wrote.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    evidence : Evidence
+    baselines : mapping
+        Stored results of the baselines that the verdicts rest on.
+    """
+    campaign, name = inputs.campaign, evidence.job
+    update = campaign.update
+    scatter = scatter_of_records(baselines.values())
+    judgement = judge(evidence, inputs.method.rule, role_of(update, name), scatter)
+    valid = judgement.validity
+    warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
+    warnings += [*evidence.warnings, *suspects(judgement)]
+    unvalidated = [valid.reason] if valid.passed is None else []
+    status, reason = evidence.status, evidence.reason
+    if not valid.explained:
+        status, reason = UNEXPLAINED, f"{valid.reason}: no verdicts ({status}: {reason}); {evidence.setting}"
+    return {
+        "status": status,
+        "reason": reason,
+        "removed": list(campaign.jobs[name].removed) if states_removed(inputs) else None,
+        "bolts": bolt_trees(inputs, evidence, judgement),
+        "taken_as_tight": taken_as_tight(update, name, judgement),
+        "validity": {
+            **asdict(valid),
+            "held_out_db": valid.misfit_db if valid.compared == VALIDATION else None,
+        },
+        "scatter": scatter,
+        "decision_rule": asdict(inputs.method.rule),
+        "warnings": warnings,
+        "notes": [*evidence.data_warnings, *warnings, *unvalidated, *evidence.notes, *implausible(inputs.method.rule, evidence, judgement)],
+    }
+
+
+def bolt_trees(inputs: Inputs, evidence: Evidence, judgement: Judgement) -> list[dict[str, Any]]:
+    """``bolts`` of ``result.json``."""
+    removed = inputs.campaign.jobs[evidence.job].removed
+    stated = states_removed(inputs)
+    return [
+        {
+            "name": verdict.name,
+            "position": bolt.position,
+            "log10_stiffness": verdict.log10_stiffness,
+            "change": verdict.change,
+            "change_std": verdict.change_std,
+            "threshold": verdict.threshold,
+            "probability_loose": verdict.probability_loose,
+            "probability_changed": bolt.probability_changed,
+            "verdict": verdict.verdict,
+            "removed": verdict.name in removed if stated else None,
+            "note": verdict.note,
+        }
+        for bolt, verdict in zip(evidence.bolts, judgement.bolts, strict=True)
+    ]
+
+
+def states_removed(inputs: Inputs) -> bool:
+    """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
+    return any(job.removed for job in inputs.campaign.jobs.values())
+
+
+def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> dict[str, Any] | None:
+    """The role in which the bolts of a job are tight by assumption, and those that come out loose all the same; None for other jobs."""
+    role = role_of(update, name)
+    return None if role == JOB else {"as": role, "doubtful": [bolt.name for bolt in judgement.bolts if bolt.suspect]}
+
+
+def suspects(judgement: Judgement) -> list[str]:
+    """A warning where bolts of a baseline come out loose: their changes count as scatter of tight states, which hides loose bolts."""
+    named = ", ".join(f"{bolt.name} ({bolt.change or 0.0:+.2f} decades)" for bolt in judgement.bolts if bolt.suspect)
+    if not named:
+        return []
+    return [
+        f"not all tight, it seems: {named} come out loose against the "
+        "reference job; as a baseline it lowers the change at which bolts of the other jobs count as loose: take it out of "
+        "update.baselines, or measure it again"
+    ]
+
+
+def implausible(rule: DecisionRule, evidence: Evidence, judgement: Judgement) -> list[str]:
+    """A warning where bolts seem tighter than in the reference state by more than the prior allows: nothing but errors does that."""
+    if not judgement.implausible:
+        return []
+    limit = rule.implausible_rise * evidence.prior_std
+    names = ", ".join(judgement.implausible)
+    return [f"{names}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
+
+
+def scatter_of_records(baselines: Iterable[JobRecord]) -> float:
+    """Scatter of the changes between tight states, of stored results [decades]."""
+    return scatter_of(
+        [BoltVerdict(name=bolt.name, verdict=bolt.verdict, change=bolt.change, change_std=bolt.change_std) for bolt in record.bolts]
+        for record in baselines
+    )

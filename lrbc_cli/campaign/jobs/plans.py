@@ -1,0 +1,190 @@
+"""What would be done for each job of a campaign, and why: identify, judge anew, or keep what is finished."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from lrbc_cli.campaign.jobs.evidence import read_evidence
+from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
+from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
+from lrbc_cli.results.store import read_job
+from lrbc_cli.updating.decide import Evidence
+
+NOTHING = "nothing changed"
+
+
+@dataclass(frozen=True)
+class JobPlan:
+    """What would be done for one job, and why.
+
+    Attributes
+    ----------
+    name : str
+    run : bool
+        It is identified.
+    reason : str
+    identity, judgement : Identity
+        Of what its identification, and the judgement of that, rest on.
+    judge : bool
+        Its identification is kept and judged anew.
+    waits : bool
+        What it rests on runs before it: whether it runs is decided then.
+    record : JobRecord or None
+        The finished result, where there is one to keep.
+    evidence : Evidence or None
+        What was stored to judge it anew.
+    """
+
+    name: str
+    run: bool
+    reason: str
+    identity: Identity
+    judgement: Identity
+    judge: bool = False
+    waits: bool = False
+    record: JobRecord | None = field(default=None, repr=False, compare=False)
+    evidence: Evidence | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def kept(self) -> bool:
+        """Nothing is done, whatever other jobs find."""
+        return not (self.run or self.judge or self.waits)
+
+    @property
+    def verb(self) -> str:
+        """What is done, in a word."""
+        return "runs" if self.run else "judged anew" if self.judge else "kept"
+
+
+def needs(inputs: Inputs, name: str) -> tuple[str | None, tuple[str, ...]]:
+    """The reference job and the baselines that the verdicts of a job rest on."""
+    update = inputs.campaign.update
+    if update.reference in (None, name):
+        return None, ()
+    # A baseline does not know the others: its result must not rest on which of them is done.
+    return update.reference, () if name in update.baselines else update.baselines
+
+
+def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
+    """Decide for each job what is done; changes nothing. Jobs come after those that they rest on, as ``choose_jobs`` orders them.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    parts : dict
+        See ``cache.key_parts``.
+    names : sequence of str
+    force : bool
+        Identify finished jobs again.
+    """
+    output = inputs.campaign.output
+    plans: dict[str, JobPlan] = {}
+    for name in names:
+        own, judged = identification(inputs, parts, name), judgement(inputs, name)
+        plans[name] = _alone(output / name, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
+        if force and not plans[name].run:
+            plans[name] = replace(plans[name], run=True, judge=False, reason="--force", record=None)
+        reference, baselines = needs(inputs, name)
+        if plans[name].run or reference is None:
+            continue
+        first = [other for other in (reference, *baselines) if other not in plans or plans[other].run or plans[other].waits]
+        if first:
+            plans[name] = _waiting(plans[name], first, reference)
+        else:
+            kept = {other: record for other in baselines if (record := plans[other].record) is not None}
+            plans[name] = settled(plans[name], output, rests_on(plans[reference].record, kept), reference)
+            anew = [other for other in baselines if plans[other].judge]
+            if anew and not plans[name].run:
+                # With the rule that judges these it is judged anew too; what their verdicts will be is not known yet.
+                plans[name] = _judged(plans[name], output, f"changed: the judgement of {', '.join(anew)}")
+    return list(plans.values())
+
+
+def _alone(folder: Path, job: JobPlan) -> JobPlan:
+    """As far as its own files and settings tell."""
+    try:
+        stored = read_job(folder.parent, job.name)
+    except DataError as error:
+        return replace(job, reason=f"the earlier result is unusable ({error.problem})")
+    if stored is None:
+        return job
+    if isinstance(stored, FailedJob):
+        return replace(job, reason="it failed before")
+    reason = _outdated(stored, job, folder)
+    if reason is not None:
+        return replace(job, reason=reason)
+    found = replace(job, run=False, reason=NOTHING, record=stored)
+    rested = stored.provenance.judgement
+    other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
+    return found if other is None else _judged(found, folder.parent, other)
+
+
+def _outdated(stored: JobRecord, job: JobPlan, folder: Path) -> str | None:
+    """Why a stored identification does not count any more by itself."""
+    if not stored.provenance.files:
+        return "the earlier result is of an older version, without hashes of its files"
+    if stored.provenance.identity != job.identity.digest:
+        return changed(stored.provenance.parts, job.identity.parts, PARTS) or "it rests on something else"
+    return altered(folder, stored)
+
+
+def _judged(job: JobPlan, output: Path, reason: str) -> JobPlan:
+    """A finished job that is judged anew; identified where what was stored for that cannot be read."""
+    if job.evidence is not None:
+        return replace(job, judge=True, reason=reason)
+    try:
+        return replace(job, judge=True, reason=reason, evidence=read_evidence(output / job.name))
+    except DataError as error:
+        return replace(job, run=True, judge=False, reason=f"{reason}; the stored evidence is unusable ({error.problem})")
+
+
+def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPlan:
+    """A finished job whose tight states run first."""
+    stored = None if job.record is None else job.record.provenance.rests_on
+    if first[0] == reference and (stored is None or stored.reference is None):
+        return replace(job, run=True, judge=False, reason=f"identified without {reference}, which runs before it", waits=True)
+    return replace(job, reason=f"unless {', '.join(first)}, which runs before it, comes out otherwise", waits=True)
+
+
+def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> JobPlan:
+    """A finished job with the tight states that there are now: identified anew with another reference state, judged anew with others."""
+    stored = None if job.record is None else job.record.provenance.rests_on
+    other = other_reference(stored, now, reference)
+    if other is not None:
+        return replace(job, run=True, judge=False, reason=other, waits=False)
+    anew = other_baselines(stored, now)
+    job = replace(job, run=False, waits=False, reason=job.reason if job.judge else NOTHING)
+    return job if anew is None else _judged(job, output, anew)
+
+
+def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
+    """The jobs to run, in the campaign's order, the reference job first and added where a wanted job is compared with it.
+
+    Raises
+    ------
+    ConfigError
+        Where a job is unknown or there is none.
+    """
+    campaign = inputs.campaign
+    for name in wanted:
+        if name not in campaign.jobs:
+            raise ConfigError(
+                f"no job '{name}' in this campaign",
+                file=campaign.path,
+                place="--job",
+                expected=", ".join(campaign.jobs) or "a job",
+                found=name,
+            )
+    if not campaign.jobs:
+        raise campaign.error("this campaign has no jobs", "jobs", expected="at least one measurement", hint="add a job: NAME: {frf: file}")
+    names = [name for name in campaign.jobs if not wanted or name in wanted]
+    reference = campaign.update.reference
+    if reference is not None:
+        baselines = [name for name in campaign.jobs if name in campaign.update.baselines]
+        names = list(dict.fromkeys([reference, *baselines, *names]))
+    return names

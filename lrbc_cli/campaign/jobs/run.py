@@ -1,0 +1,231 @@
+"""All jobs of a campaign: identify, judge, keep what is finished, resume by content."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
+from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_judgement, write_reduction, write_result
+from lrbc_cli.campaign.jobs.standing import findings_of, rests_on
+from lrbc_cli.campaign.jobs.table import write_table
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.errors import DataError, LrbcError, NumericalError
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
+from lrbc_cli.updating.clearance import not_clear
+
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class Outcome:
+    """What happened to the jobs of one call.
+
+    Attributes
+    ----------
+    results : dict
+        Result by job, kept ones included.
+    kept, judged, failed : lists of str
+        Kept as they were, judged anew, failed.
+    errors : dict
+        The error of each failed job.
+    """
+
+    results: dict[str, JobRecord] = field(default_factory=dict)
+    kept: list[str] = field(default_factory=list)
+    judged: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    errors: dict[str, LrbcError] = field(default_factory=dict)
+
+    @property
+    def loose(self) -> bool:
+        """Whether a bolt is judged loose in any job."""
+        return any(record.names("loose") for record in self.results.values())
+
+    @property
+    def not_clear(self) -> dict[str, list[str]]:
+        """What keeps these jobs from being an all-clear, by job; empty where they are one."""
+        return not_clear(findings_of(self.results, [*self.results, *self.failed]))
+
+    def exit_code(self, fail_on_loose: bool) -> int:
+        """The exit code of ``interface.md``."""
+        if self.failed:
+            kinds = {error.exit_code for error in self.errors.values()}
+            if not self.results and len(kinds) == 1:
+                return kinds.pop()
+            return 5
+        if not fail_on_loose:
+            return 0
+        return 6 if self.loose else 7 if self.not_clear else 0
+
+
+def run_jobs(
+    inputs: Inputs,
+    folder: Path,
+    *,
+    wanted: Sequence[str] = (),
+    force: bool = False,
+    accept: bool = False,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Outcome, ReductionStage | None]:
+    """Run the updating jobs; a job that fails is a record, not the end.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+    wanted : sequence of str
+        Jobs; all where empty.
+    force : bool
+        Run finished jobs again.
+    accept : bool
+        Accept a reduced model that misses its tolerance.
+    workers : int
+        Jobs at a time.
+    progress : callable
+
+    Returns
+    -------
+    Outcome
+    ReductionStage or None
+        None where nothing had to run, or for full-order evaluation.
+    """
+    return _Run(inputs, folder, wanted, force, progress).all(accept, workers)
+
+
+class _Run:
+    """What the jobs of one call share."""
+
+    def __init__(self, inputs: Inputs, folder: Path, wanted: Sequence[str], force: bool, progress: Callable[[str], None]) -> None:
+        self.inputs, self.folder, self.progress = inputs, folder, progress
+        self.output = inputs.campaign.output
+        self.names = choose_jobs(inputs, wanted)
+        self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
+        self.outcome = Outcome()
+        self.stage: ReductionStage | None = None
+
+    def all(self, accept: bool, workers: int) -> tuple[Outcome, ReductionStage | None]:
+        """Run, judge anew or keep them, those first that others rest on."""
+        campaign, outcome = self.inputs.campaign, self.outcome
+        for p in self.plans.values():
+            if p.kept:
+                self._keep(p)
+        todo = [name for name in self.names if name not in outcome.results]
+        write_campaign(self.output, self.inputs)
+        source: FrfSource | None = None
+        if any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
+            if campaign.update.evaluation != "full":
+                self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
+                write_reduction(self.output, self.inputs, self.stage)
+            source = frf_source(self.inputs, self.stage, self.progress)
+        try:
+            # The others are compared with it; then the baselines, whose scatter sets the threshold of the others.
+            first = [name for name in todo if name == campaign.update.reference]
+            second = [name for name in todo if name in campaign.update.baselines]
+            for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
+                run = [name for name in wanted_now if self._still_to_run(name)]
+                if source is not None:
+                    _run_all(run, partial(self._identified, source), self._done, workers)
+            outcome.kept.sort(key=self.names.index)
+        finally:
+            write_table(self.output, list(campaign.jobs))
+        return outcome, self.stage
+
+    def _keep(self, p: JobPlan) -> None:
+        self.outcome.kept.append(p.name)
+        if p.record is not None:
+            self.outcome.results[p.name] = p.record
+        self.progress(f"{p.name}: kept, {p.reason}")
+
+    def _tight_states(self, name: str) -> tuple[JobRecord | None, dict[str, JobRecord]]:
+        known, baselines = needs(self.inputs, name)
+        before = None if known is None else tight_state(self.inputs, self.outcome, known, self.stage)
+        return before, {other: self.outcome.results[other] for other in baselines if other in self.outcome.results}
+
+    def _still_to_run(self, name: str) -> bool:
+        """Whether a job is identified, now that what it rests on has run; otherwise it is judged anew or kept."""
+        p = self.plans[name]
+        if p.run and not p.waits:
+            return True
+        before, baselines = self._tight_states(name)
+        now = rests_on(before, baselines)
+        p = self.plans[name] = settled(p, self.output, now, self.inputs.campaign.update.reference)
+        if p.run:
+            return True
+        if p.judge and p.evidence is not None and p.record is not None:
+            record = write_judgement(self.output, self.inputs, p.record, p.evidence, baselines, p.judgement, now)
+            self.outcome.results[name] = record
+            self.outcome.judged.append(name)
+            self.progress(f"{name}: judged anew, {p.reason}")
+        else:
+            self._keep(p)
+        return False
+
+    def _identified(self, source: FrfSource, name: str) -> JobRecord:
+        before, baselines = self._tight_states(name)
+        p, result = self.plans[name], identify(self.inputs, source, name, before)
+        identities, now = (p.identity, p.judgement), rests_on(before, baselines)
+        return write_result(self.output, self.inputs, self.stage, result, before, baselines, identities, now)
+
+    def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
+        try:
+            record = work()
+        except LrbcError as error:
+            self._failed(name, error)
+        except Exception as error:
+            # A defect in one job must not take the others with it; the traceback is in the log.
+            log.debug("job %s", name, exc_info=True)
+            self._failed(name, NumericalError(f"job {name}: {type(error).__name__}: {error}"))
+        else:
+            self.outcome.results[name] = record
+            misfit, seconds = record.misfit_db, record.seconds["total"]
+            self.progress(f"{name}: {record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s")
+
+    def _failed(self, name: str, error: LrbcError) -> None:
+        self.outcome.failed.append(name)
+        self.outcome.errors[name] = error
+        write_failure(self.output, self.inputs, name, error.message, self.plans[name].identity.digest)
+        self.progress(f"{name}: failed")
+
+
+def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> JobRecord | None:
+    """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
+    if reference in outcome.results:
+        return outcome.results[reference]
+    try:
+        before = read_job(inputs.campaign.output, reference, "result.previous.json")
+    except DataError:
+        return None
+    # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
+    if not isinstance(before, JobRecord) or stored_theta(layout(inputs), before) is None:
+        return None
+    certificate = before.provenance.certificate
+    return before if (certificate.key if certificate else None) == (stage.decision.key if stage else None) else None
+
+
+def _run_all(names: list[str], one: Callable[[str], JobRecord], done: Callable[[str, Callable[[], JobRecord]], None], workers: int) -> None:
+    if workers < 2 or len(names) < 2:
+        for name in names:
+            done(name, lambda name=name: one(name))  # type: ignore[misc]
+        return
+    # Threads serve: the time goes into dense linear algebra, which releases the interpreter.
+    pool = ThreadPoolExecutor(min(workers, len(names)))
+    pending: dict[Future[JobRecord], str] = {pool.submit(one, name): name for name in names}
+    try:
+        while pending:
+            finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+            for future in finished:
+                done(pending.pop(future), future.result)
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -1,0 +1,1 @@
+"""What planned microphones and hammer points can see of the bolts."""

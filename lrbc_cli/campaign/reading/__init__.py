@@ -1,0 +1,1 @@
+"""Reading a campaign: model, terms, loads, outputs, bolts; and whether they fit together."""

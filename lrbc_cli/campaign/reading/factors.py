@@ -1,0 +1,142 @@
+"""Global factors of a campaign's model: matrices of its further groups, and what became of a stored calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import norm
+
+from lrbc_cli.campaign.reading.reader import ModelReader
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.structure import ProportionalDamping
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.factors import Recipe, make_recipe
+from lrbc_cli.model.fem import FeModel
+
+#: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
+LARGEST_SHARE = 2.0
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """What became of a stored calibration.
+
+    Attributes
+    ----------
+    used : bool
+    text : str
+        In words, for a person.
+    key : str or None
+        Of what was stored.
+    factors : dict
+        Those in the model; empty where it is not used.
+    stale : bool
+        Stored, but not fitting: worth a warning.
+    """
+
+    used: bool
+    text: str
+    key: str | None = None
+    factors: dict[str, float] = field(default_factory=dict)
+    stale: bool = False
+
+
+def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> dict[str, dict[str, sp.csc_array]]:
+    """Matrices of the further groups of the calibration.
+
+    Raises
+    ------
+    DataError
+        Where one cannot be a share of the model's matrix.
+    """
+    calibration = reader.campaign.calibration
+    found: dict[str, dict[str, sp.csc_array]] = {}
+    for name, group in ({} if calibration is None else calibration.groups).items():
+        found[name] = {}
+        for operator, ref in group.matrices.items():
+            matrix = reader.matrix(ref, operator, reader.n, name)
+            whole = operators[operator]
+            if matrix.nnz == 0 or (np.iscomplexobj(matrix.data) and not np.iscomplexobj(whole.data)):
+                raise DataError(
+                    f"the {operator} of group {name} is {'empty' if matrix.nnz == 0 else 'complex, that of the model is not'}",
+                    file=ref.path,
+                    place=ref.group,
+                    expected="a share of the model's matrix",
+                )
+            # Only entries that the model's matrix has can be a share of it; a few may have cancelled.
+            outside = abs(matrix).sum() - abs(matrix).multiply(abs(whole).sign()).sum()
+            if outside > 1e-6 * abs(matrix).sum():
+                raise DataError(
+                    f"the {operator} of group {name} is not part of the model's matrix: it has entries where the model has none",
+                    file=ref.path,
+                    place=ref.group,
+                    expected=f"a part of the model's {operator} matrix, in the same order of DOFs",
+                    hint="export the group from the same model; the model's matrix has to contain it once",
+                )
+            _weigh_share(reader, ref, name, operator, matrix, whole)
+            found[name][operator] = matrix
+    return found
+
+
+def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, matrix: sp.csc_array, whole: sp.csc_array) -> None:
+    """Refuse a matrix that is far more than what the model has there; warn where the rest of the model is left without a positive diagonal.
+
+    A share of a sum of positive matrices has no diagonal entry above that of the sum. Prestress is not positive: a group may then lie a
+    little above the model, or against it, but not by factors.
+    """
+    there = abs(matrix).sign().multiply(abs(whole))
+    share = float(norm(matrix) / norm(there))
+    if share > LARGEST_SHARE:
+        raise DataError(
+            f"the {operator} of group {name} is not part of the model's matrix: it is {share:.3g} times what the model has there",
+            file=ref.path,
+            place=ref.group,
+            expected=f"a part of the model's {operator} matrix, in the same units",
+            found=f"a norm of {norm(matrix):.3g}, the model's there {norm(there):.3g}",
+            hint="export the group from the same model and in its units; the model's matrix has to contain it once",
+        )
+    own, all_ = np.real(matrix.diagonal()), np.real(whole.diagonal())
+    shown = np.abs(own) > 1e-6 * np.abs(own).max(initial=0.0)
+    wrong = shown & ((own * all_ < 0) | (np.abs(own) > np.abs(all_) * (1 + 1e-6)))
+    if wrong.any():
+        reader.warnings.append(
+            f"calibration.groups.{name}: its {operator} exceeds the model's, or has the opposite sign, at {int(wrong.sum())} of "
+            f"{int(shown.sum())} entries of the diagonal: the rest of the model is negative there, as only prestress makes it"
+        )
+
+
+def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
+    """How the operators depend on factors.
+
+    Raises
+    ------
+    ConfigError
+        Where the calibration asks for a factor of a field that the model does not have.
+    """
+    damping, acoustic = campaign.model.damping, model.is_acoustic
+    coefficients = None
+    if isinstance(damping, ProportionalDamping):
+        coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
+    groups = {name: list(group) for name, group in model.extras.items()}
+    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all(), groups)
+    require_fields(campaign, recipe)
+    return recipe
+
+
+def require_fields(campaign: Campaign, recipe: Recipe) -> None:
+    """Refuse factors of a field that the model does not have."""
+    if campaign.calibration is None:
+        return
+    for index, name in enumerate(campaign.calibration.factors):
+        if name not in recipe.names:
+            raise campaign.error(
+                f"the factor '{name}' scales nothing in this model",
+                "calibration",
+                "factors",
+                index,
+                expected=f"one of {', '.join(recipe.names)}",
+                hint="acoustic DOFs are those of component PRES in the DOF table",
+            )

@@ -1,0 +1,438 @@
+"""From the campaign file to the full-order model: reads every input, resolves every DOF, says what it found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.protect import require_inputs_apart
+from lrbc_cli.campaign.reading.drift import check_drift, load_shift
+from lrbc_cli.campaign.reading.edges import require_edges
+from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
+from lrbc_cli.campaign.reading.model_doubts import doubts
+from lrbc_cli.campaign.reading.places import extents, require_metres, require_near
+from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
+from lrbc_cli.campaign.reading.reader import ModelReader, Point
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.method import Facts, Method, resolve
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
+from lrbc_cli.model.factors import Recipe
+from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.frf import QUANTITIES
+from lrbc_cli.model.selection import arc_length, unit_columns
+from lrbc_cli.model.shifts import shift_columns
+from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
+from lrbc_cli.updating.statistics import StatisticalModel
+
+Floats = NDArray[np.float64]
+
+UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s²/N"}
+
+
+@dataclass(frozen=True)
+class Response:
+    """One response of the campaign.
+
+    Attributes
+    ----------
+    name, quantity, unit : str
+    input : int
+        Index of its excitation.
+    node, direction : int or None
+        Node number of the model and direction as in universal files, for matching records; None where unknown.
+    text : str
+        Where it was found.
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    input: int
+    node: int | None
+    direction: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class TermGroup:
+    """The terms of one parameter group before start values and bounds are known.
+
+    Attributes
+    ----------
+    name : str
+    config : GroupConfig
+    terms, parameter : (m,) int arrays
+        Columns of the model's terms, and the parameter that scales each.
+    xyz : (k, 3) float array or None
+        Position of each parameter [m].
+    arc_length : (k,) float array or None
+    beta : float
+        Stiffness-proportional damping of the terms [s].
+    """
+
+    name: str
+    config: GroupConfig
+    terms: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    xyz: Floats | None
+    arc_length: Floats | None
+    beta: float
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return int(self.parameter.max()) + 1
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that a campaign reads but the FRFs.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    model : FeModel
+    dofs : DofTable or None
+    responses : tuple of Response
+    excitations : tuple of str
+    excitation_points : tuple
+        Node number and direction of each excitation, None where unknown.
+    groups : tuple of TermGroup
+    bolts : PointTable or None
+    notes : tuple of str
+        What ``lrbc check`` prints about the files.
+    warnings : tuple of str
+    hashes : dict
+        SHA-256 of every file that was read, by its absolute path.
+    recipe : Recipe
+        How the operators of ``model`` depend on global factors; one is what they are.
+    shifts : (n_in, 2) int array or None
+        Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
+    calibration : CalibrationUse or None
+        Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
+    by_hand : mapping
+        Fields of the method that are given from Python, for experiments.
+    """
+
+    campaign: Campaign
+    model: FeModel
+    dofs: DofTable | None
+    responses: tuple[Response, ...]
+    excitations: tuple[str, ...]
+    excitation_points: tuple[Point, ...]
+    groups: tuple[TermGroup, ...]
+    bolts: PointTable | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    hashes: dict[str, str] = field(repr=False)
+    recipe: Recipe = field(repr=False)
+    shifts: NDArray[np.int64] | None = None
+    calibration: CalibrationUse | None = None
+    by_hand: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def method(self) -> Method:
+        """How jobs are identified: the settings resolved, for `check`, `plan` and `update` alike."""
+        return self.resolved(self.campaign.update.reference is not None)
+
+    def resolved(self, reference: bool) -> Method:
+        """The same with a reference job, which a plan takes for granted, or without."""
+        return replace(resolve(self.campaign.update, Facts(reference, self.bolts is not None)), **self.by_hand)
+
+    @property
+    def statistics(self) -> StatisticalModel:
+        """Of the method."""
+        return self.method.statistics
+
+    @property
+    def input_of(self) -> NDArray[np.int64]:
+        """(R,) index of the excitation of each response."""
+        return np.array([response.input for response in self.responses], dtype=np.int64)
+
+    @property
+    def used(self) -> NDArray[np.int64]:
+        """Indices of the responses that enter the cost."""
+        names = self.campaign.update.responses
+        return np.array([i for i, r in enumerate(self.responses) if names is None or r.name in names], dtype=np.int64)
+
+    @property
+    def held_out(self) -> NDArray[np.int64]:
+        """Indices of the others."""
+        return np.setdiff1d(np.arange(len(self.responses)), self.used)
+
+
+class _Reader(ModelReader):
+    """Parts of the model, each from its section of the campaign file."""
+
+    shifts: NDArray[np.int64] | None = None
+
+    def loads(self) -> tuple[sp.csc_array, list[Point]]:
+        columns: list[sp.csc_array] = []
+        points: list[Point] = []
+        shifts: list[Floats] = []
+        moving = self.campaign.update.nuisances.hammer is not None
+        for name, point in self.campaign.excitation.items():
+            if point.vector is not None:
+                matrix = self.vectors(point.vector, f"excitation.{name}")
+                if matrix.shape[1] != 1 or matrix.nnz == 0:
+                    raise DataError(
+                        "an excitation is one vector that is not zero",
+                        file=point.vector.path,
+                        expected="one column",
+                        found=f"{matrix.shape[1]}",
+                    )
+                columns.append(matrix * point.scale)
+                points.append((None, None))
+                dof = -1
+            else:
+                dof, text = self.pick(point, "excitation", name)
+                self.notes.append(f"excitation {name}: {text}")
+                columns.append(unit_columns([dof], self.n, point.scale))
+                points.append(self.point(dof))
+            if moving:
+                shifts.append(load_shift(self.campaign, self.dofs, dof, name) * point.scale)
+        # Derivatives to a shift follow the loads: the reduced model then holds for them too.
+        self.shifts = len(columns) + np.arange(2 * len(shifts)).reshape(-1, 2) if moving else None
+        return sp.hstack([*columns, *([shift_columns(shifts)] if moving else [])], format="csc"), points
+
+    def outputs(self, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, list[Response]]:
+        rows, responses = [], []
+        excitations = list(self.campaign.excitation)
+        for name, point in self.campaign.responses.items():
+            row, place, text, is_pressure = self.output(point, name, acoustic)
+            quantity = point.quantity or ("pressure" if is_pressure else "displacement")
+            if (quantity == "pressure") != is_pressure:
+                raise self.campaign.error(
+                    f"response {name} is a {'pressure' if is_pressure else 'motion'}, not a {quantity}",
+                    "responses",
+                    name,
+                    "quantity",
+                    expected="pressure" if is_pressure else "displacement, velocity or acceleration",
+                    found=quantity,
+                )
+            if point.excitation is None and len(excitations) > 1:
+                raise self.campaign.error(
+                    f"response {name} does not say to which excitation it belongs",
+                    "responses",
+                    name,
+                    expected=f"excitation: one of {', '.join(excitations)}",
+                )
+            at = excitations.index(point.excitation) if point.excitation else 0
+            self.notes.append(f"response {name}: {text}, {quantity}")
+            rows.append(row)
+            turns = (point.component or "").startswith("ROT")
+            unit = UNITS[quantity].replace("m", "rad", 1) if turns else UNITS[quantity]
+            responses.append(Response(name, quantity, unit, at, *place, text))
+        return sp.vstack(rows, format="csc"), responses
+
+    def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Point, str, bool]:
+        if point.matrix is not None or point.vector is not None:
+            ref = point.matrix or point.vector
+            assert ref is not None
+            matrix = self.vectors(ref, f"responses.{name}")
+            if point.row >= matrix.shape[1]:
+                raise self.campaign.error(
+                    "this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row
+                )
+            column = matrix[:, [point.row]]
+            fields = acoustic[column.indices]
+            if column.nnz == 0 or (fields.any() and not fields.all()):
+                raise DataError(
+                    f"the output row of {name} is {'empty' if column.nnz == 0 else 'a mixture of pressures and motions'}",
+                    file=ref.path,
+                    place=f"row {point.row}",
+                )
+            return (column.T * point.scale).tocsc(), (None, None), f"row {point.row} of {ref.path.name}", bool(fields.all())
+        dof, text = self.pick(point, "responses", name)
+        return unit_columns([dof], self.n, point.scale).T.tocsc(), self.point(dof), text, bool(acoustic[dof])
+
+    def group(self, name: str, config: GroupConfig, first: int) -> tuple[TermGroup, sp.csc_array, sp.csc_array]:
+        select = config.select
+        names: tuple[str, ...] | None = None
+        xyz: Floats | None = None
+        if select.vectors is not None or select.left is not None:
+            left = self.vectors(select.vectors or select.left, f"parameters.{name}")  # type: ignore[arg-type]
+            right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
+            assert select.positions is not None
+            positions = read_positions(select.positions)
+            self.table(select.positions)
+            if self.dofs is not None:
+                places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
+                require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
+            if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
+                raise DataError(
+                    f"vectors and positions of {name} do not fit",
+                    file=select.positions,
+                    expected=f"{left.shape[1]} terms in all files",
+                    found=f"{right.shape[1]} right vectors, {positions.xyz.shape[0]} positions",
+                )
+            empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
+            if empty.size:
+                raise DataError(f"vector {empty[0]} of {name} is empty", file=(select.vectors or select.left).path)  # type: ignore[union-attr]
+            xyz, names = positions.xyz, positions.parameter
+        else:
+            listed = self.term_dofs(name, config)
+            left = right = unit_columns(listed.dof, self.n)
+            xyz, names = listed.xyz, listed.parameter
+        m = left.shape[1]
+        if names is None:
+            parameter = np.arange(m)
+        else:
+            order = {label: i for i, label in enumerate(dict.fromkeys(names))}
+            parameter = np.array([order[label] for label in names])
+        count = int(parameter.max()) + 1
+        if xyz is not None:
+            xyz = np.stack([xyz[parameter == k].mean(axis=0) for k in range(count)])
+        damping = self.campaign.model.damping
+        beta = damping.structure.beta if isinstance(damping, ProportionalDamping) else 0.0
+        if config.damping is not None:
+            beta = config.damping.beta if config.damping.beta is not None else beta
+            if beta <= 0:
+                raise self.campaign.error(
+                    "damping tied to stiffness needs a coefficient beta",
+                    "parameters",
+                    name,
+                    "damping",
+                    expected="beta: seconds, for instance 1e-6",
+                    found="no beta here, and no model.damping.structure.beta",
+                )
+        group = TermGroup(name, config, np.arange(first, first + m), parameter, xyz, arc_length(xyz) if xyz is not None else None, beta)
+        self.notes.append(
+            f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
+            + (f", {group.arc_length[-1]:.3f} m along the edge" if group.arc_length is not None and count > 1 else "")
+        )
+        return group, left, right
+
+
+def read_as_exported(campaign: Campaign) -> Inputs:
+    """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
+
+    Parameters
+    ----------
+    campaign : Campaign
+
+    Returns
+    -------
+    Inputs
+
+    Raises
+    ------
+    DataError
+        Where a file is missing, damaged or inconsistent.
+    ConfigError
+        Where the campaign file asks for a DOF that does not exist.
+    """
+    require_inputs_apart(campaign)
+    reader = _Reader(campaign)
+    K, M, acoustic = _stiffness_and_mass(reader)
+    C = _damping(reader, K, M, acoustic)
+    B, points = reader.loads()
+    L, responses = reader.outputs(acoustic)
+    groups, terms = _terms(reader)
+    output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
+    bolts = _bolts(reader, groups)
+    reader.notes += require_edges(campaign, groups, bolts)
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
+    model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
+    reader.warn(*doubts(model, groups))
+    check_drift(campaign, bool(acoustic.any()))
+    recipe = recipe_of(campaign, model)
+    require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
+    require_frequencies(model, campaign)
+    return Inputs(
+        campaign=campaign,
+        model=model,
+        dofs=reader.dofs,
+        responses=tuple(responses),
+        excitations=tuple(campaign.excitation),
+        excitation_points=tuple(points),
+        groups=tuple(groups),
+        bolts=bolts,
+        notes=tuple(reader.notes),
+        warnings=tuple(reader.warnings),
+        hashes=reader.hashes,
+        recipe=recipe,
+        shifts=reader.shifts,
+    )
+
+
+def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
+    """With the mask of the pressures; the DOF table is read first."""
+    source = reader.campaign.model
+    if source.dofs is not None:
+        reader.dofs = read_dof_table(source.dofs)
+        reader.table(source.dofs)
+    K = reader.matrix(source.stiffness, "stiffness")
+    n = reader.n = K.shape[0]
+    if K.nnz == 0:
+        raise DataError("the stiffness matrix is empty", file=source.stiffness.path, place=source.stiffness.group, expected="values")
+    M = reader.matrix(source.mass, "mass", n)
+    if np.iscomplexobj(M.data):
+        raise DataError("the mass matrix is complex", file=source.mass.path, expected="real numbers")
+    if source.dofs is None or reader.dofs is None:
+        return K, M, np.zeros(n, dtype=bool)
+    if reader.dofs.size != n:
+        raise DataError(
+            "the DOF table does not fit the matrices",
+            file=source.dofs,
+            expected=f"{n} DOFs",
+            found=f"{reader.dofs.size}",
+            hint="export matrices and DOF table of one model in one run",
+        )
+    require_metres(K, M, reader.dofs, source.dofs)
+    reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
+    return K, M, reader.dofs.is_acoustic
+
+
+def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArray[np.bool_]) -> sp.csc_array:
+    damping = reader.campaign.model.damping
+    if isinstance(damping, ProportionalDamping):
+        structure, air = damping.structure, damping.acoustic
+        reader.notes.append(
+            f"damping: proportional, structure alpha {structure.alpha:g} beta {structure.beta:g}"
+            + (f", acoustic alpha {air.alpha:g} beta {air.beta:g}" if acoustic.any() else "")
+        )
+        return proportional_damping(K, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
+    if damping is None:
+        reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
+        return sp.csc_array(K.shape)
+    return reader.matrix(damping, "damping", reader.n)
+
+
+def _terms(reader: _Reader) -> tuple[list[TermGroup], LowRankTerms]:
+    groups, lefts, rights = [], [], []
+    first = 0
+    for name, config in reader.campaign.parameters.items():
+        group, left, right = reader.group(name, config, first)
+        first += left.shape[1]
+        groups.append(group)
+        lefts.append(left)
+        rights.append(right)
+    power = np.concatenate([np.full(g.terms.size, KIND_POWER[g.config.kind]) for g in groups])
+    baseline = np.concatenate([np.full(g.terms.size, g.config.baseline) for g in groups])
+    return groups, LowRankTerms(sp.hstack(lefts, format="csc"), sp.hstack(rights, format="csc"), power, baseline)
+
+
+def _bolts(reader: _Reader, groups: list[TermGroup]) -> PointTable | None:
+    file = reader.campaign.bolts
+    if file is None:
+        return None
+    bolts = read_points(file)
+    reader.table(file)
+    known = [reader.dofs.xyz] if reader.dofs else [group.xyz for group in groups if group.xyz is not None]
+    if known:
+        names = [f"bolt {name}" for name in bolts.name]
+        require_near(bolts.xyz, names, np.concatenate(known), file=file, known=reader.dofs is not None)
+    return bolts
+
+
+__all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

@@ -1,0 +1,224 @@
+"""Reading the files of a model, and finding the DOFs that the campaign file speaks of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.campaign.reading.places import require_near
+from lrbc_cli.campaign.reading.triangles import whole
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import MatrixRef, OperatorRef
+from lrbc_cli.config.structure import GroupConfig, PointConfig
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.io.matrices.read import read_matrix, read_vectors
+from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
+from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
+
+Point = tuple[int | None, int | None]
+
+#: Directions of universal files by the label of a DOF; a pressure has none.
+DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+
+
+class ModelReader:
+    """Reads matrices and tables of one campaign, finds DOFs, and keeps notes, warnings and hashes of files.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.notes: list[str] = []
+        self.warnings: list[str] = []
+        self.hashes: dict[str, str] = {}
+        self.dofs: DofTable | None = None
+        self.n = 0
+
+    def hash(self, path: Path) -> None:
+        """Note the hash of a file that was read."""
+        self.hashes[path.as_posix()] = file_hash(path)
+
+    def table(self, path: Path) -> None:
+        """Note the hash of a table that was read, and whether it may have been cut."""
+        self.hash(path)
+        if unfinished(path.read_bytes()):
+            self.warn(f"{path.name}: the last line has no end; if the file was cut there, its last value is wrong")
+
+    def warn(self, *warnings: str) -> None:
+        """Note warnings, each once: files are read as often as they are named."""
+        self.warnings += [warning for warning in warnings if warning not in self.warnings]
+
+    def matrix(self, ref: OperatorRef, operator: str, n: int | None = None, group: str | None = None) -> sp.csc_array:
+        """A square matrix, of order n where that is known already; the share of a further group where named."""
+        what = operator if group is None else f"{operator} of group {group}"
+        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
+        self.hash(ref.path)
+        matrix = found.matrix
+        self.notes += [f"{what}: {note}" for note in found.notes]
+        self.warn(*found.warnings)
+        if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
+            size = matrix.shape[0] if n is None else n
+            raise DataError(
+                f"the {what} matrix has the wrong size",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{size} x {size}" + (", as the stiffness matrix" if n is not None else ""),
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
+                hint="export all matrices of one model in one run",
+            )
+        known = self.dofs is not None and self.dofs.size == matrix.shape[0]
+        matrix, note = whole(matrix, ref, operator, self.dofs.is_acoustic if known and self.dofs else None, what)
+        self.notes += [note] if note else []
+        self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
+        return matrix
+
+    def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
+        """Real vectors, one column each, turned round where the file has them as rows."""
+        found = read_vectors(ref.path, ref.group, ref.format)
+        self.hash(ref.path)
+        self.warn(*found.warnings)
+        matrix = found.matrix
+        if matrix.shape[0] != self.n and matrix.shape[1] == self.n:
+            matrix = matrix.T.tocsc()
+        if matrix.shape[0] != self.n:
+            raise DataError(
+                f"the vectors of {what} do not fit the model",
+                file=ref.path,
+                place=ref.group,
+                expected=f"{self.n} rows",
+                found=f"{matrix.shape[0]} x {matrix.shape[1]}",
+            )
+        if np.iscomplexobj(matrix.data):
+            raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
+        return matrix
+
+    def listed(self, path: Path) -> DofList:
+        """The DOFs of a list; its coordinates are those of the terms where there is no DOF table."""
+        found = read_dof_list(path)
+        self.table(path)
+        dofs = found.dof
+        if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
+            raise DataError(
+                "this list of DOFs does not fit the model",
+                file=path,
+                expected=f"DOFs from 0 to {self.n - 1}",
+                found=str(dofs[:5].tolist()),
+            )
+        if self.dofs is None:
+            return found
+        own = self.dofs.xyz[dofs]
+        if found.xyz is not None:
+            wrong = np.flatnonzero(np.abs(found.xyz - own).max(axis=1) > ROUNDING * float(np.ptp(self.dofs.xyz, axis=0).max()))
+            if wrong.size:
+                raise DataError(
+                    f"DOF {dofs[wrong[0]]} does not lie where the DOF table has it",
+                    file=path,
+                    expected=f"{own[wrong[0]].tolist()}, as in {self.campaign.model.dofs}",
+                    found=f"{found.xyz[wrong[0]].tolist()} ({wrong.size} such lines)",
+                    hint="export both from one model, or remove the columns x, y and z",
+                )
+        return DofList(dofs, found.parameter, own)
+
+    def term_dofs(self, name: str, config: GroupConfig) -> DofList:
+        """The DOFs of the terms of a group, with their places where they are known."""
+        select, campaign = config.select, self.campaign
+        keys = ("parameters", name, "select")
+        if select.dofs is not None:
+            return self.listed(select.dofs)
+        table = self.dofs
+        if table is None:
+            raise campaign.error(
+                "components need a DOF table", *keys, hint="add model.dofs, or select with {dofs: file} or {vectors: file}"
+            )
+        assert select.component is not None
+        components = sorted(set(table.component.tolist()))
+        if select.component not in components:
+            raise campaign.error(
+                "no DOF has this component",
+                *keys,
+                "component",
+                expected=f"one of {', '.join(components)}",
+                found=select.component,
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )
+        if select.nodes is not None:
+            out = []
+            for node in select.nodes:
+                found = at_node(table, node, select.component)
+                if found.size != 1:
+                    known = bool(np.any(table.node == node))
+                    raise campaign.error(
+                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                        *keys,
+                        "nodes",
+                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
+                    )
+                out.append(int(found[0]))
+            return DofList(np.array(out), xyz=table.xyz[out])
+        assert select.box is not None
+        dofs = in_box(table, select.component, select.box)
+        if not dofs.size:
+            inside = table.xyz[table.component == select.component]
+            low, high = inside.min(axis=0), inside.max(axis=0)
+            raise campaign.error(
+                f"no DOF {select.component} lies in this box",
+                *keys,
+                "box",
+                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
+                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+            )
+        return DofList(dofs, xyz=table.xyz[dofs])
+
+    def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
+        """One DOF, and where it was found in words."""
+        table, campaign = self.dofs, self.campaign
+        if point.dof is not None:
+            if point.dof >= self.n:
+                raise campaign.error("this DOF does not exist", *keys, "dof", expected=f"0 to {self.n - 1}", found=point.dof)
+            return point.dof, f"DOF {point.dof}"
+        if table is None:
+            raise campaign.error("nodes and coordinates need a DOF table", *keys, hint="add model.dofs, or give {dof: number}")
+        assert point.component is not None
+        components = ", ".join(sorted(set(table.component.tolist())))
+        if point.node is not None:
+            dofs = at_node(table, point.node, point.component)
+            if dofs.size != 1:
+                here = sorted(table.component[table.node == point.node].tolist())
+                raise campaign.error(
+                    f"node {point.node} has no DOF {point.component}"
+                    if not dofs.size
+                    else f"node {point.node} has several DOFs {point.component}",
+                    *keys,
+                    expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
+                    found=point.component if here else f"node {point.node}",
+                    hint="a fixed DOF that the export eliminated cannot be used" if here else None,
+                )
+            return int(dofs[0]), f"node {point.node} {point.component}"
+        assert point.near is not None
+        found = nearest(table, point.near, point.component)
+        if found is None:
+            raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
+        dof, distance = found
+        require_near(np.array([point.near]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
+        size = spacing(table, dof)
+        text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
+        if distance > 0.05 * size:
+            self.warn(
+                f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
+                "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
+            )
+        return dof, text
+
+    def point(self, dof: int) -> Point:
+        """Node and direction of a DOF, None where unknown."""
+        if self.dofs is None:
+            return None, None
+        return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))

@@ -1,0 +1,1 @@
+"""The reduced model of a campaign: its cache, its memory, its FRFs."""

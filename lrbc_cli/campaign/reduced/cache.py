@@ -1,0 +1,375 @@
+"""The cache of reduced models: keyed by contents, written whole or not at all, and able to say why it misses."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.atomic import atomic_write
+from lrbc_cli.io.hdf5.store import read_store, write_store
+from lrbc_cli.io.json_text import parse_json, read_json_text
+from lrbc_cli.reduction.build import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.vectors import ERROR_KINDS
+
+log = logging.getLogger(__name__)
+
+FORMAT = "lrbc-reduced-model"
+FORMAT_VERSION = 4
+
+#: What a store of a model says about itself.
+_STAMP = ("format", "version", "key")
+
+#: Names of the key's parts in messages.
+PARTS = {
+    "operators": "the matrices or the damping",
+    "groups": "the matrices of the calibration's groups",
+    "terms": "the terms",
+    "loads": "the excitation",
+    "outputs": "the responses",
+    "band": "the band",
+    "tolerance": "the tolerance",
+    "limits": "held_out or max_size",
+    "version": "the version of the algorithm",
+}
+
+
+def cache_folder(folder: Path | None) -> Path:
+    """The folder of the cache: as given, or the platform's user cache.
+
+    Raises
+    ------
+    ConfigError
+        Where there cannot be such a folder.
+    """
+    found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+    try:
+        # What look_up asks for: a name as long as any in the cache.
+        (found / ("0" * 32) / "model.h5").is_file()
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be used ({error.strerror or error})", file=found, hint="name another folder with --cache or LRBC_CACHE"
+        ) from error
+    return found
+
+
+def digest(*parts: Any) -> str:
+    """SHA-256 of values: arrays, sparse matrices and what JSON holds; of what they are, not of how they are stored."""
+    h = hashlib.sha256()
+    for part in parts:
+        if sp.issparse(part):
+            h.update(repr(part.shape).encode())
+            for array in (part.indptr.astype(np.int64), part.indices.astype(np.int64), part.data):
+                h.update(np.ascontiguousarray(array).tobytes())
+        elif isinstance(part, np.ndarray):
+            h.update(repr((part.shape, part.dtype.str)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            h.update(repr(part).encode())
+        h.update(b"|")
+    return h.hexdigest()
+
+
+def key_parts(inputs: Inputs) -> dict[str, str]:
+    """Digest of everything that decides about the reduced model, by what it is; never paths or time stamps."""
+    m, r = inputs.model, inputs.campaign.reduction
+    return {
+        "operators": digest(m.K, m.C, m.M, m.is_acoustic),
+        "groups": digest(
+            *[part for name in sorted(m.extras) for key in sorted(m.extras[name]) for part in (name, key, m.extras[name][key])]
+        ),
+        "terms": digest(m.terms.left, m.terms.right, m.terms.power, m.terms.baseline),
+        "loads": digest(m.B),
+        "outputs": digest(m.L, m.output_power, inputs.input_of),
+        "band": digest(r.band),
+        "tolerance": digest(r.tolerance),
+        "limits": digest(r.held_out, r.max_size),
+        "version": digest(ALGORITHM_VERSION, FORMAT_VERSION),
+    }
+
+
+@dataclass(frozen=True)
+class CacheDecision:
+    """Whether a reduced model is there, and why.
+
+    Attributes
+    ----------
+    key : str
+    path : Path
+    hit : bool
+    reason : str
+    missed : str
+        Of a model in the cache that does not reach its tolerance: what it reaches.
+    """
+
+    key: str
+    path: Path
+    hit: bool
+    reason: str
+    missed: str = ""
+
+
+def look_up(folder: Path, parts: dict[str, str]) -> CacheDecision:
+    """Decide, without building or reading a model."""
+    key = digest(sorted(parts.items()))[:32]
+    path = folder / key / "model.h5"
+    if path.is_file():
+        try:
+            fault = "" if _is_model(read_store(path, _STAMP), key) else "the file in the cache was not made for this campaign"
+        except DataError:
+            fault = "the file in the cache is damaged"
+        if fault:
+            return CacheDecision(key, path, False, fault)
+        return CacheDecision(
+            key, path, True, "matrices, terms, excitation, responses, band and tolerance are those of a model in the cache", _missed(path)
+        )
+    nearest: list[str] | None = None
+    for other in folder.glob("*/key.json"):
+        try:
+            stored = parse_json(read_json_text(other))
+        except (OSError, ValueError):
+            continue
+        if isinstance(stored, dict):
+            different = [name for name, part in parts.items() if stored.get(name) != part]
+            if nearest is None or len(different) < len(nearest):
+                nearest = different
+    if nearest is None:
+        reason = "the cache is empty"
+    elif not nearest:
+        reason = "the model that was begun was not finished"
+    elif len(nearest) == len(parts) or ("operators" in nearest and len(nearest) > 3):
+        reason = "no model of these matrices is in the cache"
+    else:
+        reason = "changed since the nearest model in the cache: " + ", ".join(PARTS[name] for name in nearest)
+    return CacheDecision(key, path, False, reason)
+
+
+def _is_model(tree: dict[str, Any], key: str) -> bool:
+    """Whether a store says that it holds the model of this key: a file can come from another folder of the cache."""
+    return {name: tree.get(name) for name in _STAMP} == {"format": FORMAT, "version": FORMAT_VERSION, "key": key}
+
+
+def _missed(path: Path) -> str:
+    """What the note beside a model tells of a tolerance that it does not reach."""
+    try:
+        stored = parse_json(read_json_text(path.with_name("key.json")))
+    except (OSError, ValueError):
+        return ""
+    note = stored.get("missed") if isinstance(stored, dict) else None
+    return note if isinstance(note, str) else ""
+
+
+def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) -> None:
+    """Write a reduced model with its certificate."""
+    model = {name: getattr(reduction.model, name) for name in ReducedModel.__dataclass_fields__}
+    model["extras"] = {name: dict(group) for name, group in reduction.model.extras.items()}
+    tree = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "key": decision.key,
+        "parts": parts,
+        "model": model,
+        "options": asdict(reduction.options) | {"band_hz": list(reduction.options.band_hz)},
+        "certificate": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in reduction.held_out],
+        "trace": [
+            {
+                "frequency_hz": step.frequency_hz,
+                "size": step.size,
+                "order": step.order,
+                "added": step.added,
+                "measured_error": step.measured_error,
+                "grid_hz": step.grid_hz,
+                "estimate": step.estimate,
+            }
+            for step in reduction.trace
+        ],
+        "summary": {
+            "reached": reduction.reached,
+            "backend": reduction.backend,
+            "coupling": reduction.coupling,
+            "sizes": list(reduction.sizes),
+            "full_size": reduction.full_size,
+            "vectors": reduction.vectors,
+            "unseen": reduction.unseen,
+            "stopped": reduction.stopped,
+            "seconds": reduction.seconds,
+            "machine": reduction.machine,
+            "date": reduction.date,
+        },
+    }
+    try:
+        # Port FRFs of the model that is replaced.
+        for old in decision.path.parent.glob("ports-*.h5"):
+            old.unlink(missing_ok=True)
+        write_store(decision.path, tree)
+        with atomic_write(decision.path.with_name("key.json")) as file:
+            json.dump(parts | {"missed": missed_text(reduction)}, file, indent=1)
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be written ({error.strerror or error})",
+            file=decision.path.parent,
+            hint="name another folder with --cache or LRBC_CACHE",
+        ) from error
+
+
+def missed_text(reduction: Reduction) -> str:
+    """What a model that does not reach its tolerance reaches, and why not more; empty where it does."""
+    if reduction.reached:
+        return ""
+    reached = f"it does not reach its tolerance of {reduction.options.tolerance:.1e}: the measured error is {reduction.worst:.1e}"
+    return reached + (f" (stopped by: {reduction.stopped})" if reduction.stopped else "")
+
+
+def require_writable(decision: CacheDecision) -> None:
+    """Refuse a cache that cannot be written before a model is built for it.
+
+    Raises
+    ------
+    ConfigError
+    """
+    folder = decision.path.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be written ({error.strerror or error})", file=folder, hint="name another folder with --cache or LRBC_CACHE"
+        ) from error
+
+
+def load(decision: CacheDecision, inputs: Inputs) -> Reduction:
+    """Read a reduced model.
+
+    Raises
+    ------
+    DataError
+        Where the file is damaged or holds another model; the caller builds anew.
+    """
+    tree = read_store(decision.path)
+    if not _is_model(tree, decision.key):
+        raise DataError(
+            "this is not the reduced model of this campaign",
+            file=decision.path,
+            expected=f"{FORMAT} {FORMAT_VERSION}, key {decision.key}",
+            found=f"{tree.get('format')} {tree.get('version')}, key {tree.get('key')}",
+        )
+    try:
+        options = tree["options"] | {"band_hz": tuple(tree["options"]["band_hz"])}
+        summary = tree["summary"]
+        model = ReducedModel(**tree["model"])
+        _require_shapes(model, inputs)
+        return Reduction(
+            model=model,
+            options=ReductionOptions(**options),
+            reached=bool(summary["reached"]),
+            held_out=tuple(_held_out(line) for line in tree["certificate"]),
+            unseen=float(summary["unseen"]),
+            trace=tuple(Step(**step) for step in tree["trace"]),
+            seconds=dict(summary["seconds"]),
+            backend=summary["backend"],
+            coupling=summary["coupling"],
+            sizes=tuple(summary["sizes"]),
+            full_size=int(summary["full_size"]),
+            vectors=int(summary["vectors"]),
+            machine=dict(summary["machine"]),
+            date=summary["date"],
+            stopped=summary["stopped"],
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"this reduced model is damaged ({error})", file=decision.path) from error
+
+
+def _require_shapes(model: ReducedModel, inputs: Inputs) -> None:
+    """Refuse a model whose arrays do not fit each other, or what is asked.
+
+    Raises
+    ------
+    ValueError, TypeError
+        With the array's name.
+    """
+    full = inputs.model
+    r, terms = model.size, full.terms.size
+    responses, loads = full.L.shape[0], full.B.shape[1]
+    _require_arrays(
+        {"K": model.K, "C": model.C, "M": model.M, "B": model.B, "L": model.L, "left": model.left, "right": model.right}
+        | {"reference": model.reference},
+        {"K": (r, r), "C": (r, r), "M": (r, r), "B": (r, loads), "L": (responses, r), "left": (r, terms), "right": (r, terms)}
+        | {"reference": (terms, 3)},
+    )
+    if not np.array_equal(model.input_of, inputs.input_of) or not np.array_equal(model.output_power, full.output_power):
+        raise ValueError("its responses are others")
+    if not isinstance(model.structure, int) or not 0 <= model.structure <= r:
+        raise ValueError(f"{model.structure} structural DOFs of {r}")
+    if {name: set(group) for name, group in model.extras.items()} != {name: set(group) for name, group in full.extras.items()}:
+        raise ValueError("its groups of factors are others")
+    for name, group in model.extras.items():
+        _require_arrays({f"{name} {key}": matrix for key, matrix in group.items()}, {f"{name} {key}": (r, r) for key in group})
+
+
+def _require_arrays(arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fc" or array.shape != shapes[name]:
+            raise ValueError(f"{name} is {getattr(array, 'shape', None)}, not {shapes[name]}")
+
+
+def _held_out(line: dict[str, Any]) -> HeldOut:
+    errors = dict(line["errors"])
+    # HDF5 sorts names; a person reads from free to clamped.
+    return HeldOut(float(line["frequency_hz"]), {kind: float(errors.pop(kind)) for kind in ERROR_KINDS if kind in errors} | errors)
+
+
+def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:
+    """Where the port FRFs of these lines lie, beside the reduced model."""
+    return decision.path.parent / f"ports-{kind}-{digest(s)[:16]}.h5"
+
+
+def _ports_stamp(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> dict[str, str]:
+    """What port FRFs say about themselves: of which model, on which lines, and how they were computed."""
+    return {"key": decision.key, "lines": digest(s), "kind": kind}
+
+
+def store_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, ports: PortFrf) -> None:
+    """Write port FRFs; a full disk costs only the next run's time."""
+    arrays = {name: getattr(ports, name) for name in PortFrf.__dataclass_fields__}
+    try:
+        write_store(ports_path(decision, s, kind), {"made_for": _ports_stamp(decision, s, kind), "ports": arrays})
+    except OSError as error:
+        log.warning("port FRFs were not kept (%s)", error)
+
+
+def load_ports(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str, inputs: Inputs) -> PortFrf | None:
+    """Read port FRFs on these lines; None where they are missing, damaged or those of something else."""
+    path = ports_path(decision, s, kind)
+    if not path.is_file():
+        return None
+    try:
+        tree = read_store(path)
+        if tree.get("made_for") != _ports_stamp(decision, s, kind):
+            raise ValueError("they belong to something else")
+        ports = PortFrf(**tree["ports"])
+        F, R, nt, loads = s.size, inputs.model.L.shape[0], inputs.model.terms.size, inputs.model.B.shape[1]
+        _require_arrays(
+            {name: getattr(ports, name) for name in ("s", "H00", "H0p", "Hp0", "Hpp", "D_ref")},
+            {"s": (F,), "H00": (F, R), "H0p": (F, R, nt), "Hp0": (F, nt, loads), "Hpp": (F, nt, nt), "D_ref": (F, nt)},
+        )
+        if not np.array_equal(ports.s, s) or not np.array_equal(ports.input_of, inputs.input_of):
+            raise ValueError("their lines or responses are others")
+        return ports
+    except (DataError, KeyError, TypeError, ValueError) as error:
+        problem = error.problem if isinstance(error, DataError) else error
+        log.warning("port FRFs in the cache are computed anew (%s: %s)", path, problem)
+        return None

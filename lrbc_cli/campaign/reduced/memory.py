@@ -1,0 +1,127 @@
+"""Whether the memory of this machine suffices for a reduction, before it begins."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import psutil
+
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.reduction.build import ReductionOptions
+from lrbc_cli.reduction.predict import Cost, memory_bound, predict
+
+GB = 1e9
+
+#: Where the kernel limits the memory of containers, and the files that hold the limit and what is used; version 2 and 1.
+CGROUPS = (
+    (Path("/sys/fs/cgroup"), "memory.max", "memory.current"),
+    (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.usage_in_bytes"),
+)
+
+
+def available_bytes() -> float:
+    """Memory that this process can still have: what the system calls available, within the limit of its container."""
+    found = float(psutil.virtual_memory().available)
+    for folder, limit, used in _cgroups():
+        try:
+            room = float((folder / limit).read_text(encoding="ascii")) - float((folder / used).read_text(encoding="ascii"))
+        except (OSError, ValueError):  # no container, or "max"
+            continue
+        # What the container has read of files counts as used, but makes room when it is wanted.
+        room += _number_in(folder / "memory.stat", "inactive_file ") or 0.0
+        found = min(found, max(room, 0.0))
+    return min(found, _address_space())
+
+
+def _cgroups() -> list[tuple[Path, str, str]]:
+    """Folders that limit the memory of this process, from its own to that of all, and the files there."""
+    found = list(CGROUPS)
+    try:
+        lines = Path("/proc/self/cgroup").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return found
+    for line in lines:
+        _, controllers, path = [*line.split(":", 2), "", ""][:3]
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root, *files = CGROUPS[1] if controllers else CGROUPS[0]
+        own = root / path.strip("/")
+        found += [(folder, files[0], files[1]) for folder in (own, *own.parents) if root in folder.parents]
+    return found
+
+
+def _address_space() -> float:
+    """What ``ulimit -v`` leaves of the address space; infinite without such a limit."""
+    if sys.platform == "win32":
+        return float("inf")
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return float("inf")
+    return max(float(limit) - float(psutil.Process().memory_info().vms), 0.0)
+
+
+def resident_bytes() -> float:
+    """Memory that this process holds now."""
+    return float(psutil.Process().memory_info().rss)
+
+
+def options_of(inputs: Inputs) -> ReductionOptions:
+    """What the campaign asks of its reduced model."""
+    r = inputs.campaign.reduction
+    return ReductionOptions(r.band, r.tolerance, r.held_out, max_size=r.max_size)
+
+
+def reduction_cost(inputs: Inputs) -> tuple[Cost, float]:
+    """Predicted cost of the reduction, and the peak of this process with it [bytes]."""
+    held = resident_bytes()
+    cost = predict(inputs.model, options_of(inputs), backend=inputs.campaign.reduction.backend)
+    return cost, held + cost.additional
+
+
+def limit_of(inputs: Inputs) -> tuple[float, str]:
+    """Peak that this process may reach [bytes], and who says so."""
+    stated = inputs.campaign.reduction.memory_limit
+    if stated is not None:
+        return stated * GB, "reduction.memory_limit"
+    return resident_bytes() + available_bytes(), "available on this machine"
+
+
+def require_memory(inputs: Inputs) -> None:
+    """Refuse a reduction that the memory does not suffice for; analysed closely only where a simple bound is in doubt.
+
+    Raises
+    ------
+    NumericalError
+        With the prediction and what there is.
+    """
+    limit, source = limit_of(inputs)
+    if resident_bytes() + memory_bound(inputs.model) <= limit:
+        return
+    cost, peak = reduction_cost(inputs)
+    if peak <= limit:
+        return
+    largest = max(cost.memory, key=lambda part: cost.memory[part])
+    hints = ["a coarser model"]
+    if largest in ("snapshots", "basis", "estimate"):
+        hints.append("fewer terms or responses")
+    elif cost.backend == "superlu":
+        hints.append("reduction.backend: pardiso, which needs half of it for symmetric models")
+    raise NumericalError(
+        "not enough memory for the reduction",
+        place="reduction",
+        expected=f"at most {limit / GB:.3g} GB ({source})",
+        found=f"a predicted peak of {peak / GB:.2f} GB, {cost.memory[largest] / GB:.2f} GB of it for the {largest}",
+        hint=f"{' or '.join(hints)}; to try all the same, state what may be used, --override reduction.memory_limit=GIGABYTES",
+    )
+
+
+def _number_in(file: Path, name: str) -> float | None:
+    try:
+        lines = file.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return None
+    return next((float(line.split()[1]) for line in lines if line.startswith(name)), None)

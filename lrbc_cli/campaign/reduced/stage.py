@@ -1,0 +1,223 @@
+"""The reduced model of a campaign: from the cache, or built and kept; and FRFs of the model from it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.memory import options_of, require_memory
+from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.method import formula
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.reduction.build import Reduction, full_ports, reduce_model
+from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.misfit import FrfModel, port_model, reduced_model
+
+log = logging.getLogger(__name__)
+
+#: A bound of the error at lines that were not solved is warned of from so many tolerances.
+FAR_ABOVE = 10.0
+
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class ReductionStage:
+    """A reduced model and where it came from.
+
+    Attributes
+    ----------
+    reduction : Reduction
+    decision : CacheDecision
+    seconds : float
+        This time: reading the cache, or building.
+    """
+
+    reduction: Reduction
+    decision: cache.CacheDecision
+    seconds: float
+
+
+def obtain_reduction(
+    inputs: Inputs,
+    folder: Path,
+    *,
+    force: bool = False,
+    accept: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+    missed: Callable[[ReductionStage], object] = lambda _: None,
+) -> ReductionStage:
+    """Find the reduced model in the cache, or build and keep it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    folder : Path
+        Of the cache.
+    force : bool
+        Build anew.
+    accept : bool
+        Accept a model that does not reach the tolerance.
+    progress : callable
+    missed : callable
+        Gets a model that does not reach the tolerance and is not accepted, before that is raised.
+
+    Returns
+    -------
+    ReductionStage
+
+    Raises
+    ------
+    ConfigError
+        Where the cache cannot be written.
+    NumericalError
+        Where there is not enough memory, and where the tolerance is not reached and not accepted; what was built is kept.
+    """
+    start = time.perf_counter()
+    parts = cache.key_parts(inputs)
+    decision = cache.look_up(folder, parts)
+    reduction: Reduction | None = None
+    if decision.hit and not force:
+        try:
+            reduction = cache.load(decision, inputs)
+        except DataError as error:
+            log.warning("the cached reduced model is built anew (%s: %s)", decision.path, error.problem)
+            decision = replace(decision, hit=False, reason="the file in the cache is damaged")
+    elif decision.hit:
+        decision = replace(decision, hit=False, reason="--force")
+    elif decision.path.is_file():
+        log.warning("the cached reduced model is built anew (%s: %s)", decision.path, decision.reason)
+    if reduction is None:
+        settings = inputs.campaign.reduction
+        cache.require_writable(decision)
+        require_memory(inputs)
+        reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
+        reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+        cache.store(decision, parts, reduction)
+        if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
+            log.warning(
+                "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
+                "reduction.tolerance or raise reduction.held_out",
+                reduction.options.tolerance,
+                reduction.unseen,
+            )
+    stage = ReductionStage(reduction, decision, time.perf_counter() - start)
+    if not reduction.reached and not accept:
+        missed(stage)
+        raise NumericalError(
+            "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
+            expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
+            found=f"{reduction.worst:.1e} with {reduction.model.size} DOFs; it is kept in {decision.path}",
+            hint="what is left is rounding where the responses are silent: choose others, or accept it with --accept-tolerance"
+            if reduction.model.size >= inputs.model.size
+            else ("raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else ""))
+            + ", or accept it with --accept-tolerance",
+        )
+    return stage
+
+
+def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
+    """The reduced model as a function of global factors, about the model as it is used: factors of one are those of ``inputs.model``."""
+    return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts).diagonalised()
+
+
+def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:
+    """Seconds for one line of the reduced dynamic stiffness, and of the port formula with its derivatives (Table 4)."""
+    s = 2j * np.pi * np.linspace(*band, 32)
+    D = model.reference_dynamic(s)
+    ports = model.ports(s, workers=1)
+
+    def best(work: Callable[[], object]) -> float:
+        times = []
+        for _ in range(3):
+            start = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - start)
+        return min(times) / s.size
+
+    return {"reduced_line": best(lambda: model.evaluate(s, D, workers=1)), "port_line": best(lambda: ports.linearise(D))}
+
+
+@dataclass
+class FrfSource:
+    """FRFs of the model on any lines; tables of port FRFs are computed once per set of lines and kept beside the reduced model.
+
+    Attributes
+    ----------
+    inputs : Inputs
+    stage : ReductionStage or None
+        None only for full-order evaluation.
+    kind : str
+        ``port``, ``reduced`` or ``full``.
+    known : dict
+        What was found on sets of lines, for those who ask again.
+    """
+
+    inputs: Inputs
+    stage: ReductionStage | None
+    kind: str
+    progress: Callable[[str], None] = lambda _: None
+    known: dict[bytes, Any] = field(default_factory=dict)
+    _tables: dict[bytes, PortFrf] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def table(self, s: Complexes) -> PortFrf:
+        """Port FRFs for all responses on the lines s."""
+        with self._lock:
+            key = s.tobytes()
+            if key not in self._tables:
+                self._tables[key] = self._compute(s)
+            return self._tables[key]
+
+    def _compute(self, s: Complexes) -> PortFrf:
+        decision = self.stage.decision if self.stage else None
+        found = cache.load_ports(decision, s, self.kind, self.inputs) if decision else None
+        if found is not None:
+            return found
+        if self.kind == "full":
+            settings = self.inputs.campaign.reduction
+
+            def tell(done: int, count: int) -> None:
+                self.progress(f"full model: line {done} of {count}")
+
+            ports = full_ports(self.inputs.model, self.inputs.input_of, s, settings.band, backend=settings.backend, progress=tell)
+        else:
+            assert self.stage is not None
+            ports = self.stage.reduction.model.ports(s)
+        if decision:
+            cache.store_ports(decision, s, self.kind, ports)
+        return ports
+
+    def model(
+        self, s: Complexes, parameters: Parameterisation, lines: NDArray[np.int64] | None = None, responses: NDArray[np.int64] | None = None
+    ) -> FrfModel:
+        """FRFs as a function of theta on some of the lines, for some of the responses (all where None)."""
+        rows = np.arange(len(self.inputs.responses)) if responses is None else responses
+        at = np.arange(s.size) if lines is None else lines
+        if self.kind == "reduced":
+            assert self.stage is not None
+            return reduced_model(self.stage.reduction.model, s[at], parameters, rows)
+        return port_model(self.table(s).select(at, rows), parameters)
+
+
+def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
+    """``port`` or ``reduced``, see ``formula``."""
+    return formula("auto", inputs.model.terms.size, stage.reduction.model.size)
+
+
+def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
+    """FRFs as the settings want them evaluated."""
+    size = 0 if stage is None else stage.reduction.model.size
+    return FrfSource(inputs, stage, formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress)

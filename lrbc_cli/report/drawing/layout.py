@@ -1,0 +1,251 @@
+"""Where everything of a chart stands, in points from its top left corner; back ends only stroke, fill and write what is here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.report.drawing.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, Tiles, Word
+from lrbc_cli.results.fields import Floats
+
+RIGHT, TOP, BOTTOM, GAP, TITLE = 10.0, 8.0, 36.0, 12.0, 14.0
+SMALL, NORMAL, LARGE = 9.0, 10.0, 12.5
+_GLYPH = 0.56  # mean width of a character in units of the font size
+
+
+@dataclass(frozen=True)
+class Line:
+    """A stroked line, (n, 2) points, NaN interrupts; ``label`` names curves for readouts."""
+
+    role: str
+    points: Floats
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Fill:
+    """A filled polygon, (n, 2) corners."""
+
+    role: str
+    points: Floats
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """Markers of the role's shape at (n, 2) points."""
+
+    role: str
+    points: Floats
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text; ``anchor`` is start, middle or end along the writing direction."""
+
+    role: str
+    x: float
+    y: float
+    text: str
+    anchor: str = "start"
+    size: float = NORMAL
+    bold: bool = False
+    rotated: bool = False
+
+
+@dataclass(frozen=True)
+class Mosaic:
+    """Filled rectangles, (n, 4) left, top, right, bottom."""
+
+    role: str
+    points: Floats
+    names: tuple[str, ...] = ()
+
+
+Shape = Line | Fill | Symbols | Text | Mosaic
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A panel's rectangle (left, top, right, bottom) with its axes and what lies inside."""
+
+    box: tuple[float, float, float, float]
+    panel: Panel
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A chart laid out: the shapes around the panels (axes, title, legend), and the panels."""
+
+    width: float
+    height: float
+    around: tuple[Shape, ...]
+    frames: tuple[Frame, ...]
+
+
+def lay_out(chart: Chart, *, header: bool) -> Drawing:
+    """Place everything.
+
+    Parameters
+    ----------
+    chart
+        What to draw.
+    header
+        Whether title, subtitle and legend belong to the picture (PNG) or stand beside it (page).
+    """
+    around: list[Shape] = []
+    offset = _header(chart, around) if header else 0.0
+    frames = []
+    for panel, box, label_x in _boxes(chart, offset):
+        around += _axes(panel, box, label_x=label_x)
+        shapes = tuple(shape for item in sorted(panel.items, key=_depth) for shape in _item(item, panel, box))
+        frames.append(Frame(box, panel, shapes))
+    return Drawing(chart.width, chart.height + offset, tuple(around), tuple(frames))
+
+
+def _boxes(chart: Chart, offset: float) -> list[tuple[Panel, tuple[float, float, float, float], bool]]:
+    """Return each panel's rectangle, and whether the labels of its x axis stand below it."""
+    found = []
+    total = sum(panel.weight for panel in chart.panels)
+    top = offset + TOP
+    if chart.beside:
+        room = chart.width - sum(chart.left + RIGHT for _ in chart.panels)
+        left = 0.0
+        head = TITLE if any(panel.title for panel in chart.panels) else 0.0
+        for panel in chart.panels:
+            right = left + chart.left + room * panel.weight / total
+            found.append((panel, (left + chart.left, top + head, right, offset + chart.height - BOTTOM), True))
+            left = right + RIGHT
+        return found
+    following = [*(panel.x for panel in chart.panels[1:]), None]
+    # Panels over the same axis share the labels of the lowest one.
+    below = [
+        GAP if panel.x == axis else BOTTOM if panel.x.label else BOTTOM - 14.0 for panel, axis in zip(chart.panels, following, strict=True)
+    ]
+    room = chart.height - TOP - sum(below)
+    for panel, gap in zip(chart.panels, below, strict=True):
+        bottom = top + room * panel.weight / total
+        found.append((panel, (chart.left, top, chart.width - RIGHT, bottom), gap != GAP))
+        top = bottom + gap
+    return found
+
+
+def _depth(item: Item) -> int:
+    return (Span, Tiles, Area, Level, Curve, Marks, Note, Word).index(type(item))
+
+
+def _header(chart: Chart, shapes: list[Shape]) -> float:
+    left = min(chart.left, 50.0)
+    shapes.append(Text("strong", left, 18.0, chart.title, size=LARGE, bold=True))
+    top = 33.0
+    if chart.subtitle:
+        shapes.append(Text("text", left, top, chart.subtitle, size=NORMAL))
+        top += 16.0
+    x = left
+    for role, kind, label in chart.legend():
+        width = 24.0 + _GLYPH * SMALL * len(label) + 14.0
+        if x > left and x + width > chart.width - RIGHT:
+            x, top = left, top + 14.0
+        shapes += swatch(role, kind, x, top - 3.0)
+        shapes.append(Text("text", x + 22.0, top, label, size=SMALL))
+        x += width
+    return top + 4.0
+
+
+def swatch(role: str, kind: str, x: float, y: float) -> list[Shape]:
+    """Return what stands before a legend entry: 16 units wide, about the height ``y``."""
+    if role == "hatch":
+        # As in the corners of a cell.
+        ends = [((0, 0), (4, -4)), ((0, 4), (8, -4)), ((8, 4), (16, -4)), ((12, 4), (16, 0))]
+        return [Line(role, np.array([[x + a, y + b] for a, b in pair])) for pair in ends]
+    if kind == "tiles" and role == "known":
+        return [Line(role, np.array([[x + 1, y - 4], [x + 15, y - 4], [x + 15, y + 4], [x + 1, y + 4], [x + 1, y - 4]]))]
+    if kind in {"area", "span", "tiles"}:
+        return [Fill(role, np.array([[x, y - 4], [x + 16, y - 4], [x + 16, y + 4], [x, y + 4]]))]
+    if kind == "marks":
+        return [Symbols(role, np.array([[x + 8, y]]))]
+    return [Line(role, np.array([[x, y], [x + 16, y]]))]
+
+
+def _scale(axis: Axis, values: Floats, start: float, end: float) -> Floats:
+    scaled = start + (np.asarray(values, dtype=float) - axis.low) / (axis.high - axis.low) * (end - start)
+    # Infinite values (a free or clamped term) stop at the frame; NaN stays a gap.
+    return np.clip(scaled, min(start, end), max(start, end))
+
+
+def _axes(panel: Panel, box: tuple[float, float, float, float], *, label_x: bool) -> list[Shape]:
+    left, top, right, bottom = box
+    shapes: list[Shape] = []
+    for value, text in panel.x.ticks:
+        x = float(_scale(panel.x, np.array(value), left, right))
+        if panel.grid:
+            shapes.append(Line("grid", np.array([[x, top], [x, bottom]])))
+        if label_x:
+            shapes.append(Text("text", x, bottom + 13.0, text, "middle", SMALL))
+    for value, text in panel.y.ticks:
+        y = float(_scale(panel.y, np.array(value), bottom, top))
+        if panel.grid:
+            shapes.append(Line("grid", np.array([[left, y], [right, y]])))
+        shapes.append(Text("text", left - 5.0, y + 3.2, text, "end", SMALL))
+    if panel.grid:
+        shapes.append(Line("frame", np.array([[left, top], [left, bottom], [right, bottom]])))
+    if panel.title:
+        shapes.append(Text("text", (left + right) / 2, top - 5.0, panel.title, "middle", NORMAL))
+    if label_x and panel.x.label:
+        shapes.append(Text("text", (left + right) / 2, bottom + 28.0, panel.x.label, "middle", NORMAL))
+    if panel.y.label:
+        shapes.append(Text("text", left - 38.0, (top + bottom) / 2, panel.y.label, "middle", NORMAL, rotated=True))
+    return shapes
+
+
+def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> list[Shape]:
+    left, top, right, bottom = box
+
+    def across(values: Floats) -> Floats:
+        return _scale(panel.x, values, left, right)
+
+    def up(values: Floats) -> Floats:
+        return _scale(panel.y, values, bottom, top)
+
+    match item:
+        case Curve():
+            return [Line(item.role, np.column_stack([across(item.x), up(item.y)]), item.label)]
+        case Area():
+            keep = np.asarray(~(np.isnan(item.low) | np.isnan(item.high)))
+            x = across(item.x[keep])
+            outline = np.concatenate([np.column_stack([x, up(item.low[keep])]), np.column_stack([x[::-1], up(item.high[keep])[::-1]])])
+            return [Fill(item.role, outline)] if keep.any() else []
+        case Span():
+            edges = across(item.edges)
+            return [Fill(item.role, np.array([[a, top], [b, top], [b, bottom], [a, bottom]])) for a, b in edges]
+        case Level():
+            y = float(up(np.array(item.y)))
+            return [Line(item.role, np.array([[left, y], [right, y]]))]
+        case Marks():
+            height = np.full(len(item.x), bottom - item.at * (bottom - top)) if item.y is None else up(item.y)
+            points = np.column_stack([across(item.x), height])
+            present = np.asarray(~np.isnan(points).any(axis=1))
+            names = tuple(name for name, kept in zip(item.names, present, strict=True) if kept) if item.names else ()
+            return [Symbols(item.role, points[present], names)] if present.any() else []
+        case Tiles():
+            boxes = np.column_stack([across(item.edges[:, 0]), up(item.edges[:, 3]), across(item.edges[:, 1]), up(item.edges[:, 2])])
+            boxes = np.column_stack([np.minimum(boxes[:, :2], boxes[:, 2:]), np.maximum(boxes[:, :2], boxes[:, 2:])])
+            return [Mosaic(item.role, boxes, item.names)] if len(boxes) else []
+        case Word():
+            middle = float(up(np.array(item.y))) + 0.36 * item.size
+            return [Text(item.role, float(across(np.array(item.x))), middle, item.text, item.anchor, item.size, bold=item.bold)]
+        case Note():
+            place, level = float(across(np.array(item.x))), bottom - item.at * (bottom - top)
+            return [
+                Text(
+                    item.role,
+                    place + (3.0 if item.rotated else 0.0),
+                    level,
+                    item.text,
+                    "end" if item.rotated else "middle",
+                    SMALL - 1,
+                    rotated=item.rotated,
+                )
+            ]

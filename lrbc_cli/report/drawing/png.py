@@ -1,0 +1,156 @@
+"""Drawings as PNG files, drawn by matplotlib's Agg back end; a file whose content would not change is left alone."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import warnings
+from pathlib import Path
+from typing import Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch, Polygon
+from matplotlib.path import Path as Outline
+from matplotlib.text import Text as TextArtist
+from matplotlib.transforms import Affine2D, Transform
+
+from lrbc_cli.report.drawing.chart import Chart
+from lrbc_cli.report.drawing.layout import Drawing, Fill, Line, Mosaic, Shape, Symbols, Text, lay_out
+from lrbc_cli.report.drawing.style import STYLES
+from lrbc_cli.report.files import replace
+
+DPI = 120
+_KEY = b"lrbc-chart"
+_BACKEND = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_MARKERS = {"circle": "o", "ring": "o", "cross": "x", "plus": "+", "square": "s", "diamond": "D", "up": "^", "down": "v", "bar": "|"}
+_ALIGN: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middle": "center", "end": "right"}
+
+
+def draw(chart: Chart, file: Path) -> bool:
+    """Draw the chart into the file, unless it holds just this drawing already.
+
+    Returns
+    -------
+    bool
+        Whether it was drawn.
+
+    Raises
+    ------
+    DataError
+        Where the file cannot be written.
+    """
+    drawing = lay_out(chart, header=True)
+    digest = _digest(drawing)
+    if _digest_in(file) == digest:
+        return False
+    figure = Figure(figsize=(drawing.width / 72, drawing.height / 72), dpi=DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    transform = Affine2D().scale(1 / 72, -1 / 72).translate(0, drawing.height / 72) + figure.dpi_scale_trans
+    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
+    for order, shape in enumerate(shapes):
+        artist = _artist(shape, transform)
+        artist.set_zorder(order)
+        figure.add_artist(artist)
+    with warnings.catch_warnings(), replace(file) as sink:
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        options = {"metadata": {_KEY.decode(): digest, "Title": chart.title}, "pil_kwargs": {"compress_level": 2}}
+        canvas.print_png(sink, **options)  # type: ignore[no-untyped-call]
+    return True
+
+
+def is_current(chart: Chart, file: Path) -> bool:
+    """Tell whether the file is a whole PNG that says it was drawn from this chart."""
+    return _digest_in(file) == _digest(lay_out(chart, header=True))
+
+
+def _digest(drawing: Drawing) -> str:
+    """Hash everything that the picture depends on, to the last stroke."""
+    sink = hashlib.sha256(_BACKEND.encode())
+    for shape in [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]:
+        if isinstance(shape, Text):
+            sink.update(repr(shape).encode())
+        else:
+            sink.update(f"{type(shape).__name__} {shape.role} {shape.points.shape}".encode())
+            sink.update(np.ascontiguousarray(shape.points).tobytes())
+    sink.update(repr((drawing.width, drawing.height)).encode())
+    return sink.hexdigest()
+
+
+def _digest_in(file: Path) -> str | None:
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return None
+    if not data.startswith(_SIGNATURE) or not data.endswith(b"IEND\xaeB`\x82"):
+        return None
+    place = len(_SIGNATURE)
+    while place + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, place)
+        if kind == b"tEXt":
+            key, _, value = data[place + 8 : place + 8 + size].partition(b"\0")
+            if key == _KEY:
+                return value.decode("latin-1")
+        if kind == b"IDAT":
+            break
+        place += size + 12
+    return None
+
+
+def _artist(shape: Shape, transform: Transform) -> Artist:
+    style = STYLES[shape.role]
+    match shape:
+        case Line():
+            x, y = shape.points.T
+            return Line2D(
+                x,
+                y,
+                color=style.light,
+                linewidth=style.width,
+                linestyle=(0, tuple(part / style.width for part in style.dash)) if style.dash else "-",
+                dash_capstyle="butt",
+                solid_joinstyle="round",
+                transform=transform,
+            )
+        case Fill():
+            return Polygon(shape.points, closed=True, facecolor=style.light, edgecolor="none", alpha=style.opacity, transform=transform)
+        case Mosaic():
+            corners = shape.points[:, [[0, 1], [2, 1], [2, 3], [0, 3], [0, 1]]].reshape(-1, 2)
+            codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(shape.points))
+            # Neighbours share edges: without smoothing no line shows between them.
+            return PathPatch(Outline(corners, codes), facecolor=style.light, edgecolor="none", antialiased=False, transform=transform)
+        case Symbols():
+            x, y = shape.points.T
+            fill = "none" if style.marker == "ring" else style.light
+            return Line2D(
+                x,
+                y,
+                linestyle="none",
+                marker=_MARKERS[style.marker],
+                markersize=2 * style.size,
+                markerfacecolor=fill,
+                markeredgecolor=style.light,
+                markeredgewidth=style.width if style.marker in {"ring", "cross", "plus", "bar"} else 0.0,
+                transform=transform,
+            )
+        case Text():
+            return TextArtist(
+                shape.x,
+                shape.y,
+                shape.text,
+                color=style.light,
+                fontfamily="DejaVu Sans",
+                fontsize=shape.size,
+                fontweight="bold" if shape.bold else "normal",
+                horizontalalignment=_ALIGN[shape.anchor],
+                verticalalignment="baseline",
+                rotation=90 if shape.rotated else 0,
+                rotation_mode="anchor",
+                parse_math=False,
+                transform=transform,
+            )

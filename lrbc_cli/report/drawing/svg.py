@@ -1,0 +1,143 @@
+"""Drawings as inline SVG, coloured by the page's style sheet so that they suit light, dark and print."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from lrbc_cli.report.drawing.chart import Chart
+from lrbc_cli.report.drawing.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
+from lrbc_cli.report.drawing.style import STYLES
+from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.results.fields import Floats
+
+# Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
+_SCALE = 10.0
+
+
+def svg(chart: Chart) -> Markup:
+    """Return the chart as one ``svg`` element with its alternative text."""
+    drawing = lay_out(chart, header=False)
+    return _element(drawing, label=chart.alt)
+
+
+def own_size(chart: Chart) -> str:
+    """Style of an element that holds a drawing at the size of its letters, however wide the page is."""
+    width = f"{1.35 * chart.width:.0f}px"
+    return f"max-width:{width};--drawn:{width}"
+
+
+def legend(chart: Chart) -> Markup:
+    """Return the chart's legend as an HTML list."""
+    entries = []
+    for role, kind, label in chart.legend():
+        shapes = "".join(_shape(shape) for shape in swatch(role, kind, 1.0, 6.0))
+        entries.append(tag("li", Markup(f'<svg viewBox="0 0 180 120" width="18" height="12" aria-hidden="true">{shapes}</svg>'), label))
+    return tag("ul", *entries, class_="legend")
+
+
+def _element(drawing: Drawing, label: str) -> Markup:
+    body = "".join(_shape(shape) for shape in drawing.around) + "".join(_frame(frame) for frame in drawing.frames)
+    box = f"0 0 {drawing.width * _SCALE:.0f} {drawing.height * _SCALE:.0f}"
+    return tag("svg", Markup(body), viewBox=box, role="img", aria_label=label)
+
+
+def _frame(frame: Frame) -> str:
+    left, top, right, bottom = (round(edge * _SCALE) for edge in frame.box)
+    x, y = frame.panel.x, frame.panel.y
+    shapes = Markup("".join(_shape(shape) for shape in frame.shapes))
+    hit = Markup(f'<rect class="hit" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>')
+    return tag(
+        "g",
+        # Below the shapes, so that their titles show where they are pointed at.
+        hit,
+        shapes,
+        class_="panel",
+        data_x=f"{x.low:.9g} {x.high:.9g}",
+        data_y=f"{y.low:.9g} {y.high:.9g}",
+        data_xl=x.label,
+        data_yl=y.label,
+        data_scale="log" if y.powers else None,
+    )
+
+
+def _shape(shape: Shape) -> str:
+    style = STYLES[shape.role]
+    match shape:
+        case Line():
+            dash = f' stroke-dasharray="{" ".join(f"{part * _SCALE:g}" for part in style.dash)}"' if style.dash else ""
+            name = f' data-name="{escape(shape.label)}"' if shape.label else ""
+            return f'<path class="l r-{shape.role}" stroke-width="{style.width * _SCALE:g}"{dash}{name} d="{path(shape.points)}"/>'
+        case Fill():
+            return f'<path class="f r-{shape.role}" opacity="{style.opacity:g}" d="{path(shape.points)}Z"/>'
+        case Symbols():
+            return _symbols(shape)
+        case Mosaic():
+            return _mosaic(shape)
+        case Text():
+            x, y = round(shape.x * _SCALE), round(shape.y * _SCALE)
+            turn = f' transform="rotate(-90 {x} {y})"' if shape.rotated else ""
+            bold = ' font-weight="600"' if shape.bold else ""
+            place = f'x="{x}" y="{y}" text-anchor="{shape.anchor}" font-size="{shape.size * _SCALE:g}"'
+            return tag("text", shape.text, markup=Markup(f'class="t r-{shape.role}" {place}{bold}{turn}'))
+
+
+def path(points: Floats) -> str:
+    """Return SVG path data: absolute starts, relative steps, a new start after every NaN."""
+    whole = np.asarray(np.isfinite(points).all(axis=1))
+    rounded = np.rint(np.where(whole[:, None], points, 0.0) * _SCALE).astype(int)
+    starts = np.flatnonzero(whole & ~np.concatenate([[False], whole[:-1]]))
+    ends = np.flatnonzero(whole & ~np.concatenate([whole[1:], [False]])) + 1
+    parts = []
+    for start, end in zip(starts, ends, strict=True):
+        piece = rounded[start:end]
+        steps = np.diff(piece, axis=0).tolist()
+        parts.append(f"M{piece[0, 0]} {piece[0, 1]}" + ("l" + " ".join(f"{dx} {dy}" for dx, dy in steps) if steps else "h0"))
+    return "".join(parts).replace(" -", "-")
+
+
+def _mosaic(shape: Mosaic) -> str:
+    corners = np.rint(shape.points * _SCALE).astype(int)
+    pieces = [f"M{left} {top}h{right - left}v{bottom - top}h{left - right}z" for left, top, right, bottom in corners.tolist()]
+    if not shape.names:
+        return f'<path class="f m r-{shape.role}" d="{"".join(pieces)}"/>'
+    return "".join(
+        f'<path class="f m r-{shape.role}" d="{piece}">{tag("title", name)}</path>' for piece, name in zip(pieces, shape.names, strict=True)
+    )
+
+
+def _symbols(shape: Symbols) -> str:
+    style = STYLES[shape.role]
+    r = round(style.size * _SCALE)
+    form = outline(style.marker, r)
+    kind = "l" if style.marker in {"ring", "cross", "plus", "bar"} else "f"
+    stroke = f' stroke-width="{style.width * _SCALE:g}"' if kind == "l" else ""
+    if not shape.names:
+        parts = "".join(f"M{round(x * _SCALE)} {round(y * _SCALE)}{form}" for x, y in shape.points)
+        return f'<path class="{kind} r-{shape.role}"{stroke} d="{parts}"/>'
+    return "".join(
+        f'<path class="{kind} r-{shape.role}"{stroke} d="M{round(x * _SCALE)} {round(y * _SCALE)}{form}">{tag("title", name)}</path>'
+        for (x, y), name in zip(shape.points, shape.names, strict=True)
+    )
+
+
+def outline(marker: str, r: int) -> str:
+    """Return a marker's outline as relative path data that starts at its centre."""
+    match marker:
+        case "cross":
+            return f"m{-r}-{r}l{2 * r} {2 * r}m0-{2 * r}l{-2 * r} {2 * r}"
+        case "plus":
+            return f"m{-r} 0h{2 * r}m{-r}-{r}v{2 * r}"
+        case "bar":
+            return f"m0-{r}v{2 * r}"
+        case "square":
+            return f"m{-r}-{r}h{2 * r}v{2 * r}h{-2 * r}z"
+        case "diamond":
+            return f"m0-{r}l{r} {r}l{-r} {r}l{-r}-{r}z"
+        case "up":
+            return f"m0-{r}l{r} {2 * r}h{-2 * r}z"
+        case "down":
+            return f"m0 {r}l{r}-{2 * r}h{-2 * r}z"
+        case _:
+            return f"m{-r} 0a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0"

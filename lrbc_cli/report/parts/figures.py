@@ -1,0 +1,347 @@
+"""The charts of the report, made from result files: stiffness profiles, FRF overlays, convergence, certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace as changed
+
+import numpy as np
+
+from lrbc_cli.report.drawing.chart import (
+    Area,
+    Axis,
+    Chart,
+    Curve,
+    Item,
+    Level,
+    Marks,
+    Note,
+    Panel,
+    Span,
+    decade_axis,
+    linear_axis,
+    number,
+    span_of,
+)
+from lrbc_cli.report.drawing.style import SERIES, STEPS
+from lrbc_cli.report.parts.tables import loose_of
+from lrbc_cli.report.places import bolts_of
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import Bolt, JobRecord, Parameter
+from lrbc_cli.results.model import ReductionRecord, ResponseRecord
+from lrbc_cli.results.tables import Frf
+
+#: Below this ordinary coherence a measured line is shaded as doubtful.
+COHERENCE = 0.8
+#: How far computed curves may widen the magnitude axis beyond the measured one, in dB.
+_BEYOND_DB = 15.0
+#: FRFs with more lines than this are thinned for drawing, about what a figure can resolve.
+_DENSE = 2400
+#: Shares of the way to the edge that the layers of an open band reach; together they fade.
+_FADES = (0.25, 0.5, 0.75, 1.0)
+_OUTSIDE = "outside: not observable"
+_STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
+
+
+def changes_of(job: JobRecord) -> str:
+    """Say in a few words what is known and what was found."""
+    parts = []
+    if job.removed is not None:
+        parts.append(f"{len(job.removed)} bolt{'' if len(job.removed) == 1 else 's'} removed")
+    if job.bolts and not job.explained:
+        parts.append("no verdict: the model does not explain the measurement")
+    elif job.bolts:
+        parts.append(loose_of(job))
+        parts += [] if job.validated else ["not validated"]
+    return ", ".join(parts)
+
+
+def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
+    """Return one range of whole decades for each group, over all jobs."""
+    scales = {}
+    for name in dict.fromkeys(name for job in jobs for name in job.parameters):
+        groups = [job.parameters[name] for job in jobs if name in job.parameters]
+        arrays = [
+            values
+            for group in groups
+            for values in (group.log10_effective, group.initial, group.reference_log10_effective)
+            if values is not None
+        ]
+        low, high = span_of(arrays)
+        # A wide confidence band may widen the range by a decade, no more.
+        bands = [values for group in groups for values in (group.lower95, group.upper95) if values is not None]
+        lowest, highest = span_of([*bands, np.array([low, high])])
+        low, high = max(low - 1.0, lowest), min(high + 1.0, highest)
+        scales[name] = (float(np.floor(low)), float(np.ceil(high))) if np.isfinite([low, high]).all() else (0.0, 1.0)
+    return scales
+
+
+def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Chart | None:
+    """Return the identified profile of each group along its edge, bolts marked below (paper, Fig. 6); None without groups."""
+    groups = {name: group for name, group in job.parameters.items() if len(group.log10)}
+    if not groups:
+        return None
+    # Without a verdict no bolt is marked as loose.
+    bolts = (
+        job.bolts
+        if job.explained
+        else tuple(bolt if bolt.outside else bolt.model_copy(update={"verdict": "undecided"}) for bolt in job.bolts)
+    )
+    several = [*groups.values()]
+    panels = tuple(
+        _profile_panel(group, bolts_of(group, several, bolts), scales[name], name if len(several) > 1 else group.kind)
+        for name, group in groups.items()
+    )
+    loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
+    found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
+    alt = f"Identified {', '.join(groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
+    return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
+
+
+def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str) -> Panel:
+    place = _places(group)
+    items: list[Item] = []
+    along = np.array([where for _, where in bolts])
+    low, high = span_of([place, along])
+    margin = 0.03 * (high - low) if high > low else 0.5
+    half = _half_pitch(along, (high - low) or 1.0)
+    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", "undecided"), ("outside", "outside-stripe", _OUTSIDE))
+    for verdict, role, label in stripes:
+        chosen = np.array([where for bolt, where in bolts if bolt.verdict == verdict])
+        if chosen.size:
+            items.append(Span(role, np.column_stack([chosen - half, chosen + half]), label))
+    items += [
+        Note("loose", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
+    ]
+    bottom = scale[0] - 0.13 * (scale[1] - scale[0]) if bolts else scale[0]
+    top = scale[1] + 0.16 * (scale[1] - scale[0])
+    if group.lower95 is not None and group.upper95 is not None:
+        items += _band(place, group.log10_effective, group.lower95, group.upper95, (scale[0], top))
+    items.append(Curve("initial", place, group.initial, "initial"))
+    if group.reference_log10_effective is not None:
+        items.append(Curve("reference", place, group.reference_log10_effective, "reference job"))
+    items.append(Curve("identified", place, group.log10_effective, "identified"))
+    for role, known, label in (("tight", False, "bolt in place"), ("removed", True, "bolt removed"), ("bolt", None, "bolt")):
+        standing = [(bolt.name, where) for bolt, where in bolts if bolt.removed is known]
+        if standing:
+            items.append(Marks(role, np.array([where for _, where in standing]), None, label, 0.055, tuple(name for name, _ in standing)))
+    x_label = "along the edge [m]" if group.arc_length is not None else "term"
+    unit = f" [{group.unit}]" if group.unit else ""
+    # Room above for the names of loose bolts.
+    y = decade_axis(f"{title}{unit}", bottom, top)
+    y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
+    return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
+
+
+def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
+    """Return the confidence band; where it is open it fades from the value to the edge of the figure, and an arrow says so."""
+    items: list[Item] = []
+    open_below, open_above = (np.asarray(~np.isfinite(side)) for side in (lower, upper))
+    # The solid part ends at the value on a side that is open.
+    items.append(Area("band", place, np.where(open_below, value, lower), np.where(open_above, value, upper), "95 % band"))
+    for role, is_open, edge in (("open-down", open_below, limits[0]), ("open-up", open_above, limits[1])):
+        where = np.flatnonzero(is_open & np.isfinite(value))
+        if not where.size:
+            continue
+        label = "open: no limit found"
+        for run in np.split(where, np.flatnonzero(np.diff(where) > 1) + 1):
+            x, start = _stretched(place, run), np.concatenate([value[run[:1]], value[run], value[run[-1:]]])
+            for share in _FADES:
+                end = start + share * (edge - start)
+                items.append(Area("open", x, np.minimum(start, end), np.maximum(start, end)))
+        # One arrow in a few nodes, so that they stay apart.
+        every = max(1, len(place) // 17)
+        arrows = where[where % every == 0] if every > 1 and (where % every == 0).any() else where
+        inside = edge + (0.02 if edge == limits[0] else -0.02) * (limits[1] - limits[0])
+        items.append(Marks(role, place[arrows], np.full(len(arrows), inside), label))
+    return items
+
+
+def _stretched(place: Floats, run: np.ndarray) -> Floats:
+    """Return the places of neighbours, half a step wider on both sides, so that one alone has a width as well."""
+    step = float(np.median(np.diff(place))) if len(place) > 1 else 0.1
+    return np.concatenate([[place[run[0]] - 0.5 * step], place[run], [place[run[-1]] + 0.5 * step]])
+
+
+def _places(group: Parameter) -> Floats:
+    return np.arange(len(group.log10), dtype=float) if group.arc_length is None else group.arc_length
+
+
+def _half_pitch(along: Floats, length: float) -> float:
+    gaps = np.diff(np.unique(along))
+    return 0.42 * float(np.median(gaps)) if gaps.size else 0.02 * length
+
+
+def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf) -> Chart:
+    """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7)."""
+    change = job.misfit_db.responses.get(response.name)
+    used = response.used if change is None else change.used
+    role = "used for updating" if used else "validation channel: not used for updating"
+    misfit = "" if change is None else f" · misfit {change.initial:.1f} → {change.final:.1f} dB"
+    lines = job.lines.frequency_hz if used else np.empty(0)
+    return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines)
+
+
+def overlay_chart(
+    response: ResponseRecord, frf: Frf, labels: Mapping[str, str], title: str, subtitle: str, lines_hz: Floats | None = None
+) -> Chart:
+    """Return measured and computed FRFs of one response, magnitude above phase.
+
+    Parameters
+    ----------
+    response
+        Which one.
+    frf
+        All of them.
+    labels
+        What stands in the legend for ``measured``, ``initial``, ``updated``.
+    title, subtitle
+        Of the chart.
+    lines_hz
+        Lines to be marked at the foot.
+    """
+    frequency, columns = _thinned(frf.frequency_hz, frf.responses[response.name])
+    empty = np.full(len(frequency), np.nan)
+    levels = {state: columns.get(f"{state}_db", empty) for state in _STATES}
+    magnitude: list[Item] = []
+    if "coherence" in columns:
+        edges = _runs(frequency, columns["coherence"] < COHERENCE)
+        if len(edges):
+            magnitude.append(Span("doubtful", edges, f"coherence below {COHERENCE:g}"))
+    drawn = [(state, label) for state, label in labels.items() if np.isfinite(levels[state]).any()]
+    magnitude += [Curve(state, frequency, levels[state], label) for state, label in drawn]
+    if lines_hz is not None and lines_hz.size:
+        magnitude.append(Marks("selected", lines_hz, None, "lines used", 0.018))
+    phase = [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
+    x = linear_axis("frequency [Hz]", float(frequency.min()), float(frequency.max()), 8)
+    levels_axis = linear_axis(f"dB re 1 {response.unit}", *_level_range(levels), 6)
+    degrees = Axis("phase [°]", -190.0, 190.0, tuple((float(k), number(k)) for k in (-180, -90, 0, 90, 180)))
+    alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(label for _, label in drawn)}, magnitude and phase."
+    panels = (Panel(x, levels_axis, tuple(magnitude), 2.3), Panel(x, degrees, tuple(phase), 1.0))
+    return Chart(title, subtitle, alt, panels)
+
+
+def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:
+    low, high = span_of([levels["measured"]])
+    if not np.isfinite([low, high]).all():
+        low, high = span_of(levels.values())
+    else:
+        lowest, highest = span_of(levels.values())
+        low, high = max(lowest, low - _BEYOND_DB), min(highest, high + _BEYOND_DB)
+    margin = 0.04 * (high - low)
+    return low - 2 * margin, high + margin
+
+
+def _runs(x: Floats, where: np.ndarray) -> Floats:
+    """Return the (n, 2) edges of the runs of True, half a line wider on both sides."""
+    half = 0.5 * float(np.median(np.diff(x))) if len(x) > 1 else 0.5
+    padded = np.concatenate([[False], where, [False]])
+    starts, ends = np.flatnonzero(padded[1:] & ~padded[:-1]), np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
+    return np.column_stack([x[starts] - half, x[ends] + half])
+
+
+def _thinned(frequency: Floats, columns: Mapping[str, Floats]) -> tuple[Floats, dict[str, Floats]]:
+    """Thin very dense lines for drawing: per bucket the lines where each column is smallest and largest, so that no peak is lost."""
+    if len(frequency) <= _DENSE:
+        return frequency, dict(columns)
+    keep = {0, len(frequency) - 1}
+    for bucket in np.array_split(np.arange(len(frequency)), _DENSE // 4):
+        for name, values in columns.items():
+            finite = bucket[np.isfinite(values[bucket])]
+            if finite.size and name != "coherence":
+                keep |= {int(finite[np.argmin(values[finite])]), int(finite[np.argmax(values[finite])])}
+    order = np.array(sorted(keep))
+    return frequency[order], {name: values[order] for name, values in columns.items()}
+
+
+def _wrapped(degrees: Floats) -> Floats:
+    """Wrap into ±180 degrees and cut the line where it jumps from one side to the other."""
+    wrapped = (degrees + 180.0) % 360.0 - 180.0
+    wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
+    return wrapped
+
+
+def convergence_charts(jobs: Sequence[JobRecord]) -> list[Chart]:
+    """Return cost and mean misfit per evaluation, all jobs; nothing where no job has a history."""
+    known = [job for job in jobs if any(entry.accepted for entry in job.history)]
+    charts = []
+    for title, label in (("Cost", "cost, eq. (29)"), ("Misfit at the lines used", "mean misfit [dB]")):
+        curves = []
+        for index, job in enumerate(known):
+            # Trials that were rejected would hide the descent.
+            accepted = [entry for entry in job.history if entry.accepted]
+            values = [entry.cost if title == "Cost" else entry.misfit_db for entry in accepted]
+            few = len(known) <= SERIES
+            role, name = (f"series{index}", job.job) if few else ("quiet", "each line: one job")
+            curves.append(Curve(role, np.array([float(entry.evaluation) for entry in accepted]), np.array(values), name))
+        low, high = span_of(curve.y for curve in curves)
+        if not np.isfinite([low, high]).all():
+            continue
+        floor = low - 0.05 * (high - low) if title == "Cost" else 0.0
+        last = max(float(curve.x.max()) for curve in curves)
+        panel = Panel(
+            linear_axis("evaluation", 0.0, max(last, 1.0), 8), linear_axis(label, floor, high + 0.05 * (high - low), 5), tuple(curves)
+        )
+        count = f"{len(known)} job{'' if len(known) == 1 else 's'}"
+        alt = f"{title} per evaluation of {count}, from {number(high, 3)} at most to {number(low, 3)} at least."
+        charts.append(Chart(title, "per evaluation", alt, (panel,), width=620.0, height=280.0))
+    return charts
+
+
+def certificate_chart(reduction: ReductionRecord) -> Chart | None:
+    """Return the measured errors at lines outside the basis, per kind of parameter vector; None without held-out lines."""
+    held_out, worst_error = reduction.certificate.held_out, reduction.certificate.worst
+    if not held_out:
+        return None
+    kinds = list(dict.fromkeys(kind for line in held_out for kind in line.errors))
+    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    for index, kind in enumerate(kinds):
+        lines = [line for line in held_out if kind in line.errors]
+        x = np.array([line.frequency_hz for line in lines])
+        y = np.array([_log10(line.errors[kind]) for line in lines])
+        items.append(Marks(f"series{index % SERIES}", x, y, kind))
+    low, high = span_of(
+        [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
+    )
+    y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
+    worst = "" if np.isnan(worst_error) else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
+    alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
+    panel = Panel(linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y_axis, tuple(items))
+    return Chart("Measured error", "at lines outside the basis", alt, (panel,), width=620.0, height=300.0)
+
+
+def trace_chart(reduction: ReductionRecord) -> Chart | None:
+    """Return the estimated error over the band after each adaptive step; None without a trace."""
+    # Steps at held-out lines leave the estimate as it was.
+    steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
+    if not steps:
+        return None
+    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    curves: list[Curve] = []
+    expanded = {point.frequency_hz for point in reduction.expansion_points}
+    for index, step in enumerate(steps):
+        shade = STEPS - 1 if len(steps) == 1 else round(index * (STEPS - 1) / (len(steps) - 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            estimate = np.log10(np.maximum(step.estimate, 0.0))
+        estimate[~np.isfinite(estimate)] = np.nan
+        points = sum(1 for other in reduction.trace if other.step <= step.step and other.factorised_hz in expanded)
+        name = "compressed" if step.factorised_hz is None else f"{points} points"
+        label = f"{name}: {step.size:g} DOFs" if len(steps) <= 8 or index in {0, len(steps) - 1} else ""
+        curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
+    taken = np.array([point.frequency_hz for point in reduction.expansion_points])
+    if taken.size:
+        items.append(Marks("taken", taken, None, "expansion points", 0.02))
+    low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])
+    x_low, x_high = span_of([curve.x for curve in curves] + [taken])
+    alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
+    panel = Panel(
+        linear_axis("frequency [Hz]", x_low, x_high, 8),
+        # At the points themselves the estimate is next to nothing.
+        decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
+        (*items, *curves),
+    )
+    return Chart("Estimated error", "after each adaptive step", alt, (panel,), width=620.0, height=300.0)
+
+
+def _log10(value: float) -> float:
+    return float(np.log10(value)) if value > 0 else float("nan")

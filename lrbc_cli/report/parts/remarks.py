@@ -1,0 +1,111 @@
+"""What a reader has to know beside the verdicts: validity, nuisances, noise, notes on jobs and bolts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
+from lrbc_cli.report.parts.tables import names_of
+from lrbc_cli.results.job import Estimate, JobRecord
+
+UNEXPLAINED = "the model does not explain the measurement: no verdict"
+UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
+_OUTCOMES = {True: ("passed", "converged"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
+#: A table of notes with more rows is folded away.
+_MANY = 12
+
+
+def remarks_parts(jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
+    """Return the parts of the section; None where there is nothing to say."""
+    parts = [_validity(jobs), _nuisances(jobs), _job_notes(jobs), _bolt_notes(jobs)]
+    return parts if any(part is not None for part in parts) else None
+
+
+def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
+    if not jobs:
+        return None
+    rows: list[list[str | Cell]] = []
+    for job in jobs:
+        check, noise = job.validity, job.noise
+        outcome: str | Cell = fmt.MISSING
+        if check is not None:
+            words, look = _OUTCOMES[check.passed]
+            outcome = Cell(tag("span", words, class_=f"badge {look}"))
+        rows.append(
+            [
+                job.job,
+                outcome,
+                fmt.MISSING if check is None else check.reason or fmt.MISSING,
+                fmt.fixed(None if check is None else check.held_out_db),
+                fmt.fixed(None if check is None else check.limit_db),
+                fmt.fixed(noise.sigma_db),
+                fmt.figures(noise.correlation_factor),
+            ]
+        )
+    head: list[str | Cell] = [
+        "Job",
+        "Validation",
+        "What was compared",
+        Cell("Validation", tag("br"), "channels [dB]"),
+        "Limit [dB]",
+        Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
+        Cell("Lines per independent value", title="residuals of neighbouring lines are alike; so many count as one independent value"),
+    ]
+    return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
+
+
+def _nuisances(jobs: Sequence[JobRecord]) -> Markup | None:
+    shown = {job.job: found for job in jobs if (found := _estimates(job))}
+    if not shown:
+        return None
+    keys = list(dict.fromkeys(key for found in shown.values() for key in found))
+    head: list[str | Cell] = ["Job", *(Cell(title, tag("br"), tag("small", of or "\u00a0")) for title, of in keys)]
+    rows: list[list[str | Cell]] = [[job, *(_nuisance(found.get(key)) for key in keys)] for job, found in shown.items()]
+    caption = "Estimated beside the parameters, ± standard deviation"
+    return table(caption, head, rows, class_="misfits")
+
+
+def _estimates(job: JobRecord) -> dict[tuple[str, str], Estimate]:
+    """By title, and by response or direction."""
+    found = job.nuisances
+    several = {("gain [dB]", of): entry for of, entry in found.gain_db.items()}
+    several |= {("hammer offset [mm]", of): entry for of, entry in found.hammer_offset_mm.items()}
+    single = {("sound speed [%]", ""): found.sound_speed_percent, ("temperature [K]", ""): found.temperature_kelvin}
+    return several | {key: entry for key, entry in single.items() if entry is not None}
+
+
+def _nuisance(entry: Estimate | None) -> str:
+    if entry is None:
+        return fmt.MISSING
+    return fmt.fixed(entry.value) + ("" if entry.std is None else f" ± {fmt.fixed(entry.std)}")
+
+
+def _job_notes(jobs: Sequence[JobRecord]) -> Markup | None:
+    where: dict[str, list[str]] = {}
+    for job in jobs:
+        for note in job.notes:
+            where.setdefault(note, []).append(job.job)
+    return _folded("Notes on jobs", ["Jobs", "Note"], [[_jobs(found, len(jobs)), note] for note, found in where.items()], 2)
+
+
+def _bolt_notes(jobs: Sequence[JobRecord]) -> Markup | None:
+    judged = [job for job in jobs if job.bolts]
+    where: dict[tuple[str, str], list[str]] = {}
+    for job in judged:
+        for bolt in job.bolts:
+            if bolt.note:
+                where.setdefault((bolt.name, bolt.note), []).append(job.job)
+    rows: list[list[str | Cell]] = [[name, note, _jobs(found, len(judged))] for (name, note), found in where.items()]
+    return _folded("Notes on bolts", ["Bolt", "Note", "Jobs"], rows, 3)
+
+
+def _jobs(found: Sequence[str], every: int) -> str:
+    return "all" if len(found) == every and every > 1 else names_of(found)
+
+
+def _folded(title: str, head: Sequence[str | Cell], rows: Sequence[Sequence[str | Cell]], columns: int) -> Markup | None:
+    if not rows:
+        return None
+    made = table(title, head, rows, text_columns=columns, class_="notes")
+    return made if len(rows) <= _MANY else details(f"{title} ({len(rows)})", made)

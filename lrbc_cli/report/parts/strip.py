@@ -1,0 +1,250 @@
+"""Which bolts are loose, at a glance: a strip over all jobs, and a map of each job's edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, Marks, Panel, Tiles, Word, linear_axis
+from lrbc_cli.report.drawing.layout import RIGHT, SMALL, TOP
+from lrbc_cli.report.drawing.style import PROBABILITIES
+from lrbc_cli.report.parts.tables import NOT_COVERED, loose_of, names_of, sentence
+from lrbc_cli.report.places import along_the_edges
+from lrbc_cli.results.fields import Floats
+from lrbc_cli.results.job import Bolt, JobRecord
+from lrbc_cli.results.model import CampaignRecord
+
+#: Size of a cell of the strip in points; it shrinks where there are many bolts.
+_WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
+#: The strip is no wider than this, as long as its cells can be read.
+_WIDTH = 980.0
+#: A cell narrower than this has no room for the probability in figures.
+_FIGURES = 22.0
+#: Width of a character in units of the font size.
+_GLYPH = 0.6
+
+
+def level_of(bolt: Bolt) -> int | None:
+    """Return the step of the scale of probability: of the probability where there is one, else of the verdict; None if undecided."""
+    if bolt.probability_loose is not None:
+        return min(int(bolt.probability_loose * PROBABILITIES), PROBABILITIES - 1)
+    return {"loose": PROBABILITIES - 1, "tight": 0}.get(bolt.verdict)
+
+
+def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | None:
+    """Return rows of jobs over columns of bolts along the edges: the loosening as it travels; None without bolts."""
+    shown = [job for job in jobs if job.bolts]
+    names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
+    edges = along_the_edges(names, shown)
+    if not shown or not names:
+        return None
+    # A gap of half a cell sets edges apart.
+    column = {name: index + 0.5 * edge for edge, index, name in _numbered(edges)}
+    count = len(names) + 0.5 * (len(edges) - 1)
+    labels = [_shortened(job.job) for job in shown]
+    left = 16.0 + _GLYPH * SMALL * max(len(label) for label in labels)
+    cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
+    items = _key(shown)
+    filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
+    marks: dict[str, list[tuple[float, float]]] = {}
+    words: list[Item] = []
+    hatched, framed = [], []
+    for row, job in enumerate(shown):
+        for bolt in job.bolts:
+            x, level = column[bolt.name], level_of(bolt) if job.explained else None
+            judged = job.explained and not bolt.outside
+            inside = 0.5 * 2.4 / cell, 0.5 * 2.4 / _HIGH
+            box = (x + inside[0], x + 1 - inside[0], row + 1 - inside[1], row + inside[1])
+            role = "outside" if bolt.outside else "unknown" if level is None else f"p{level}"
+            on = "outside-on" if bolt.outside else "strong" if level is None else f"on{level}"
+            told = job.explained or bolt.outside
+            text = f"{job.job}, {sentence(bolt)}" if told else f"{job.job}, {bolt.name}: no verdict, {job.status}"
+            filled.setdefault(role, []).append((box, text))
+            figures = bolt.probability_loose is not None and cell >= _FIGURES and judged
+            high = row + (0.34 if figures else 0.5)
+            if bolt.outside:
+                words.append(Word(on, x + 0.5, row + 0.5, NOT_COVERED, min(7.5, 0.5 * cell)))
+            elif bolt.verdict == "undecided" or not job.explained:
+                hatched.append(box)
+                words.append(Word(on, x + 0.5, high, "?" if job.explained else "–", SMALL, bold=True))
+            else:
+                marks.setdefault(f"{bolt.verdict}-{'on0' if level is None else on}", []).append((x + 0.5, high))
+            if figures and bolt.probability_loose is not None:
+                words.append(Word(on, x + 0.5, row + 0.73, fmt.percent(bolt.probability_loose), 6.6))
+            if bolt.removed:
+                framed.append(box)
+    items += [
+        Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
+    ]
+    if hatched:
+        signs = ["? undecided"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
+        signs += [] if all(job.explained for job in shown) else ["– no verdict"]
+        items.append(Tiles("hatch", np.empty((0, 4)), f"hatched: {', '.join(signs)}"))
+        items.append(_hatching(np.array(hatched), cell))
+    if framed:
+        items.append(Tiles("known", np.empty((0, 4)), "framed: known to be removed"))
+        items.append(Curve("known", *_outlines(np.array(framed))))
+    items += [Marks(role, np.array([x for x, _ in found]), np.array([y for _, y in found])) for role, found in sorted(marks.items())]
+    items += words
+    every = max(1, int(np.ceil((_GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
+    ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
+    x_axis = Axis("bolts in order along the edge" if edges and len(names) > 1 else "", 0.0, count, ticks)
+    y_axis = Axis("", float(len(shown)), 0.0, tuple((row + 0.5, label) for row, label in enumerate(labels)))
+    alt = " ".join(
+        f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
+        for job in shown
+    )
+    panel = Panel(x_axis, y_axis, tuple(items), grid=False)
+    width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
+    unsure = [job.job for job in shown if not job.validated]
+    subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
+    return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
+
+
+def _key(jobs: Sequence[JobRecord]) -> list[Item]:
+    """Items that draw nothing but stand in the legend: what the colours mean."""
+    bolts = [bolt for job in jobs for bolt in job.bolts]
+    words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
+    if any(bolt.probability_loose is not None for bolt in bolts):
+        words = [(0, "loose with 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
+    key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
+    if any(bolt.outside for bolt in bolts):
+        key.append(Tiles("outside", np.empty((0, 4)), f"{NOT_COVERED} outside: no term reaches it, not observable"))
+    return key
+
+
+def _numbered(edges: Sequence[Sequence[str]]) -> list[tuple[int, int, str]]:
+    flat = [(edge, name) for edge, names in enumerate(edges) for name in names]
+    return [(edge, index, name) for index, (edge, name) in enumerate(flat)]
+
+
+def _shortened(name: str, limit: int = 30) -> str:
+    return name if len(name) <= limit else name[: limit - 1] + "…"
+
+
+def _hatching(boxes: Floats, cell: float) -> Curve:
+    """Diagonal lines over two corners of boxes (left, right, low, high), 4 points apart, clear of the text; NaN sets them apart."""
+    x: list[float] = []
+    y: list[float] = []
+    for left, right, low, high in boxes:
+        width, height = (right - left) * cell, (low - high) * _HIGH
+        near = np.arange(4.0, 0.25 * (width + height), 4.0)
+        for start in (*near, *(width + height - near)):
+            a, b = max(0.0, start - height), min(width, start)
+            x += [left + a / cell, left + b / cell, np.nan]
+            y += [high + (start - a) / _HIGH, high + (start - b) / _HIGH, np.nan]
+    return Curve("hatch", np.array(x), np.array(y))
+
+
+def _outlines(boxes: Floats) -> tuple[Floats, Floats]:
+    gap = np.full(len(boxes), np.nan)
+    left, right, low, high = boxes.T
+    return np.column_stack([left, right, right, left, left, gap]).ravel(), np.column_stack([low, low, high, high, low, gap]).ravel()
+
+
+def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
+    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
+
+    Maps of several jobs (``among``) share one scale of colours in their legends.
+    """
+    bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
+    lines = [group.positions for group in job.parameters.values() if group.positions is not None and len(group.positions)]
+    if not bolts:
+        return None
+    points = np.concatenate([*lines, np.array([bolt.position for bolt in bolts])])
+    spread = np.ptp(points, axis=0)
+    # The coordinates in which they lie apart; the lower one to the right.
+    across, up = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
+    flat = bool(min(spread[across], spread[up]) < 0.12 * max(spread[across], spread[up]))
+    if flat:
+        across, up = (across, up) if spread[across] >= spread[up] else (up, across)
+    width, margin = 430.0, 16.0
+    inner = width - 50.0 - RIGHT
+    size = float(spread[across]) or 1.0
+    scale = (inner - 2 * margin) / size
+    height = 46.0
+    if not flat:
+        scale = min(scale, (300.0 - 2 * margin) / float(spread[up]))
+        height = float(spread[up]) * scale + 2 * margin + 10.0
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    half = 0.5 * inner / scale, 0.5 * height / scale
+    x_axis = linear_axis(f"{'xyz'[across]} [m]", middle[across] - half[0], middle[across] + half[0], 6)
+    y_axis = (
+        Axis("", middle[up] - half[1], middle[up] + half[1], ())
+        if flat
+        else linear_axis(f"{'xyz'[up]} [m]", middle[up] - half[1], middle[up] + half[1], 5)
+    )
+
+    def level(point: Floats) -> float:
+        return float(middle[up] + 5.0 / scale) if flat else float(point[up])
+
+    items = _key(among or [job])
+    nothing = np.empty(0)
+    for positions in lines:
+        items.append(Curve("edge", positions[:, across], np.array([level(point) for point in positions])))
+    places = np.array([[bolt.position[across], level(bolt.position)] for bolt in bolts])
+    marks: dict[str, list[int]] = {}
+    for index, bolt in enumerate(bolts):
+        step = level_of(bolt) if job.explained else None
+        role = "outside-dot" if bolt.outside else "unknown-dot" if step is None else f"p{step}"
+        marks.setdefault(role, []).append(index)
+    named = {}
+    for role in sorted(marks):
+        chosen = marks[role]
+        told = [job.explained or bolts[index].outside for index in chosen]
+        named[role] = tuple(sentence(bolts[i]) if known else f"{bolts[i].name}: no verdict" for i, known in zip(chosen, told, strict=True))
+        items.append(Marks(role, places[chosen, 0], places[chosen, 1], names=named[role]))
+    removed = [index for index, bolt in enumerate(bolts) if bolt.removed]
+    if removed:
+        items.append(Marks("known-dot", nothing, nothing, "ringed: known to be removed"))
+        items.append(Marks("known", places[removed, 0], places[removed, 1]))
+    unsure = [index for index, bolt in enumerate(bolts) if not bolt.outside and (bolt.verdict == "undecided" or not job.explained)]
+    if unsure:
+        items.append(Marks("unsure-dot", nothing, nothing, "? undecided" if job.explained else "– no verdict"))
+        items.append(Marks("unsure", places[unsure, 0], places[unsure, 1]))
+    for index, bolt in enumerate(bolts):
+        step = level_of(bolt) if job.explained else None
+        on = "strong" if step is None else f"on{step}"
+        if bolt.outside:
+            items.append(Word("outside-on", places[index, 0], places[index, 1], NOT_COVERED, 6.0))
+        elif index in unsure:
+            items.append(Word(on, places[index, 0], places[index, 1], "?" if job.explained else "–", 8.5, bold=True))
+        else:
+            items.append(Marks(f"{bolt.verdict}-{'on0' if step is None else on}", places[[index], 0], places[[index], 1]))
+    nodes = [(x, level(point)) for positions in lines for x, point in zip(positions[:, across], positions, strict=True)]
+    items += _names(bolts, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high))
+    found = job.names("loose")
+    alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
+    subtitle = loose_of(job) if job.explained else "no verdict"
+    panel = Panel(x_axis, y_axis, tuple(items))
+    return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
+
+
+def _names(bolts: Sequence[Bolt], places: Floats, nodes: Floats, scale: float, limits: tuple[float, float]) -> list[Item]:
+    """Names beside the bolts, away from neighbours and edges and inside the figure: loose ones first, others where there is room."""
+    points, (least, most) = places * scale, (limit * scale for limit in limits)
+    below, right, left, above = (0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")
+    order = sorted(range(len(bolts)), key=lambda index: (bolts[index].verdict != "loose", index))
+    taken: list[tuple[float, float, float, float]] = [(x - 8, x + 8, y - 8, y + 8) for x, y in points]
+    taken += [(x - 2, x + 2, y - 2, y + 2) for x, y in nodes * scale]
+    words: list[Item] = []
+    for index in order:
+        x, y = points[index]
+        width = _GLYPH * 7.0 * len(bolts[index].name)
+        apart = np.abs(points - points[index])
+        apart[index] = np.inf
+        beside = apart[int(np.argmin(apart.sum(axis=1)))]
+        # Under one another: a name stands beside its bolt, where it cannot be the next one's.
+        upright = len(points) > 1 and beside[1] > beside[0]
+        for dx, dy, anchor in (right, left, below, above) if upright else (below, above, right, left):
+            low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
+            box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
+            if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in taken):
+                taken.append(box)
+                words.append(
+                    Word("text", places[index, 0] + dx / scale, places[index, 1] + dy / scale, bolts[index].name, 7.0, anchor=anchor)
+                )
+                break
+    return words

@@ -1,0 +1,334 @@
+"""The tables of the page: verdicts, bolts, misfit per response, damping, cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
+from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
+from lrbc_cli.results.model import CampaignRecord, ReductionRecord
+
+#: The paper's own figures (Table 4 and Sec. 4.5), in seconds on its laptop; 23 762 line evaluations for four removed bolts.
+PAPER = {"full_line": 0.206, "reduced_line": 0.00239, "basis": 417.82, "projection": 100.95, "total": 575.58, "evaluations": 23762.0}
+PAPER["full_total"] = PAPER["evaluations"] * PAPER["full_line"]
+#: Tables with more rows than this are folded away, but for the verdicts.
+_LONG = 40
+#: Sign of a bolt outside: not covered by the identified terms.
+NOT_COVERED = "n/c"
+_MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERED}
+#: What the two probabilities of a bolt are of.
+OF_LOOSE, OF_CHANGE = "posterior probability of being loose (change below the threshold)", "posterior probability of any change"
+
+
+def status_badge(job: Job) -> Markup:
+    """Return the status as a small coloured word."""
+    return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
+
+
+def loose_of(job: JobRecord) -> str:
+    """Count the loose bolts among those that a term reaches, and the others."""
+    outside = len(job.bolts) - len(job.observable)
+    return f"{len(job.names('loose'))} of {len(job.observable)} judged loose" + (f", {outside} outside" if outside else "")
+
+
+def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
+    """Return names in a row, their number first where they are many.
+
+    Parameters
+    ----------
+    names
+        What to list.
+    order
+        Where given, the names follow it, and three or more neighbours in it are written as a range.
+    """
+    if not names:
+        return "none"
+    place = {name: index for index, name in enumerate(order)}
+    known = sorted((name for name in names if name in place), key=place.__getitem__)
+    runs: list[list[str]] = []
+    for name in known:
+        if runs and place[name] == place[runs[-1][-1]] + 1:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    parts = [part for run in runs for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else run)]
+    parts += [name for name in names if name not in place]
+    return ", ".join(parts) if len(names) <= 2 else f"{len(names)}: " + ", ".join(parts)
+
+
+def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
+    """Return one row a job: what was found, how well, at what cost."""
+    done = [job for job in jobs if isinstance(job, JobRecord)]
+    bolts = any(job.bolts for job in done)
+    known = any(job.removed is not None for job in done)
+    damped = any(job.damped for job in done)
+    head: list[str | Cell] = ["Job", "Status"]
+    head += ["Judged loose"] if bolts else []
+    head += ["Undecided"] if bolts else []
+    outside = any(bolt.outside for job in done for bolt in job.bolts)
+    head += [Cell("Outside", tag("br"), tag("small", "not observable"))] if outside else []
+    head += ["Known removed"] if known else []
+    words = len(head)
+    head += [Cell("Damping", tag("br"), "p_damp (factor)")] if damped else []
+    head += [Cell("Misfit, channels", tag("br"), "used [dB]"), Cell("Misfit, validation", tag("br"), "channels [dB]")]
+    head += [Cell("Evalu-", tag("br"), "ations"), "Time"]
+    rows: list[list[str | Cell]] = []
+    for job in jobs:
+        title: list[str | None] = [tag("a", job.job, href=f"#{anchors[job.job]}") if job.job in anchors else job.job]
+        if job.job == campaign.reference:
+            title.append(tag("small", " reference"))
+        doubt = None if isinstance(job, FailedJob) or job.validated else tag("span", "not validated", class_="badge stopped")
+        row: list[str | Cell] = [Cell(*title), Cell(status_badge(job), " " if doubt else None, doubt)]
+        if isinstance(job, FailedJob):
+            rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
+            continue
+        if bolts and not job.explained:
+            row += [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
+        elif bolts:
+            loose, undecided = job.names("loose"), job.names("undecided")
+            row.append(
+                Cell(names_of(loose, campaign.bolt_names), _certainty(job), class_="names loose" if loose else "names none")
+                if job.bolts
+                else Cell(fmt.MISSING)
+            )
+            row.append(
+                Cell(names_of(undecided, campaign.bolt_names), class_="names" if undecided else "names none")
+                if job.bolts
+                else Cell(fmt.MISSING)
+            )
+        if outside:
+            beyond = job.names("outside")
+            row.append(Cell(names_of(beyond, campaign.bolt_names), class_="names none"))
+        if known:
+            row.append(
+                Cell(
+                    fmt.MISSING if job.removed is None else names_of(job.removed, campaign.bolt_names),
+                    class_="names none" if not job.removed else "names",
+                )
+            )
+        if damped:
+            pairs = [f"{fmt.fixed(group.damping_exponent)} ({fmt.figures(group.damping_factor)})" for group in job.damped.values()]
+            row.append(", ".join(pairs) or fmt.MISSING)
+        row += [
+            fmt.change(job.misfit_db.initial, job.misfit_db.final),
+            held_out_misfit(job),
+            fmt.count(job.evaluations),
+            fmt.seconds(job.seconds["total"]),
+        ]
+        rows.append(row)
+    sure = any(_certainty(job) for job in done)
+    caption = "What was found, job by job; misfits before → after" + (f"; p: {OF_LOOSE}, of the least certain one" if sure else "")
+    return table(caption, head, rows, class_="verdicts", text_columns=words)
+
+
+def _certainty(job: JobRecord) -> Markup | None:
+    """Say how probable the least probable of the loose bolts is."""
+    known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
+    return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
+
+
+def held_out_misfit(job: JobRecord) -> str:
+    """Return the mean misfit over responses that the updating did not see, before → after."""
+    unseen = [entry for entry in job.misfit_db.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
+    if not unseen:
+        return fmt.MISSING
+    return fmt.change(float(np.mean([entry.initial for entry in unseen])), float(np.mean([entry.final for entry in unseen])))
+
+
+def fold(made: Markup, title: str, rows: int) -> Markup:
+    """Fold a long table away."""
+    return made if rows <= _LONG else details(f"{title} ({rows} rows)", made)
+
+
+def bolt_grid(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
+    """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
+    shown = [job for job in jobs if job.bolts and job.explained]
+    names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
+    if not shown or not names:
+        return None
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        found = {bolt.name: bolt for bolt in job.bolts}
+        rows.append([job.job, *(_bolt_cell(found.get(name)) for name in names)])
+    changes = any(bolt.change is not None for job in shown for bolt in job.bolts)
+    caption = "Bolts at a glance: " + ("change of log10 stiffness against the reference job" if changes else "log10 stiffness")
+    return fold(table(caption, ["Job", *names], rows, class_="bolts"), caption, len(rows))
+
+
+def _bolt_cell(bolt: Bolt | None) -> Cell:
+    if bolt is None:
+        return Cell(fmt.MISSING)
+    truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
+    classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
+    if bolt.outside:
+        hidden = tag("span", f" outside, not observable {truth}", class_="hidden")
+        return Cell(tag("b", NOT_COVERED, aria_hidden="true"), hidden, class_=classes, title=sentence(bolt))
+    value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
+    content = [
+        tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
+        value,
+        None if bolt.change is None or bolt.change_std is None else tag("small", tag("br"), f"± {fmt.fixed(bolt.change_std, 1)}"),
+        None if bolt.probability_loose is None else tag("small", tag("br"), fmt.probability(bolt.probability_loose)),
+        tag("sup", "†") if bolt.note else None,
+        tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
+    ]
+    return Cell(*content, class_=classes, title=sentence(bolt))
+
+
+def sentence(bolt: Bolt) -> str:
+    """Say everything that is known and was found about a bolt, in one line."""
+    truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
+    words = [f"{bolt.name}: {bolt.verdict}"]
+    if bolt.outside:
+        return ", ".join(word for word in (*words, "not observable", truth, bolt.note) if word)
+    if bolt.probability_loose is not None:
+        words.append(f"{OF_LOOSE} {fmt.probability(bolt.probability_loose)}")
+    if bolt.probability_changed is not None:
+        words.append(f"{OF_CHANGE} {fmt.probability(bolt.probability_changed)}")
+    words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
+    if bolt.change is not None:
+        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
+        limit = "" if bolt.threshold is None else f" (loose from {fmt.signed(bolt.threshold, 2)})"
+        words.append(f"change {fmt.signed(bolt.change, 2)}{spread} decades{limit}")
+    words.append(bolt.note or "")
+    return ", ".join(word for word in words if word)
+
+
+def hits(jobs: Iterable[JobRecord]) -> str | None:
+    """Say how the verdicts compare with what is known, in jobs that are not tight by assumption; None where nothing is known."""
+    told = [job for job in jobs if job.explained and job.taken_as_tight is None]
+    bolts = [bolt for job in told for bolt in job.bolts if bolt.removed is not None]
+    removed: list[str] = [bolt.verdict for bolt in bolts if bolt.removed]
+    tight: list[str] = [bolt.verdict for bolt in bolts if not bolt.removed]
+    if not bolts:
+        return None
+    parts = []
+    for verdicts, what, right, wrong in ((removed, "removed", "loose", "tight"), (tight, "in place", "tight", "loose")):
+        seen = len(verdicts) - verdicts.count("outside")
+        if seen:
+            good, plural = verdicts.count(right), "" if seen == 1 else "s"
+            judged = f"{good} {'is' if good == 1 else 'are'} judged {right}"
+            others = f"{verdicts.count('undecided')} undecided, {verdicts.count(wrong)} {wrong}."
+            parts.append(f"Of {seen} bolt{plural} known to be {what}, {judged}, {others}")
+    outside = (removed + tight).count("outside")
+    if outside:
+        parts.append(f"{outside} more are outside, where nothing is observable.")
+    return " ".join(parts)
+
+
+def misfit_table(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
+    """Return the misfit of every response and job; None where no job has any."""
+    shown = [job for job in jobs if job.misfit_db.responses]
+    names = list(
+        dict.fromkeys([*(entry.name for entry in campaign.responses), *(name for job in shown for name in job.misfit_db.responses)])
+    )
+    if not shown or not names:
+        return None
+    head: list[str | Cell] = ["Job"]
+    for name in names:
+        used = any(job.misfit_db.responses[name].used for job in shown if name in job.misfit_db.responses)
+        head.append(Cell(name, None if used else tag("small", " validation")))
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        rows.append([job.job, *(_misfit_cell(job.misfit_db.responses.get(name)) for name in names)])
+    caption = "Mean absolute misfit over all lines of the band, before → after [dB]"
+    return fold(table(caption, head, rows, class_="misfits"), caption, len(rows))
+
+
+def _misfit_cell(entry: ResponseMisfit | None) -> Cell:
+    if entry is None:
+        return Cell(fmt.MISSING)
+    return Cell(fmt.change(entry.initial, entry.final), class_=None if entry.used else "unseen")
+
+
+def damping_table(jobs: Sequence[JobRecord]) -> Markup | None:
+    """Return the identified damping per job and group (paper, Table 3); None where none was identified."""
+    shown = [job for job in jobs if job.damped]
+    if not shown:
+        return None
+    several = len({name for job in shown for name in job.damped}) > 1
+    head: list[str | Cell] = ["Job", *(["Group"] if several else []), "Bolts removed", "Exponent p_damp", "Factor 10^p_damp"]
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        for name, group in job.damped.items():
+            removed = fmt.MISSING if job.removed is None else str(len(job.removed))
+            group_cells: list[str | Cell] = [name] if several else []
+            rows.append([job.job, *group_cells, removed, fmt.fixed(group.damping_exponent), fmt.figures(group.damping_factor)])
+    caption = "Damping of the identified stiffness, eq. (33)"
+    return fold(table(caption, head, rows, text_columns=2 if several else 1), caption, len(rows))
+
+
+@dataclass(frozen=True)
+class Account:
+    """Time spent on some jobs, reduction included, and what the full model would have taken; None where unknown."""
+
+    jobs: int
+    line_evaluations: float
+    spent: float
+    full: float | None
+
+    @property
+    def speed_up(self) -> float | None:
+        """How many times faster."""
+        return None if self.full is None or not self.spent else self.full / self.spent
+
+
+def account(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Account | None:
+    """Add up the jobs that say what they took; None where none does."""
+    done = [job for job in jobs if isinstance(job, JobRecord) and job.line_evaluations]
+    if not done:
+        return None
+    evaluations = sum(job.line_evaluations for job in done)
+    line = reduction.seconds.get("full_line") if reduction else None
+    spent = (_reduction_total(reduction) or 0.0) + sum(job.seconds["total"] for job in done)
+    return Account(len(done), evaluations, spent, None if line is None else line * evaluations)
+
+
+def _reduction_total(reduction: ReductionRecord | None) -> float | None:
+    return None if reduction is None else reduction.seconds["total"]
+
+
+def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Markup | None:
+    """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4); None without any figure."""
+    whole = account(jobs, reduction)
+    if reduction is None and whole is None:
+        return None
+    spent = reduction.seconds if reduction else {}
+    line = spent.get("full_line")
+    rows: list[list[str | Cell]] = []
+
+    def time(text: str | Cell, own: float | None, paper: float | None = None) -> None:
+        if reduction is None and own is None:
+            return
+        share = own / line if own is not None and line else None
+        paper_share = None if paper is None else paper / PAPER["full_line"]
+        rows.append([text, fmt.seconds(own), fmt.inverse(share), fmt.seconds(paper), fmt.inverse(paper_share)])
+
+    def part(title: str, note: str, own: Account, paper: Mapping[str, float]) -> None:
+        rows.append([Cell(title, tag("small", f" {note}"), class_="part", span=5)])
+        rows.append(["Line evaluations", fmt.count(own.line_evaluations), "", fmt.count(paper.get("evaluations")), ""])
+        time("Reduced model, reduction included" if reduction else "Identification alone", own.spent, paper.get("total"))
+        time(Cell("Full model", tag("small", " evaluations × full line")), own.full, paper.get("full_total"))
+        if own.speed_up is None:
+            return
+        paper_factor = paper["full_total"] / paper["total"] if paper else None
+        rows.append(["Speed-up", Cell(fmt.factor(own.speed_up), class_="strong"), "", fmt.factor(paper_factor), ""])
+
+    time("One frequency line, full model", line, PAPER["full_line"])
+    time("One frequency line, reduced model", spent.get("reduced_line"), PAPER["reduced_line"])
+    time("One frequency line, port formula", spent.get("port_line"))
+    time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
+    time("Projection", spent.get("projection"), PAPER["projection"])
+    time("Certificate: measured error", spent.get("certificate"))
+    time("Reduction, total", _reduction_total(reduction), PAPER["basis"] + PAPER["projection"])
+    if whole is not None:
+        hardest = max((job for job in jobs if isinstance(job, JobRecord)), key=lambda job: job.line_evaluations)
+        one = account([hardest], reduction) or whole
+        part("One job", f"{hardest.job}, the one with most line evaluations; paper: four bolts removed", one, PAPER)
+        part("Whole campaign", f"{whole.jobs} job{'' if whole.jobs == 1 else 's'}", whole, {})
+    return table("Time, against the full model", ["", "This campaign", "in full lines", "Paper", "in full lines"], rows, class_="cost")
