@@ -58,6 +58,10 @@ FORBIDDEN = {
 
 LONGEST = 450
 
+#: Lines of a function, and how many functions may have more; positional arguments, ``self`` not counted.
+LONGEST_FUNCTION, MOST_LONG_FUNCTIONS, MOST_ARGUMENTS = 60, 9, 7
+STILL_MANY_ARGUMENTS = {"lrbc_cli.updating.misfit.__init__", "lrbc_cli.updating.optimise._line_search"}
+
 #: Modules in one folder; rooms that are not divided into sub-rooms yet may have more, and `cli` has one a command.
 WIDEST, UNDIVIDED = 13, {"cli", "reduction", "updating"}
 
@@ -112,6 +116,49 @@ def test_rooms_know_only_their_packages(path):
 @pytest.mark.parametrize("path", [modules(p) for p in MODULES])
 def test_no_module_is_too_long(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+def functions(path: Path):
+    """All functions of a module, and whether their first argument is ``self`` or ``cls``."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    methods = {
+        part
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+        for part in node.body
+        if isinstance(part, ast.FunctionDef) and "staticmethod" not in map(ast.unparse, part.decorator_list)
+    }
+    return [(node, node in methods) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+
+
+def test_few_functions_are_long():
+    """From the ``def`` to the last line, docstring included."""
+    found = {
+        f"{name_of(path)}.{node.name}": node.end_lineno - node.lineno + 1
+        for path in MODULES
+        for node, _ in functions(path)
+        if node.end_lineno - node.lineno >= LONGEST_FUNCTION
+    }
+    assert len(found) <= MOST_LONG_FUNCTIONS, found
+
+
+def test_no_function_has_many_positional_arguments():
+    found = {
+        f"{name_of(path)}.{node.name}": count
+        for path in MODULES
+        for node, bound in functions(path)
+        if (count := len(node.args.posonlyargs) + len(node.args.args) - bound) > MOST_ARGUMENTS
+    }
+    assert not {name: count for name, count in found.items() if name not in STILL_MANY_ARGUMENTS}
+
+
+def test_every_class_has_a_name_of_its_own():
+    found: dict[str, list[str]] = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(name_of(path))
+    assert not {name: where for name, where in found.items() if len(where) > 1}
 
 
 def test_no_folder_is_too_wide():

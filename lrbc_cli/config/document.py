@@ -142,7 +142,7 @@ class Document:
         return ConfigError(problem, file=self.file, place=self.place(*keys), expected=expected, found=found, hint=hint)
 
 
-class _Reader:
+class _NodeReader:
     """Builds the tree from the events of the YAML parser."""
 
     def __init__(self, text: str, file: Path | None, origin: str) -> None:
@@ -272,7 +272,7 @@ def parse(text: str, *, file: Path | None = None, origin: str = "") -> Node | No
     ConfigError
         For anything that is not plain YAML: syntax, tags, duplicate keys, several documents, limits.
     """
-    reader = _Reader(text, file, origin)
+    reader = _NodeReader(text, file, origin)
     try:
         return reader.document()
     except yaml.reader.ReaderError as error:
@@ -284,7 +284,7 @@ def parse(text: str, *, file: Path | None = None, origin: str = "") -> Node | No
         reader.fail("not readable as YAML", 1, found=_short(str(error).splitlines()[0] if str(error) else ""))
 
 
-def _explain(error: yaml.MarkedYAMLError, reader: _Reader) -> NoReturn:
+def _explain(error: yaml.MarkedYAMLError, reader: _NodeReader) -> NoReturn:
     mark = error.problem_mark or error.context_mark
     line = 1 if mark is None else mark.line + 1
     problem = error.problem or error.context or "unknown"

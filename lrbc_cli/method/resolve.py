@@ -158,12 +158,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         else ("update.weights: none" if follows else "without a noise variance that follows the residuals nothing weighs against it")
     )
     mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
-    reasons["relative"] = (
-        "most of the model discrepancy is that of the reference state"
-        if relative
-        else ("errors of changes need weights" if mixture else "no changes at bolts are sought")
-    )
-    reasons["mixture"] = "each bolt is tight or loose" if mixture else "no changes at bolts are sought"
+    reasons |= _comparison(mixture, relative)
     return Method(
         approach=approach,
         regularisation=regularisation,
@@ -184,6 +179,14 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         reasons=reasons,
         warnings=tuple(warnings),
     )
+
+
+def _comparison(mixture: bool, relative: bool) -> dict[str, str]:
+    """Reasons of ``relative`` and ``mixture``."""
+    if not mixture:
+        return dict.fromkeys(("relative", "mixture"), "no changes at bolts are sought")
+    why = "most of the model discrepancy is that of the reference state" if relative else "errors of changes need weights"
+    return {"relative": why, "mixture": "each bolt is tight or loose"}
 
 
 def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:

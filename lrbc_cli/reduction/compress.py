@@ -14,7 +14,7 @@ from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.estimate import Estimator, Sweep
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.problem import Problem
-from lrbc_cli.reduction.sweep import Solver
+from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.unseen import distance
 
 Floats = NDArray[np.float64]
@@ -100,7 +100,7 @@ class Compressor:
         K, C, M = (A[np.ix_(keep, keep)] for A in self._turned)
         structure = counts[0] if self._structure else 0
         none = np.zeros((keep.size, 0))
-        solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=problem.Z.symmetric)
+        solver = ReducedSolver((K, C, M), structure, self._inputs[keep], none, symmetric=problem.Z.symmetric)
         at = np.arange(self._ports.lines) if at is None else at
         outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s[at]
         H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)

@@ -141,6 +141,17 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
         basis, second = _assembled(model, terms, omega)
     if not all(np.all(np.isfinite(A)) for A in (second.K, second.C, second.M)):
         raise _unusable(np.inf)
+    best = _closest(second, basis, s, exact)
+    try:
+        with np.errstate(all="ignore"):
+            poles, errors = _poles(second, omega)
+        return replace(best, poles=poles, errors=errors)
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+
+
+def _closest(second: ReducedModel, basis: Floats, s: Complexes, exact: Complexes) -> StateSpace:
+    """The first form that reproduces the FRFs to rounding, else the better one."""
     best: StateSpace | None = None
     forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
     for form in forms:
@@ -154,12 +165,7 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     assert best is not None
     if not best.deviation <= USABLE:
         raise _unusable(best.deviation)
-    try:
-        with np.errstate(all="ignore"):
-            poles, errors = _poles(second, omega)
-        return replace(best, poles=poles, errors=errors)
-    except np.linalg.LinAlgError as error:
-        raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+    return best
 
 
 def _unusable(deviation: float) -> NumericalError:

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
-class Solver:
+class ReducedSolver:
     """``Z(s) X = B`` and ``Z(s)ᵀ Y = Lᵀ`` in coordinates in which the air is diagonal where that is possible.
 
     Parameters

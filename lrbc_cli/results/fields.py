@@ -45,7 +45,7 @@ class Record(BaseModel):
         return self.model_dump(by_alias=True, exclude_unset=True)
 
 
-class Document(Record):
+class StoredRecord(Record):
     """Base of the records that are files: they say what they are, and of which version."""
 
     #: How to come by another one.

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.fields import Document, Floats
+from lrbc_cli.results.fields import Floats, StoredRecord
 from lrbc_cli.results.store import write_bytes
 
-HINT = Document.HINT
+HINT = StoredRecord.HINT
 FRF_COLUMNS = (*(f"{state}_{part}" for state in ("measured", "initial", "updated") for part in ("db", "phase_deg")), "coherence")
 
 

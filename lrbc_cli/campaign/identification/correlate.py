@@ -26,12 +26,12 @@ def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
 def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
     """The key ``correlation`` of ``result.json``; means of FRAC are over the responses that the updating uses, and over the others."""
     initial, final = found.mean_peaks.shifts_percent()
-    used, held_out = inputs.used, inputs.held_out
+    used, validation = inputs.used, inputs.validation
     return {
         "frac_initial": _mean(found.frac_initial[used]),
         "frac_final": _mean(found.frac_final[used]),
-        "frac_held_out_initial": _mean(found.frac_initial[held_out]),
-        "frac_held_out_final": _mean(found.frac_final[held_out]),
+        "frac_held_out_initial": _mean(found.frac_initial[validation]),
+        "frac_held_out_final": _mean(found.frac_final[validation]),
         "fdac_diagonal_initial": _mean(np.diag(found.fdac_initial)),
         "fdac_diagonal_final": _mean(np.diag(found.fdac_final)),
         "peak_shift_percent_initial": initial,

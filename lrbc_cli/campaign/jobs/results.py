@@ -16,6 +16,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, mean_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
+from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.drift import drift_tree
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
@@ -65,7 +66,6 @@ def write_result(
     reference: JobRecord | None,
     baselines: Mapping[str, JobRecord],
     identities: tuple[Identity, Identity],
-    rests: RestsOn,
 ) -> JobRecord:
     """Judge what was identified and write profile.csv, frf.csv, fdac.csv, evidence.json, and result.json with hashes of these.
 
@@ -77,8 +77,6 @@ def write_result(
         Stored results of the baselines, by name.
     identities : pair of Identity
         Of the identification, and of its judgement.
-    rests : RestsOn
-        The contents of these tight states, see ``standing``.
 
     Returns
     -------
@@ -98,7 +96,7 @@ def write_result(
         "evidence.json": write_evidence(folder, evidence),
     }
     own, judgement = identities
-    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests, "files": files}
+    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests_on(reference, baselines), "files": files}
     return _written(folder, tree)
 
 
@@ -139,70 +137,12 @@ def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identifi
 
 def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
     """What of ``result.json`` identification writes."""
-    campaign, solution = inputs.campaign, result.solution
-    parameters: dict[str, Any] = {}
-    confidence = bands(result)
-    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
-        p = solution.theta[values]
-        before = None if reference is None else reference.parameters.get(group.name)
-        length = tributary(group)
-        entry: dict[str, Any] = {
-            "kind": group.kind,
-            "unit": unit_of(inputs, terms),
-            "log10": p,
-            "log10_effective": effective(group, p),
-            "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
-            "std": confidence[group.name].std,
-            "lower95": _open(confidence[group.name].lower),
-            "upper95": _open(confidence[group.name].upper),
-            "initial": group.initial,
-            "initial_effective": effective(group, group.initial),
-            "reference_log10_effective": None if before is None else before.log10_effective,
-            "bounds": group.bounds[0],
-            "positions": group.xyz,
-            "arc_length": group.arc_length,
-        }
-        if group.name in result.saturations:
-            limits = result.saturations[group.name]
-            entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
-        if at is not None and group.damping is not None:
-            entry["damping_exponent"] = solution.theta[at]
-            entry["damping_exponent_std"] = float(np.sqrt(max(result.posterior.boundary[at, at], 0.0)))
-            entry["damping_factor"] = 10.0 ** solution.theta[at]
-            entry["damping_beta"] = group.damping.beta
-            entry["damping_bounds"] = group.damping.bounds
-        parameters[group.name] = entry
-    used, held_out = inputs.used, inputs.held_out
-    names = [r.name for r in inputs.responses]
-    misfit = mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])
-    knowledge = result.posterior
-    provenance: dict[str, Any] = {
-        "versions": versions(),
-        "inputs": inputs.hashes | result.measurement.hashes,
-        "calibration": calibration_tree(inputs),
-    }
-    if stage is not None:
-        provenance["certificate"] = {
-            "key": stage.decision.key,
-            "size": stage.reduction.model.size,
-            "tolerance": stage.reduction.options.tolerance,
-            "worst": stage.reduction.worst,
-            "reached": stage.reduction.reached,
-        }
+    campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
     return {
-        "parameters": parameters,
-        "covariance": result.posterior.boundary,
+        "parameters": parameter_trees(inputs, result, reference),
+        "covariance": knowledge.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
-        "misfit_db": {
-            "initial": misfit[0],
-            "final": misfit[1],
-            "held_out_initial": mean_of(result.misfit_initial[held_out]),
-            "held_out_final": mean_of(result.misfit_final[held_out]),
-            "responses": {
-                name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)}
-                for i, name in enumerate(names)
-            },
-        },
+        "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
         "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
         "prior": {
             "of": campaign.update.reference if result.against_reference else "initial",
@@ -224,12 +164,81 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         "optimiser": {
             "method": inputs.method.optimiser,
             "regularisation": result.regularisation,
-            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * used.size, 1),
+            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * inputs.used.size, 1),
             "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
         },
         "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
         "seconds": result.seconds,
-        "provenance": provenance,
+        "provenance": {
+            "versions": versions(),
+            "inputs": inputs.hashes | result.measurement.hashes,
+            "calibration": calibration_tree(inputs),
+            **({} if stage is None else {"certificate": certificate_tree(stage)}),
+        },
+    }
+
+
+def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+    """``parameters`` of ``result.json``."""
+    theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
+    confidence, out = bands(result), {}
+    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
+        p, length, band = theta[values], tributary(group), confidence[group.name]
+        before = None if reference is None else reference.parameters.get(group.name)
+        entry: dict[str, Any] = {
+            "kind": group.kind,
+            "unit": unit_of(inputs, terms),
+            "log10": p,
+            "log10_effective": effective(group, p),
+            "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
+            "std": band.std,
+            "lower95": _open(band.lower),
+            "upper95": _open(band.upper),
+            "initial": group.initial,
+            "initial_effective": effective(group, group.initial),
+            "reference_log10_effective": None if before is None else before.log10_effective,
+            "bounds": group.bounds[0],
+            "positions": group.xyz,
+            "arc_length": group.arc_length,
+        }
+        if group.name in result.saturations:
+            limits = result.saturations[group.name]
+            entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
+        if at is not None and group.damping is not None:
+            entry |= {
+                "damping_exponent": theta[at],
+                "damping_exponent_std": float(np.sqrt(max(variance[at], 0.0))),
+                "damping_factor": 10.0 ** theta[at],
+                "damping_beta": group.damping.beta,
+                "damping_bounds": group.damping.bounds,
+            }
+        out[group.name] = entry
+    return out
+
+
+def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]:
+    """``misfit_db`` of a result: from the mean misfits of all responses before and after [dB]."""
+    used, validation = inputs.used, inputs.validation
+    return {
+        "initial": mean_of(before[used]),
+        "final": mean_of(after[used]),
+        "held_out_initial": mean_of(before[validation]),
+        "held_out_final": mean_of(after[validation]),
+        "responses": {
+            response.name: {"initial": before[i], "final": after[i], "used": bool(i in used)} for i, response in enumerate(inputs.responses)
+        },
+    }
+
+
+def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
+    """What a result says of the reduced model it rests on."""
+    reduction = stage.reduction
+    return {
+        "key": stage.decision.key,
+        "size": reduction.model.size,
+        "tolerance": reduction.options.tolerance,
+        "worst": reduction.worst,
+        "reached": reduction.reached,
     }
 
 
@@ -264,43 +273,26 @@ def _typical(stds: Floats) -> float | None:
     return float(np.median(finite)) if finite.size else None
 
 
+#: Columns of ``profile.csv`` beside group, term and position, and what of a parameter group they hold.
+PROFILE = {
+    "arc_length_m": "arc_length",
+    "log10_initial": "initial_effective",
+    "log10": "log10",
+    "log10_effective": "log10_effective",
+    "log10_per_metre": "log10_per_metre",
+    "log10_reference": "reference_log10_effective",
+}
+
+
 def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
     """Header and rows of ``profile.csv``."""
-    header = [
-        "group",
-        "term",
-        "x",
-        "y",
-        "z",
-        "arc_length_m",
-        "log10_initial",
-        "log10",
-        "log10_effective",
-        "log10_per_metre",
-        "log10_reference",
-    ]
     rows = []
     for name, group in tree["parameters"].items():
+        places, columns = group["positions"], [group[key] for key in PROFILE.values()]
         for k in range(len(group["log10"])):
-
-            def pick(key: str, k: int = k, group: Mapping[str, Any] = group) -> Any:
-                return None if group[key] is None else group[key][k]
-
-            position = [None] * 3 if group["positions"] is None else list(group["positions"][k])
-            rows.append(
-                [
-                    name,
-                    k,
-                    *position,
-                    pick("arc_length"),
-                    pick("initial_effective"),
-                    pick("log10"),
-                    pick("log10_effective"),
-                    pick("log10_per_metre"),
-                    pick("reference_log10_effective"),
-                ]
-            )
-    return header, rows
+            position = [None] * 3 if places is None else list(places[k])
+            rows.append([name, k, *position, *(None if column is None else column[k] for column in columns)])
+    return ["group", "term", "x", "y", "z", *PROFILE], rows
 
 
 class Compared(Protocol):

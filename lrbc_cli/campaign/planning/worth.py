@@ -32,7 +32,7 @@ class Target:
     column: int
 
 
-def judged(inputs: Inputs, found: Experiment, targets: list[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
+def judged(inputs: Inputs, found: Experiment, targets: Sequence[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
     """Bolts, responses and excitations of ``plan.json``.
 
     What an identification would say of a bolt is counted where it was rehearsed, else linearised.
@@ -110,12 +110,12 @@ def _counted(draws: Sequence[Draw]) -> dict[str, Any]:
     }
 
 
-def _sum(what: Outlook, words: Sequence[str], seen: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any]:
+def _sum(what: Outlook, words: Sequence[str], seen: NDArray[np.bool_], targets: Sequence[Target]) -> dict[str, Any]:
     counts = {word: words.count(word) for word in ("seen", "weak", "blind")}
     return counts | {"bits": what.bits, "worst": _worst(what.distance, seen, targets)}
 
 
-def _worst(distance: Floats, among: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any] | None:
+def _worst(distance: Floats, among: NDArray[np.bool_], targets: Sequence[Target]) -> dict[str, Any] | None:
     at = np.flatnonzero(among)
     if not at.size:
         return None
@@ -123,7 +123,7 @@ def _worst(distance: Floats, among: NDArray[np.bool_], targets: list[Target]) ->
     return {"bolt": targets[n].name, "d_prime": distance[n]}
 
 
-def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: NDArray[np.bool_], targets: list[Target]) -> list[dict[str, Any]]:
+def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: NDArray[np.bool_], targets: Sequence[Target]) -> list[dict[str, Any]]:
     """What each response adds to the planned ones, or what they lose without it; candidates and planned ones each by that."""
     used = inputs.used
     rows = []
@@ -149,7 +149,7 @@ def _set(
     found: Experiment,
     now: Outlook,
     seen: NDArray[np.bool_],
-    targets: list[Target],
+    targets: Sequence[Target],
     name: str,
     members: NDArray[np.int64],
 ) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.fit import Posterior
 
 if TYPE_CHECKING:
@@ -58,13 +58,13 @@ def check_drift(campaign: Campaign, acoustic: bool) -> None:
             )
 
 
-def drift_extras(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Extra, ...]:
-    """The unknowns that the settings ask for, for these responses (those used where None)."""
-    found: list[Extra] = []
+def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Nuisance, ...]:
+    """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
+    found: list[Nuisance] = []
     reach = inputs.statistics.values.nuisance_reach
 
     def add(kind: str, name: str, index: int, std: float) -> None:
-        found.append(Extra(kind, name, index, 0.0, std, (-reach * std, reach * std)))
+        found.append(Nuisance(kind, name, index, 0.0, std, (-reach * std, reach * std)))
 
     speed = speed_std(nuisances)
     if speed is not None and SOUND_SPEED in inputs.recipe.names:
@@ -110,11 +110,11 @@ def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any
     """What drifted, with standard deviations, as in ``result.json``."""
     tree: dict[str, Any] = {}
     stds = knowledge.std[knowledge.z.size :]
-    for extra, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
-        if extra.kind == "gain":
-            tree.setdefault("gain_db", {})[extra.name] = {"value": float(value), "std": float(std)}
-        elif extra.kind == "shift":
-            tree.setdefault("hammer_offset_mm", {})[extra.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
+    for nuisance, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
+        if nuisance.kind == "gain":
+            tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
+        elif nuisance.kind == "shift":
+            tree.setdefault("hammer_offset_mm", {})[nuisance.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
         else:
             tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
             if nuisances.temperature is not None:

@@ -16,7 +16,7 @@ from lrbc_cli.model.selection import JUMP, jumps
 Floats = NDArray[np.float64]
 
 
-class Group(Protocol):
+class EdgeGroup(Protocol):
     """Places of one parameter group."""
 
     @property
@@ -36,7 +36,7 @@ class Group(Protocol):
         """(k,) length from the first of them [m]."""
 
 
-def require_edges(campaign: Campaign, groups: Sequence[Group], bolts: PointTable | None) -> list[str]:
+def require_edges(campaign: Campaign, groups: Sequence[EdgeGroup], bolts: PointTable | None) -> list[str]:
     """Refuse groups of several edges, or in no order, whose neighbours are tied across the jumps.
 
     Returns
@@ -80,7 +80,7 @@ def require_edges(campaign: Campaign, groups: Sequence[Group], bolts: PointTable
     return notes
 
 
-def _tied(campaign: Campaign, group: Group, at: NDArray[np.int64], bolts: PointTable | None) -> str | None:
+def _tied(campaign: Campaign, group: EdgeGroup, at: NDArray[np.int64], bolts: PointTable | None) -> str | None:
     """What ties values on both sides of a jump, in words."""
     smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):

@@ -12,7 +12,7 @@ from lrbc_cli.config.structure import GroupConfig
 from lrbc_cli.model.fem import FeModel
 
 
-class Group(Protocol):
+class GroupOfTerms(Protocol):
     """Terms of one parameter group."""
 
     @property
@@ -28,7 +28,7 @@ class Group(Protocol):
         """Columns of the model's terms."""
 
 
-def doubts(model: FeModel, groups: Iterable[Group]) -> list[str]:
+def doubts(model: FeModel, groups: Iterable[GroupOfTerms]) -> list[str]:
     """Warnings about the matrices and the terms, in words."""
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:

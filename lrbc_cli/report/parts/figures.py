@@ -13,7 +13,7 @@ from lrbc_cli.report.drawing.chart import (
     Chart,
     Curve,
     Item,
-    Level,
+    LevelLine,
     Marks,
     Note,
     Panel,
@@ -294,7 +294,7 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
     if not held_out:
         return None
     kinds = list(dict.fromkeys(kind for line in held_out for kind in line.errors))
-    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
     for index, kind in enumerate(kinds):
         lines = [line for line in held_out if kind in line.errors]
         x = np.array([line.frequency_hz for line in lines])
@@ -316,7 +316,7 @@ def trace_chart(reduction: ReductionRecord) -> Chart | None:
     steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
     if not steps:
         return None
-    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
     curves: list[Curve] = []
     expanded = {point.frequency_hz for point in reduction.expansion_points}
     for index, step in enumerate(steps):
