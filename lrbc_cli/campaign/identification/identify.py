@@ -29,8 +29,8 @@ from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.places import pitch_of
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
-from lrbc_cli.updating.verdicts import pitch_of
 
 log = logging.getLogger(__name__)
 

@@ -20,8 +20,8 @@ from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
 from lrbc_cli.updating.levels import near_tie
+from lrbc_cli.updating.places import Edge, Place
 from lrbc_cli.updating.statistics import ValidationChannels
-from lrbc_cli.updating.verdicts import Edge, Place
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]

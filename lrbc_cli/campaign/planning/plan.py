@@ -32,8 +32,8 @@ from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.places import Edge, foot
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
-from lrbc_cli.updating.verdicts import Edge, foot
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
