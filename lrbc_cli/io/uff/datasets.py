@@ -4,6 +4,9 @@ The layout follows the descriptions of datasets 58, 58b and 164 by the Structura
 University of Cincinnati. Real files differ from it, so the reader takes fields by column and, where that fails, by
 words; trusts the byte count of a binary dataset, and where that leads nowhere the number of values; and takes
 line ends of any kind.
+
+Why not pyuff (2.5): of a file that is truncated in a record it drops that record in silence, where this reader names record, line and both
+counts; units (dataset 164), digits of the axis and pairs of FRF and coherence would have to be added to it all the same.
 """
 
 from __future__ import annotations
