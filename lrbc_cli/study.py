@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
@@ -36,9 +37,6 @@ from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import Evidence, Judgement, judge
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
@@ -33,9 +33,6 @@ from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import mean_misfit
 
 log = logging.getLogger(__name__)
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ class CalibrationOutcome:
     fit: FactorFit
     rounds: tuple[Round, ...]
     measurement: Measurement = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
+    selected: Integers = field(repr=False)
     initial: Complexes = field(repr=False)
     updated: Complexes = field(repr=False)
     reached: bool

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.unknowns import layout, parameterise, stored_theta
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -20,8 +21,6 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-
-Floats = NDArray[np.float64]
 
 #: Lines at most in one call: a slip in the step must not fill the memory.
 MAX_LINES = 200_000

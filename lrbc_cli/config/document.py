@@ -1,8 +1,8 @@
 """YAML text as a tree that remembers its lines, read by the rules of YAML 1.2 and nothing more.
 
-The syntax is PyYAML's; the tree is built here. Why not ruamel.yaml (0.19, tried): it has lines, duplicate keys and the numbers of YAML 1.2, but
-turns ``2001-01-01`` into a date and ``1_000`` into 1000, obeys ``%YAML 1.1``, lets tags and merge keys pass, ends in a RecursionError on deep
-nesting and counts no aliases; refusing all that takes a walk over its tree as long as this one, and reading takes twice as long.
+The syntax is PyYAML's; the tree is built here. Why not ruamel.yaml (0.19, tried): it has lines, duplicate keys and the numbers of YAML 1.2,
+but turns ``2001-01-01`` into a date and ``1_000`` into 1000, obeys ``%YAML 1.1``, lets tags and merge keys pass, ends in a RecursionError
+on deep nesting and counts no aliases; refusing all that takes a walk over its tree as long as this one, and reading takes twice as long.
 """
 
 from __future__ import annotations

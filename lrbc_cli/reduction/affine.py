@@ -11,15 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import OPERATORS, Recipe
 from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, with_diagonal_air
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
 SYMMETRY = 1e-9
@@ -62,7 +59,7 @@ class AffineModel:
 
     base: ReducedModel
     recipe: Recipe
-    shifts: NDArray[np.int64] | None = None
+    shifts: Integers | None = None
 
     def blocks(self) -> list[Any]:
         """A_p in the order of ``Recipe.pieces``."""
@@ -94,7 +91,7 @@ class AffineModel:
         """The same with a diagonal air, which makes its lines cheaper."""
         return replace(self, base=with_diagonal_air(self.base))
 
-    def restricted(self, responses: NDArray[np.int64]) -> AffineModel:
+    def restricted(self, responses: Integers) -> AffineModel:
         """The same for some of the responses."""
         base = replace(
             self.base, L=self.base.L[responses], output_power=self.base.output_power[responses], input_of=self.base.input_of[responses]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.grid import Grid
@@ -16,9 +16,6 @@ from lrbc_cli.reduction.ports import PortFrf, in_chunks
 from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.vectors import certificate_vectors
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Lines of the grid; fewer where each costs more, by the number of terms.
 GRID_LINES = 120

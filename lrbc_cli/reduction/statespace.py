@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, eig, eigh, eigvalsh, null_space, solve_triangular
 
+from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.ports import SYMMETRY
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A mass matrix counts as singular where a field's smallest singular value is below this fraction of its largest.
 SINGULAR = 1e-12
@@ -175,7 +171,7 @@ def _unusable(deviation: float) -> NumericalError:
 
 def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
     """Coordinates in which stiff terms do not drown the rest, and the model in them with its terms in K, C and M."""
-    clamped: NDArray[np.bool_] = np.any(np.isinf(terms), axis=1)
+    clamped: Bools = np.any(np.isinf(terms), axis=1)
     kept = terms[~clamped]
     r, ns = model.size, model.structure
     fields = [part for part in (slice(0, ns), slice(ns, r)) if part.start < part.stop]

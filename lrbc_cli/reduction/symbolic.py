@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
-Integers = NDArray[np.int64]
+from lrbc_cli.arrays import Integers
 
 
 @dataclass(frozen=True)

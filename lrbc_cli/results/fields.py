@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import NumericalError
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 

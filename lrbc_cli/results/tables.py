@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.fields import Floats, StoredRecord
+from lrbc_cli.results.fields import StoredRecord
 from lrbc_cli.results.store import write_bytes
 
 HINT = StoredRecord.HINT

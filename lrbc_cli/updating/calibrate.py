@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
@@ -27,9 +26,6 @@ from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.priors import CALIBRATION_PRIOR
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def moves_resonances(recipe: Recipe, name: str) -> bool:
@@ -113,8 +109,8 @@ class FactorProblem:
     hold: bool
     frequency_hz: Floats = field(repr=False)
     measured: Complexes = field(repr=False)
-    responses: NDArray[np.int64] = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
+    responses: Integers = field(repr=False)
+    selected: Integers = field(repr=False)
     options: ResidualOptions | None = None
     sigma: Floats | None = field(default=None, repr=False)
     nuisances: tuple[Nuisance, ...] = ()
@@ -151,7 +147,7 @@ class FactorProblem:
         diagonal = np.concatenate([own, [1.0 / scalar.std for scalar in self.scalars]])
         return np.diag(diagonal)
 
-    def frf(self, s: Complexes, responses: NDArray[np.int64] | None = None) -> ExtendedFrf:
+    def frf(self, s: Complexes, responses: Integers | None = None) -> ExtendedFrf:
         """FRFs on other lines, of other responses."""
         return ExtendedFrf(self.model, s, self.parameters, self.scalars, self.responses if responses is None else responses)
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.misfit import DB
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -58,7 +54,7 @@ class ExtendedFrf:
     name = "reduced"
 
     def __init__(
-        self, model: AffineModel, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: NDArray[np.int64]
+        self, model: AffineModel, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: Integers
     ) -> None:
         self.model, self.s, self.parameters, self.nuisances = model.restricted(responses), s, parameters, tuple(nuisances)
         self._factors = [(parameters.size + i, e.name) for i, e in enumerate(nuisances) if e.kind == "factor"]

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.misfit import Sensitive
 from lrbc_cli.updating.residuals import DataResidual, ResidualOptions
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Change of the log10 values by which a bolt is loosened, or tightened where all are free [decades]: less than a removed bolt changes.
 LOOSENING = 1.5
@@ -62,7 +60,7 @@ class Experiment:
     """
 
     prior: Floats
-    columns: Indices
+    columns: Integers
     change: Floats
     tangent: Floats
     secant: Floats
@@ -118,7 +116,7 @@ class Unknowns:
 
     T: Floats
     prior: Floats
-    columns: Indices
+    columns: Integers
     bounds: Floats
 
     def changed(self, theta: Floats, bolt: int, change: float) -> tuple[Floats, float]:
@@ -138,7 +136,7 @@ def experiment(
     variance: float,
     options: ResidualOptions,
     quantity: Sequence[str],
-    planned: Indices,
+    planned: Integers,
 ) -> Experiment:
     """Evaluate the model about the state and about the state with each bolt changed.
 
@@ -272,7 +270,7 @@ def bits_of(distance: Floats) -> float:
     return float(0.5 * np.sum(np.log2(1.0 + distance**2)))
 
 
-def distances(of: Experiment, responses: Sequence[int] | Indices) -> Floats:
+def distances(of: Experiment, responses: Sequence[int] | Integers) -> Floats:
     """Give d' of every bolt for a set of responses: ``Outlook.distance``."""
     at = np.asarray(responses, dtype=np.int64)
     whole = of.prior + of.secant[at].sum(axis=0)
@@ -286,7 +284,7 @@ def distances(of: Experiment, responses: Sequence[int] | Indices) -> Floats:
     return found
 
 
-def outlook(of: Experiment, responses: Sequence[int] | Indices, confidence: float) -> Outlook:
+def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: float) -> Outlook:
     """Judge a set of responses.
 
     Parameters

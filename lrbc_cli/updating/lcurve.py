@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.levels import descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.peaks import peaks_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.selection import JUMP
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Place:
 
     edge: int
     at: float
-    near: NDArray[np.int64]
+    near: Integers
     away: float
     aside: float | None
 
@@ -149,7 +147,7 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
     return found
 
 
-def _between(arc_length: Floats, at: float) -> NDArray[np.int64]:
+def _between(arc_length: Floats, at: float) -> Integers:
     """The terms on both sides of a place between them, which feel it whatever the pitch; none beyond the ends or in a gap of the edge."""
     after = int(np.searchsorted(arc_length, at))
     if not 0 < after < arc_length.size:

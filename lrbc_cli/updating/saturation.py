@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.updating.misfit import decibel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,9 +55,9 @@ class Saturation:
 
 
 def saturation(
-    values: Callable[[NDArray[np.complexfloating[Any, Any]]], NDArray[np.complexfloating[Any, Any]]],
-    D: NDArray[np.complexfloating[Any, Any]],
-    terms: NDArray[np.int64],
+    values: Callable[[Complexes], Complexes],
+    D: Complexes,
+    terms: Integers,
     scale: float,
     baseline: float = 0.0,
     limits: Limits = LIMITS,

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.correlation import Correlation, PeakTable, correlate
-
-Floats = NDArray[np.float64]
 
 FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import RecordRef
@@ -17,9 +16,6 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.residuals import DB
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Share of the band that the lines should cover.
 MIN_BAND = 0.9
@@ -327,7 +323,7 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
     return axis, low, high
 
 
-def _indices(lines: Floats, axis: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _indices(lines: Floats, axis: Floats) -> tuple[Integers, Bools]:
     """For each line of the axis the nearest of ``lines``, and whether it is the same line."""
     at = np.clip(np.searchsorted(lines, axis), 1, max(lines.size - 1, 1)) if lines.size > 1 else np.zeros(axis.size, dtype=np.int64)
     if lines.size > 1:

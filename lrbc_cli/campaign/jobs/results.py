@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lrbc_cli import __version__
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement
@@ -33,9 +33,6 @@ from lrbc_cli.updating.misfit import decibel
 
 #: What of a result judging writes.
 JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", "warnings", "notes")
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
@@ -303,7 +300,7 @@ class Compared(Protocol):
         """What was measured."""
 
     @property
-    def selected(self) -> NDArray[np.int64]:
+    def selected(self) -> Integers:
         """Lines that entered the cost."""
 
     @property

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
 from lrbc_cli.campaign.jobs.results import calibration_tree
 from lrbc_cli.campaign.planning.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
@@ -34,9 +34,6 @@ from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.places import Edge, foot
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
 LINES = (200, 2000)
@@ -183,7 +180,7 @@ class _Question:
         return LOOSENING if self.about.state.kind == "free" else -LOOSENING
 
     @cached_property
-    def selected(self) -> NDArray[np.int64]:
+    def selected(self) -> Integers:
         """Lines that an identification would use."""
         inputs = self.source.inputs
         model = self.source.model(2j * np.pi * self.grid, self.parameters, responses=inputs.used)
@@ -283,7 +280,7 @@ def _grid(inputs: Inputs) -> Floats:
     return np.linspace(*band, int(np.clip(width, *LINES)))
 
 
-def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> NDArray[np.int64]:
+def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
     """Those of the grid that an identification would use; resonances are the model's own."""
     lines = inputs.campaign.update.lines
     if isinstance(lines, EveryLine):

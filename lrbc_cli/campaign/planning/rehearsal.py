@@ -11,12 +11,11 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import parameterise
@@ -38,9 +37,6 @@ from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.residuals import DB, coherence_sigma, decibel
 from lrbc_cli.updating.shapes import Shapes
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Draws a bolt: with three, all right is an estimate of 0.875 and none 0.125 (see ``promised``), so that both words can be had.
 DRAWS = 3

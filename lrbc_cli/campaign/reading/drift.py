@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.method import Facts, resolve
@@ -20,7 +20,6 @@ from lrbc_cli.updating.fit import Posterior
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
 
-Floats = NDArray[np.float64]
 
 KELVIN = 273.15
 
@@ -58,7 +57,7 @@ def check_drift(campaign: Campaign, acoustic: bool) -> None:
             )
 
 
-def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Nuisance, ...]:
+def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
     """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
     found: list[Nuisance] = []
     reach = inputs.statistics.values.nuisance_reach

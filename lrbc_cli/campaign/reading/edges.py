@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import GroupConfig
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import JUMP, jumps
-
-Floats = NDArray[np.float64]
 
 
 class EdgeGroup(Protocol):
@@ -80,7 +78,7 @@ def require_edges(campaign: Campaign, groups: Sequence[EdgeGroup], bolts: PointT
     return notes
 
 
-def _tied(campaign: Campaign, group: EdgeGroup, at: NDArray[np.int64], bolts: PointTable | None) -> str | None:
+def _tied(campaign: Campaign, group: EdgeGroup, at: Integers, bolts: PointTable | None) -> str | None:
     """What ties values on both sides of a jump, in words."""
     smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):

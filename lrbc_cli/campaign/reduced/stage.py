@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
@@ -29,8 +29,6 @@ log = logging.getLogger(__name__)
 
 #: A bound of the error at lines that were not solved is warned of from so many tolerances.
 FAR_ABOVE = 10.0
-
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ class FrfSource:
         return ports
 
     def model(
-        self, s: Complexes, parameters: Parameterisation, lines: NDArray[np.int64] | None = None, responses: NDArray[np.int64] | None = None
+        self, s: Complexes, parameters: Parameterisation, lines: Integers | None = None, responses: Integers | None = None
     ) -> FrfModel:
         """FRFs as a function of theta on some of the lines, for some of the responses (all where None)."""
         rows = np.arange(len(self.inputs.responses)) if responses is None else responses

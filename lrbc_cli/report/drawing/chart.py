@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.results.fields import Floats
+from lrbc_cli.arrays import Floats
 
 
 @dataclass(frozen=True)

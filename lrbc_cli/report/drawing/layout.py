@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing.chart import Area, Axis, Chart, Curve, Item, LevelLine, Marks, Note, Panel, Span, Tiles, Word
-from lrbc_cli.results.fields import Floats
 
 RIGHT, TOP, BOTTOM, GAP, TITLE = 10.0, 8.0, 36.0, 12.0, 14.0
 SMALL, NORMAL, LARGE = 9.0, 10.0, 12.5

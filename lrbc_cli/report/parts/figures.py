@@ -7,6 +7,7 @@ from dataclasses import replace as changed
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing.chart import (
     Area,
     Axis,
@@ -26,7 +27,6 @@ from lrbc_cli.report.drawing.chart import (
 from lrbc_cli.report.drawing.style import SERIES, STEPS
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.report.places import bolts_of
-from lrbc_cli.results.fields import Floats
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
 from lrbc_cli.results.model import ReductionRecord, ResponseRecord
 from lrbc_cli.results.tables import Frf
