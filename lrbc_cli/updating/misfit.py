@@ -156,13 +156,13 @@ class Evaluation:
 
 
 def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float = 0.0) -> Floats:
-    """Rows of the regularisation: departures from the prior, and their differences along each edge.
+    """Rows of the regularisation: departures from the prior, and their differences along each edge, or from the mean of the joints.
 
     Parameters
     ----------
     parameters : Parameterisation
     value, slope : float
-        Weights of the departures, and of their differences between neighbours [per decade].
+        Weights of the departures, and of their differences between neighbours, or from the mean of a group of joints [per decade].
 
     Returns
     -------
@@ -174,8 +174,10 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
         eye = np.eye(group.count)
         for weight, order in ((value, 0), (slope, 1)):
             if weight > 0 and group.count > order:
-                block = np.zeros((group.count - order, parameters.size))
-                block[:, values] = np.sqrt(weight) * np.diff(eye, n=order, axis=0)
+                # Joints stand in no order: they are alike, each as much as any other.
+                part = np.diff(eye, n=order, axis=0) if group.bolt is None or not order else eye - 1.0 / group.count
+                block = np.zeros((part.shape[0], parameters.size))
+                block[:, values] = np.sqrt(weight) * part
                 rows.append(block)
     return np.vstack(rows) if rows else np.zeros((0, parameters.size))
 

@@ -115,7 +115,7 @@ class _Job:
     def _shapes(self) -> Shapes:
         values, bolts = self.statistics.values, self.inputs.bolts
         if self.against_reference and bolts is not None:
-            found = bolt_shapes(self.parameters, bolts.xyz, values.std, values.damping_std)
+            found = bolt_shapes(self.parameters, bolts.xyz, values, self.statistics.bolts)
             if (found.bolts >= 0).any():
                 return found
         # A weight that is given is one of decades.
