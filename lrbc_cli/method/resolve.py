@@ -31,10 +31,13 @@ class Facts:
         There is a reference job, or one will be measured.
     bolts : bool
         The places of the bolts are known.
+    joints : bool
+        Some of them own their terms.
     """
 
     reference: bool
     bolts: bool
+    joints: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,12 @@ class Method:
     warnings: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     @property
+    def prior_std(self) -> str:
+        """Standard deviations of the changes in words."""
+        values = self.statistics.values
+        return f"{values.joint_std:g} for joints" + ("" if values.joint_std == values.std else f", {values.std:g} along edges")
+
+    @property
     def follows_noise(self) -> bool:
         """Whether the weight of the prior follows the noise of the residuals."""
         return self.regularisation == "noise"
@@ -128,7 +137,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     update : UpdateConfig
     facts : Facts
     statistics : StatisticalModel
-        Its prior of values takes the standard deviation of the settings.
+        Its prior of values takes the standard deviation of the settings where one is given.
 
     Returns
     -------
@@ -159,6 +168,9 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     )
     mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
     reasons |= _comparison(mixture, relative)
+    if by_bolts and facts.joints:
+        auto = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
+        reasons["prior_std"] = auto if update.prior_std == "auto" else "as given"
     return Method(
         approach=approach,
         regularisation=regularisation,
@@ -174,11 +186,16 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         responses=update.responses,
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
-        statistics=replace(statistics, values=replace(statistics.values, std=update.prior_std)),
+        statistics=_with_prior(update, statistics),
         rule=rule_of(update),
         reasons=reasons,
         warnings=tuple(warnings),
     )
+
+
+def _with_prior(update: UpdateConfig, statistics: StatisticalModel) -> StatisticalModel:
+    std = update.prior_std
+    return statistics if std == "auto" else replace(statistics, values=replace(statistics.values, std=std, joint_std=std))
 
 
 def _comparison(mixture: bool, relative: bool) -> dict[str, str]:

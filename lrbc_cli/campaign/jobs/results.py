@@ -36,8 +36,9 @@ JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", 
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
-    """Unit of the identified values, where the component tells."""
-    component = group.config.select.component or ""
+    """Unit of the identified values, where the component tells; bushings have none: their values are ratios to the nominal ones."""
+    select = group.config.select
+    component = select.component or "" if select.bushings is None else ""
     base = {"stiffness": ("N m/rad", "N/m"), "damping": ("N m s/rad", "N s/m"), "mass": ("kg m²", "kg")}[group.config.kind]
     if component.startswith("ROT"):
         return base[0]
@@ -197,6 +198,7 @@ def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord
             "bounds": group.bounds[0],
             "positions": group.xyz,
             "arc_length": group.arc_length,
+            "bolts": _owners(inputs, group),
         }
         if group.name in result.saturations:
             limits = result.saturations[group.name]
@@ -239,6 +241,13 @@ def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
     }
 
 
+def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
+    """Name of the bolt that owns each value; None where no bolt owns any."""
+    if group.bolt is None or inputs.bolts is None:
+        return None
+    return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
+
+
 def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
     """Key and factors of the calibration in the model; None for the model as exported."""
     use = inputs.calibration
@@ -278,6 +287,7 @@ PROFILE = {
     "log10_effective": "log10_effective",
     "log10_per_metre": "log10_per_metre",
     "log10_reference": "reference_log10_effective",
+    "bolt": "bolts",
 }
 
 

@@ -33,21 +33,21 @@ from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.places import Edge, foot
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
 LINES = (200, 2000)
 
 
 @dataclass(frozen=True)
-class State:
+class PlanState:
     """About which state is asked: ``initial``, ``clamped``, ``free``, or with the name of a job what was identified from it."""
 
     kind: Literal["initial", "clamped", "free", "job"]
     job: str | None = None
 
     @classmethod
-    def parse(cls, text: str) -> State:
+    def parse(cls, text: str) -> PlanState:
         """As the command line writes it: ``job:NAME`` for a job.
 
         Raises
@@ -79,7 +79,7 @@ class State:
 class About:
     """The state about which is asked: theta, the noise of a line there, and where that is from."""
 
-    state: State
+    state: PlanState
     theta: Floats
     noise: Noise
     origin: str
@@ -226,7 +226,7 @@ class _Question:
         if shapes.by_bolt:
             prior[:m, :m] = np.diag(1.0 / shapes.std**2)
         else:
-            rows = penalty_rows(parameters) / self.source.inputs.campaign.update.prior_std
+            rows = penalty_rows(parameters) / self.source.inputs.statistics.values.std
             prior[:m, :m] = rows.T @ rows
         prior[m:, m:] = np.diag([1.0 / nuisance.std**2 for nuisance in nuisances])
         bounds = np.vstack([parameters.bounds, np.array([nuisance.bounds for nuisance in nuisances]).reshape(-1, 2)])
@@ -241,7 +241,7 @@ def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
         "state": about.state.text,
         "state_job": about.state.job,
         "noise": {"sigma_db": about.noise.sigma, "correlation_factor": about.noise.factor, "source": about.origin},
-        "prior_std": update.prior_std,
+        "prior_std": inputs.statistics.values.std,
         "confidence": update.confidence,
         "loose_change": threshold(inputs),
         "identification": inputs.resolved(True).tree(),
@@ -294,7 +294,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
     """The state about which is asked; without a wish the reference job's result where there is one, else the start values."""
     campaign, bounds = inputs.campaign, parameters.bounds
     reference = campaign.update.reference
-    state = None if request.state is None else State.parse(request.state)
+    state = None if request.state is None else PlanState.parse(request.state)
     theta = parameters.initial
     record: Job | None = None
     if state is not None and state.job is not None:
@@ -306,8 +306,8 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         if known is None:
             record = None
         elif state is None:
-            state, theta = State("job", reference), known
-    state = state or State("initial")
+            state, theta = PlanState("job", reference), known
+    state = state or PlanState("initial")
     if state.kind in ("clamped", "free"):
         for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
             if group.kind == "stiffness":
@@ -327,20 +327,20 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
-    std, damping_std = inputs.campaign.update.prior_std, inputs.statistics.values.damping_std
+    values = inputs.statistics.values
     if by != "values" and inputs.bolts is not None:
-        found = bolt_shapes(parameters, inputs.bolts.xyz, std, damping_std)
+        found = bolt_shapes(parameters, inputs.bolts.xyz, values, inputs.statistics.bolts)
         if (found.bolts >= 0).any():
             return found, "bolts"
     if by == "bolts":
         raise ConfigError(
-            "there are no bolts along an edge",
+            "there are no bolts that own terms or lie along an edge",
             file=inputs.campaign.path,
             place="--by bolts",
-            expected="bolts: file, and a stiffness group with positions",
+            expected="bolts: file, and a stiffness group with positions, or a column `bolt` beside its terms",
             hint="use --by values",
         )
-    return node_shapes(parameters, std), "values"
+    return node_shapes(parameters, values.std), "values"
 
 
 def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: str) -> list[Target]:
@@ -362,20 +362,24 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
         return targets
     assert inputs.bolts is not None
     targets = []
-    for name, xyz, column in zip(inputs.bolts.name, inputs.bolts.xyz, shapes.bolts, strict=True):
+    own = joints_of(parameters, len(inputs.bolts.name))
+    for name, xyz, column, parts in zip(inputs.bolts.name, inputs.bolts.xyz, shapes.bolts, own, strict=True):
+        if parts:
+            targets.append(Target(name, xyz, ", ".join(parameters.groups[i].name for i in parts), None, int(column)))
+            continue
         feet = [
             (*foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz), group.name)
             for group, _ in groups
             if group.xyz is not None and group.arc_length is not None
         ]
-        at, _, owner = min(feet, key=lambda entry: entry[1])
+        at, _, owner = min(feet, key=lambda entry: entry[1], default=(None, 0.0, ""))
         targets.append(Target(name, xyz, owner, at, int(column)))
     return targets
 
 
 def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]:
     """What figures assume that no rehearsal stands behind."""
-    update = inputs.campaign.update
+    update, std = inputs.campaign.update, inputs.statistics.values.std
     if by == "values":
         why = "values along the edges are not bolts that it judges"
     elif change > 0:
@@ -384,7 +388,7 @@ def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]
         why = "--draws 0" if draws < 1 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
-        f"normal prior of {update.prior_std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
+        f"normal prior of {std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
         "the model is right but for the noise, and nothing drifts but what update.nuisances names",
     ]
 
