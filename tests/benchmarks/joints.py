@@ -319,7 +319,7 @@ def generated(wanted: Sequence[tuple[str, list[int]]], work: Path) -> list[tuple
     return found
 
 
-def in_processes(run: Callable[..., T], calls: Sequence[tuple[Task, Any]], workers: int) -> tuple[dict[str, T], dict[str, str]]:
+def in_processes(run: Callable[..., T], calls: Sequence[tuple[Any, ...]], workers: int) -> tuple[dict[str, T], dict[str, str]]:
     """Run campaigns, each in a process of its own with one thread; what failed as a whole, by its name."""
     for variable in THREADS:
         os.environ[variable] = "1"
@@ -367,7 +367,7 @@ def main() -> int:
         parts, document = [], {}
         if arguments.exact:
             calls = [(task, int(task.name.rsplit("-", 1)[1]), arguments.states) for task in tasks]
-            exact, failures = in_processes(exact_costs, calls, arguments.workers)  # type: ignore[arg-type]
+            exact, failures = in_processes(exact_costs, calls, arguments.workers)
             all_runs = [run for found in exact.values() for run in found]
             pooled = exact_figures(all_runs)
             by_campaign = {name: exact_figures(found) for name, found in exact.items()}
