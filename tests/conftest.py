@@ -1,10 +1,11 @@
-"""What holds for every test process: one BLAS thread, and one folder for what is dear to make and only read."""
+"""What holds for every test process: one BLAS thread, interruptions, and one folder for what is dear to make and only read."""
 
 from __future__ import annotations
 
 import logging
 import os
 import shutil
+import signal
 import tempfile
 
 import pytest
@@ -16,6 +17,10 @@ from threadpoolctl import threadpool_limits
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
     os.environ[_variable] = "1"
 threadpool_limits(1)
+
+# A shell's background jobs ignore Ctrl+C, and so would every command that the tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # One commit, one result: what a random search finds is for whoever runs the tests by hand.
 settings.register_profile("reproducible", derandomize=True, deadline=None)

@@ -220,7 +220,7 @@ def simulate(
     check_parameters(inputs, job, assignments)
     s = 2j * np.pi * frequency
     # Start values found on the FRFs belong to the band, not to the lines asked for.
-    auto = job is None and any(group.config.initial == "auto" for group in inputs.groups)
+    auto = job is None and any(group.config.start is None for group in inputs.groups)
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
     reduced = None if stage is None else FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
     source = FrfSource(inputs, None, "full", progress) if full or reduced is None else reduced

@@ -39,7 +39,9 @@ class Campaign(Strict):
     excitation: Annotated[NameMap[PointConfig], Field(min_length=1)] = Field(description="Excitation points by name, at least one.")
     responses: Annotated[NameMap[ResponseConfig], Field(min_length=1)] = Field(description="Responses by name, at least one.")
     parameters: Annotated[NameMap[GroupConfig], Field(min_length=1)] = Field(description="Parameter groups by name, at least one.")
-    bolts: FilePath | None = Field(default=None, description="Bolts (CSV: name,x,y,z in metres), for verdicts; absent: no verdicts.")
+    bolts: FilePath | None = Field(
+        default=None, description="Bolts (CSV: name,x,y,z in metres), for verdicts; absent: those that terms name, at their places."
+    )
     reduction: ReductionConfig = Field(description="The reduced model.")
     update: UpdateConfig = Field(default=UpdateConfig(), description="The identification.")
     calibration: CalibrationConfig | None = Field(

@@ -189,7 +189,7 @@ def _selections_by_table(campaign: Campaign) -> Iterator[tuple[str, ...]]:
             if point.form in ("near", "node"):
                 yield section, name, point.form
     for name, group in campaign.parameters.items():
-        if group.select.component is not None:
+        if group.select.component is not None or group.select.bushings is not None:
             yield "parameters", name, "select"
 
 

@@ -129,6 +129,8 @@ def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
 Range = Annotated[tuple[float, float], AfterValidator(check_ordered)]
 Point = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
+#: A number above 0, or the word auto.
+PositiveOrAuto = Annotated[Annotated[Positive, Tag("form:number")] | Annotated[Auto, Tag("form:auto")], Discriminator(_number_or_auto)]
 Quantity = Literal["pressure", "displacement", "velocity", "acceleration"]
 
 

@@ -6,7 +6,19 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from lrbc_cli.config.fields import FilePath, FrozenDict, Name, NameMap, Positive, Quantity, Range, Strict, check_unique, problem
+from lrbc_cli.config.fields import (
+    FilePath,
+    FrozenDict,
+    Name,
+    NameMap,
+    Positive,
+    PositiveOrAuto,
+    Quantity,
+    Range,
+    Strict,
+    check_unique,
+    problem,
+)
 from lrbc_cli.config.structure import Record
 
 
@@ -147,10 +159,10 @@ class UpdateConfig(Strict):
         "(0.04 in the paper), or l-curve: chosen for each job at the corner of its L-curve. auto: from the noise of the residuals and "
         "`prior_std`.",
     )
-    prior_std: Positive = Field(
-        default=0.35,
+    prior_std: PositiveOrAuto = Field(
+        default="auto",
         description="Standard deviation in decades with which the unknowns are expected to differ from the prior, where its weight is not "
-        "given.",
+        "given. auto: 0.35, and 1 for the change of a joint (a bolt that owns its terms).",
     )
     method: Literal["gauss-newton", "bfgs"] = Field(
         default="gauss-newton",

@@ -36,6 +36,7 @@ SELECT_FORMS: Forms = (
     (("dofs",), ()),
     (("vectors", "positions"), ()),
     (("left", "right", "positions"), ()),
+    (("bushings",), ("component",)),
 )
 
 #: What a key holds that was not given, where that is not None.
@@ -188,7 +189,9 @@ class SelectConfig(Strict):
 
     model_config = _forms_schema(SELECT_FORMS)
 
-    component: Component | None = Field(default=None, description="DOF label, with `box` or `nodes`.")
+    component: Component | None = Field(
+        default=None, description="DOF label, with `box` or `nodes`; with `bushings` only the springs with this component."
+    )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
         default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres: all nodes inside, borders included."
     )
@@ -198,13 +201,21 @@ class SelectConfig(Strict):
     dofs: FilePath | None = Field(
         default=None,
         description="CSV file with a column `dof` (0-based), one term a line; terms with equal entries in a column `parameter` share one "
-        "parameter; columns x,y,z give positions where there is no DOF table.",
+        "parameter; a column `bolt` names the bolt that a term belongs to; columns x,y,z give positions where there is no DOF table.",
     )
     vectors: MatrixRef | None = Field(default=None, description="Matrix with one column a term, b_k = c_k.")
     left: MatrixRef | None = Field(default=None, description="Matrix of the left vectors b_k, one column a term.")
     right: MatrixRef | None = Field(default=None, description="Matrix of the right vectors c_k, one column a term.")
     positions: FilePath | None = Field(
-        default=None, description="CSV file with x,y,z of each term; terms with equal entries in a column `parameter` share one parameter."
+        default=None,
+        description="CSV file with x,y,z of each term; terms with equal entries in a column `parameter` share one parameter; a column "
+        "`bolt` names the bolt that a term belongs to. Without it, entries of `parameter` that are names of bolts do.",
+    )
+    bushings: FilePath | None = Field(
+        default=None,
+        description="CSV file of springs: bolt,node_a,node_b,component,stiffness, one a line, by nodes of the DOF table; node_b empty: to "
+        "ground; component UX to ROTZ, in local axes where there are columns x_x,x_y,x_z (local x) and y_x,y_y,y_z (a vector in the local "
+        "xy plane). The springs of a bolt share one parameter, in log10 of the stiffness given: 0 is nominal, and where auto starts.",
     )
 
     @model_validator(mode="after")
@@ -265,12 +276,13 @@ class GroupConfig(Strict):
 
     kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="What the terms add to: K, C or M.")
     select: SelectConfig = Field(
-        description="The terms: {component:, box:}, {nodes:, component:}, {dofs:}, {vectors:, positions:} or {left:, right:, positions:}."
+        description="The terms: {component:, box:}, {nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or "
+        "{bushings:}."
     )
     initial: NumberOrAuto = Field(
         default="auto",
-        description="Start value (log10), or auto for stiffness: where the FRFs lie about 0.3 dB from the clamped limit. "
-        "Damping and mass need a number.",
+        description="Start value (log10), or auto for stiffness: where the FRFs lie about 0.3 dB from the clamped limit; of bushings the "
+        "nominal stiffness. Damping and mass need a number.",
     )
     bounds: Bounds = Field(
         default="auto",
@@ -278,7 +290,10 @@ class GroupConfig(Strict):
         "Damping and mass need numbers.",
     )
     baseline: float = Field(
-        default=0.0, ge=0, description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly."
+        default=0.0,
+        ge=0,
+        description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly. Of bushings: 1 where "
+        "the stiffness matrix holds them.",
     )
     smoothing: Annotated[tuple[Weight, ...], Field(min_length=1, max_length=99), AfterValidator(_check_smoothing)] | None = Field(
         default=None,
@@ -289,6 +304,11 @@ class GroupConfig(Strict):
         default=None, description="Identify a damping exponent p_damp of a stiffness group too; absent: the terms are undamped."
     )
 
+    @property
+    def start(self) -> float | None:
+        """Start value (log10); None where the FRFs tell it."""
+        return self.initial if self.initial != "auto" else None if self.select.bushings is None else 0.0
+
     @model_validator(mode="after")
     def _consistent(self) -> GroupConfig:
         if self.kind != "stiffness":
@@ -297,8 +317,8 @@ class GroupConfig(Strict):
                     raise problem(f"'auto' serves stiffness only, this group is {self.kind}", key, hint=f"give {key} in log10")
             if self.damping is not None:
                 raise problem(f"damping tied to a {self.kind} term", "damping", expected="only where kind is stiffness", hint="remove it")
-        if self.initial != "auto" and self.bounds != "auto":
-            _check_inside(self.initial, self.bounds)
+        if self.start is not None and self.bounds != "auto":
+            _check_inside(self.start, self.bounds)
         if self.normalised and self.smoothing is None:
             raise problem("normalised rows without smoothing", "normalised", hint="add smoothing, or remove it")
         return self

@@ -31,10 +31,13 @@ class Facts:
         There is a reference job, or one will be measured.
     bolts : bool
         The places of the bolts are known.
+    joints : bool
+        Some of them own their terms.
     """
 
     reference: bool
     bolts: bool
+    joints: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,12 @@ class Method:
     warnings: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     @property
+    def prior_std(self) -> str:
+        """Standard deviations of the changes in words."""
+        values = self.statistics.values
+        return f"{values.joint_std:g} for joints" + ("" if values.joint_std == values.std else f", {values.std:g} along edges")
+
+    @property
     def follows_noise(self) -> bool:
         """Whether the weight of the prior follows the noise of the residuals."""
         return self.regularisation == "noise"
@@ -128,7 +137,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     update : UpdateConfig
     facts : Facts
     statistics : StatisticalModel
-        Its prior of values takes the standard deviation of the settings.
+        Its prior of values takes the standard deviation of the settings where one is given.
 
     Returns
     -------
@@ -164,6 +173,12 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         else ("errors of changes need weights" if mixture else "no changes at bolts are sought")
     )
     reasons["mixture"] = "each bolt is tight or loose" if mixture else "no changes at bolts are sought"
+    values = statistics.values
+    if update.prior_std != "auto":
+        values = replace(values, std=update.prior_std, joint_std=update.prior_std)
+    if by_bolts and facts.joints:
+        auto = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
+        reasons["prior_std"] = auto if update.prior_std == "auto" else "as given"
     return Method(
         approach=approach,
         regularisation=regularisation,
@@ -179,7 +194,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         responses=update.responses,
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
-        statistics=replace(statistics, values=replace(statistics.values, std=update.prior_std)),
+        statistics=replace(statistics, values=values),
         rule=rule_of(update),
         reasons=reasons,
         warnings=tuple(warnings),

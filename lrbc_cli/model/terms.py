@@ -89,10 +89,12 @@ class ParameterGroup:
     baseline : float
         What the matrices already contain for these terms (linear), subtracted exactly.
     damping : EdgeDamping or None
-    xyz : (m, 3) float array or None
-        Positions of the terms [m].
-    arc_length : (m,) float array or None
-        Along the edge [m].
+    xyz : (k, 3) float array or None
+        Positions of the parameters [m].
+    arc_length : (k,) float array or None
+        Along the edge [m]; None of joints, which lie along none.
+    bolt : (k,) int array or None
+        Bolt that owns each parameter, -1 where none does; None where no bolt owns any.
     """
 
     name: str
@@ -106,6 +108,7 @@ class ParameterGroup:
     damping: EdgeDamping | None = None
     xyz: Floats | None = None
     arc_length: Floats | None = None
+    bolt: NDArray[np.int64] | None = None
 
     @property
     def count(self) -> int:

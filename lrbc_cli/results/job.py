@@ -40,7 +40,8 @@ class Parameter(Record):
     """The identified values of one parameter group.
 
     ``log10_effective`` are those of the smoothed terms; ``lower95`` and ``upper95`` are limits of these, null where the interval is open to
-    that side; ``reference_log10_effective`` is the tight state. Places are in metres.
+    that side; ``reference_log10_effective`` is the tight state. Places are in metres. ``bolts`` names the bolt that owns each value, of
+    joints, which have no ``arc_length``.
     """
 
     kind: str
@@ -57,6 +58,7 @@ class Parameter(Record):
     bounds: Range | None = None
     positions: Points | None = None
     arc_length: Vector | None = None
+    bolts: Many[str | None] | None = None
     saturation: SaturationRecord | None = None
     damping_exponent: float | None = None
     damping_exponent_std: float | None = None
@@ -67,7 +69,7 @@ class Parameter(Record):
     @model_validator(mode="after")
     def _together(self) -> Self:
         names = ("log10_effective", "log10_per_metre", "std", "lower95", "upper95", "initial", "initial_effective")
-        same_length(self, "log10", *names, "reference_log10_effective", "positions", "arc_length")
+        same_length(self, "log10", *names, "reference_log10_effective", "positions", "arc_length", "bolts")
         for own, other in (("damping_exponent", "damping_factor"), ("damping_factor", "damping_exponent")):
             if getattr(self, own) is None and (own in self.model_fields_set or getattr(self, other) is not None):
                 raise wrong(f".{own}", "a number", "none")

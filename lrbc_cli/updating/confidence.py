@@ -97,7 +97,7 @@ def open_sides(
 def open_values(
     parameters: Parameterisation, pitch: float, data: Callable[[Floats], float], theta: Floats, variance: float
 ) -> tuple[Bools, Bools]:
-    """Where the data do not object to a stretch of half a pitch about a stiffness value being free, or clamped.
+    """Where the data do not object to a stretch of half a pitch about a stiffness value, or to a joint's value, being free, or clamped.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def open_values(
         if group.kind != "stiffness":
             continue
         at = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
-        half = max(0.5 * pitch, float(np.median(np.diff(at)))) if group.count > 1 else 0.0
+        half = max(0.5 * pitch, float(np.median(np.diff(at)))) if group.count > 1 and group.bolt is None else 0.0
         for k in range(group.count):
             patch = np.zeros(size)
             patch[values] = np.abs(at - at[k]) <= half * (1 + 1e-9)

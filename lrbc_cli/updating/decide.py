@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.verdicts import Edge, Place, places
+from lrbc_cli.updating.verdicts import Edge, Joints, Spot, spots
 
 Floats = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ class BoltEvidence:
     outside : str or None
         Why no term reaches it: then there are no numbers.
     log10_stiffness : float or None
-        Mean log10 stiffness within half a pitch along the edge.
+        Mean log10 stiffness of the values that it owns, or within half a pitch along the edge.
     felt : float or None
         The same with values above saturation counted as saturated.
     difference : float or None
@@ -174,7 +174,7 @@ class Evidence:
     status, reason : str
         How the optimisation ended.
     along_edges : bool
-        Whether stiffness was identified along edges at which bolts can lie.
+        Whether stiffness was identified that bolts own, or along edges at which they can lie.
     bolts : tuple of BoltEvidence
     missing_reference : str or None
         The job that changes were wanted against, and which had no result.
@@ -290,36 +290,40 @@ class Judgement:
 
 
 def at_bolts(
-    edges: Sequence[Edge], names: Sequence[str], xyz: Floats, change_of: Callable[[int, Place, float | None], Change | None] | None = None
+    groups: Sequence[Edge | Joints],
+    names: Sequence[str],
+    xyz: Floats,
+    change_of: Callable[[int, Spot, float | None], Change | None] | None = None,
 ) -> tuple[BoltEvidence, ...]:
-    """What the values along the edges say of each bolt.
+    """What the values of edges and joints say of each bolt.
 
     Parameters
     ----------
-    edges : sequence of Edge
+    groups : sequence of Edge or Joints
         At least one where there are bolts.
     names : (m,) sequence of str
     xyz : (m, 3) float array
     change_of : callable or None
-        Posterior of the change of a bolt by its number, place and difference, where the job was identified against a tight state.
+        Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
     """
     found = []
-    for b, (name, place) in enumerate(zip(names, places(edges, xyz) if len(names) else [], strict=True)):
+    for b, (name, spot) in enumerate(zip(names, spots(groups, xyz) if len(names) else [], strict=True)):
         position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))
-        if not place.reached:
-            found.append(BoltEvidence(name=name, position=position, outside=place.note))
+        if isinstance(spot, str):
+            found.append(BoltEvidence(name=name, position=position, outside=spot))
             continue
-        edge, near = edges[place.edge], place.near
-        felt = float(np.mean(np.minimum(edge.log10[near], edge.cap)))
-        difference = None if edge.reference is None else felt - float(np.mean(np.minimum(edge.reference[near], edge.cap)))
+        parts = [(groups[i], at) for i, at in spot]
+        felt = float(np.mean(np.concatenate([np.minimum(group.log10[at], group.cap) for group, at in parts])))
+        tight = [np.minimum(group.reference[at], group.cap) for group, at in parts if group.reference is not None]
+        difference = felt - float(np.mean(np.concatenate(tight))) if len(tight) == len(parts) else None
         found.append(
             BoltEvidence(
                 name=name,
                 position=position,
-                log10_stiffness=float(np.mean(edge.log10[near])),
+                log10_stiffness=float(np.mean(np.concatenate([group.log10[at] for group, at in parts]))),
                 felt=felt,
                 difference=difference,
-                change=None if change_of is None else change_of(b, place, difference),
+                change=None if change_of is None else change_of(b, spot, difference),
             )
         )
     return tuple(found)
@@ -375,7 +379,7 @@ def _verdict(
 ) -> BoltVerdict:
     """On one bolt; ``level`` is that of the others."""
     if not evidence.along_edges:
-        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group with positions")
+        return BoltVerdict(name=bolt.name, verdict=UNDECIDED, note="no stiffness group that bolts own or lie along")
     if bolt.outside is not None:
         return BoltVerdict(name=bolt.name, verdict=OUTSIDE, note=bolt.outside)
     word, note, change, std, probability, threshold = _by_role(bolt, evidence, rule, role, scatter, level)

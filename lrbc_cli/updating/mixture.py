@@ -39,7 +39,9 @@ class MixtureProblem:
     bolts : (b,) int array
         Which of z are changes at bolts.
     neighbours : sequence of (int, int)
-        Pairs of positions in ``bolts`` that lie side by side along an edge.
+        Pairs of positions in ``bolts`` that lie side by side.
+    joint : (b,) bool array
+        Which of the bolts own their terms; the others are hats along an edge.
     mean, std : (m,) float arrays
         Gaussian prior of those of z that are none; not read at bolts.
     about : callable or None
@@ -52,6 +54,7 @@ class MixtureProblem:
     bounds: Floats
     bolts: NDArray[np.int64]
     neighbours: Sequence[tuple[int, int]]
+    joint: Bools
     mean: Floats
     std: Floats
     about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
@@ -74,7 +77,7 @@ class ChangeSamples:
     kinds : (b,) bool array
         Loose bolts of the most probable state about which all was linearised.
     neighbours : sequence of (int, int)
-        Pairs of positions that lie side by side.
+        Pairs of positions that lie side by side along an edge.
     prior : BoltPrior
     """
 
@@ -121,10 +124,15 @@ class ChangeSamples:
         return np.stack([1.0 - self.loose, self.loose], axis=2)
 
 
-def adjacency(count: int, pairs: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """(b, b) ones for bolts that are neighbours."""
-    found = np.zeros((count, count), dtype=np.int64)
-    for i, j in pairs:
+def along_edges(pairs: Sequence[tuple[int, int]], joint: Bools) -> list[tuple[int, int]]:
+    """Those pairs whose shapes overlap: a joint reaches to no neighbour."""
+    return [(i, j) for i, j in pairs if not (joint[i] or joint[j])]
+
+
+def adjacency(pairs: Sequence[tuple[int, int]], joint: Bools) -> NDArray[np.int64]:
+    """(b, b) ones for bolts that are neighbours along an edge."""
+    found = np.zeros((joint.size, joint.size), dtype=np.int64)
+    for i, j in along_edges(pairs, joint):
         found[i, j] = found[j, i] = 1
     return found
 
@@ -167,6 +175,7 @@ class KindScore:
     loose : (b,) bool array
         Kinds to begin with.
     neighbours : sequence of (int, int)
+    joint : (b,) bool array
 
     Attributes
     ----------
@@ -174,17 +183,17 @@ class KindScore:
         Of the changes given the kinds.
     """
 
-    def __init__(self, A: Floats, b: Floats, prior: BoltPrior, loose: Bools, neighbours: Sequence[tuple[int, int]] = ()) -> None:
-        self._A, self._b, self._prior = A, b, prior
-        self._beside = adjacency(b.size, neighbours)
+    def __init__(self, A: Floats, b: Floats, prior: BoltPrior, loose: Bools, neighbours: Sequence[tuple[int, int]], joint: Bools) -> None:
+        self._A, self._b, self._prior, self._joint = A, b, prior, joint
+        self._beside = adjacency(neighbours, joint)
         self._singles = _Moves([(i,) for i in range(b.size)], self._beside)
         self._pairs = _Moves(list(neighbours), self._beside)
-        self._precision, self._mean = prior.table
+        self._precision, self._mean = prior.tables(joint)
         self.loose = loose.copy()
         self._refresh()
 
     def _refresh(self) -> None:
-        precision, mean = self._prior.of(self.loose, self._beside)
+        precision, mean = self._prior.of(self.loose, self._beside, self._joint)
         self.covariance = np.asarray(np.linalg.inv(self._A + np.diag(precision)))
         self.mean = self.covariance @ (self._b + precision * mean)
 
@@ -195,8 +204,8 @@ class KindScore:
         step = 1 - 2 * kind[moves.first]
         now, after = kind[at], np.where(moves.own, 1 - kind[at], kind[at])
         gap, gap_after = (count[at] > 0).astype(np.int64), (count[at] + (moves.beside * step[:, None, :]).sum(axis=2) > 0).astype(np.int64)
-        old, new = self._precision[now, gap], self._precision[after, gap_after]
-        first, last = self._mean[now, gap], self._mean[after, gap_after]
+        old, new = self._precision[at, now, gap], self._precision[at, after, gap_after]
+        first, last = self._mean[at, now, gap], self._mean[at, after, gap_after]
         D = np.where(moves.real, new - old, 0.0)
         e = np.where(moves.real, new * last - old * first, 0.0)
         offset = 0.5 * (np.log(new / old) - new * last**2 + old * first**2) + (after - now) * self._prior.log_odds
@@ -256,7 +265,8 @@ class _State:
 def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
     """(m,) precisions and means of all unknowns."""
     precision, mean = problem.std**-2.0, problem.mean.copy()
-    precision[problem.bolts], mean[problem.bolts] = prior.of(kinds, adjacency(kinds.size, problem.neighbours))
+    beside = adjacency(problem.neighbours, problem.joint)
+    precision[problem.bolts], mean[problem.bolts] = prior.of(kinds, beside, problem.joint)
     return precision, mean
 
 
@@ -334,7 +344,7 @@ def best_state(
             if best is None or state.evidence > best.evidence:
                 best = state
             seen.add(kinds.tobytes())
-            score = KindScore(state.A, state.b, prior, kinds, problem.neighbours)
+            score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
             # Few moves at a time: a linearisation does not carry far.
             improve(score, problem.neighbours, moves)
             if score.loose.tobytes() in seen:
@@ -363,7 +373,7 @@ def sample_changes(
     ChangeSamples
     """
     state = best_state(problem, z, prior)
-    score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours)
+    score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
     rng = np.random.default_rng(seed)
     count = problem.bolts.size
     loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
@@ -383,4 +393,5 @@ def sample_changes(
             if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
                 score.flip(i, j)
                 swaps = score.swaps()
-    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, problem.neighbours, prior)
+    hats = along_edges(problem.neighbours, problem.joint)
+    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, hats, prior)

@@ -18,16 +18,25 @@ class BoltPrior:
     Attributes
     ----------
     tight_std : float
-        Of a tight bolt's change, whose mean is zero. Retorquing scatters by 30 %, 0.11 decades at a bolt's patch; its shape, wider than
-        the patch, smears that.
+        Of a tight bolt's change along an edge, whose mean is zero. Retorquing scatters by 30 %, 0.11 decades at a bolt's patch; its shape,
+        wider than the patch, smears that.
     loose_mean, loose_std : float
         Of a loose bolt's change: from a patch that has lost half its stiffness to one that has lost nearly all, smeared alike.
     alone_mean, alone_std : float
         The same between tight neighbours, which hold part of what it held. By trial on virtual rigs.
+    joint_tight_std : float
+        Of the change of a tight joint, a bolt that owns its terms: retorquing scatters by 30 %, and nothing smears it.
+    joint_loose_mean, joint_loose_std : float
+        Of a loose joint's change: nothing beside it holds what it held, so that 0.3 decades (half) to 3 (finger-tight, and free) are
+        within one and a half to two standard deviations. A choice.
+    deviation_std : float
+        Of the change of each kind of terms of a joint (axial, rocking) about what is common to them. A choice: a stiffness of contact
+        and one of bending under it fall nearly alike.
     loose_share : float
         Probability of being loose before anything is measured. A choice: a campaign looks for few loose bolts among many.
     leakage : float
-        Share of a loose bolt's change that a tight neighbour may show, whose hat does not end where a gap does. 0.1 to 0.3 on virtual rigs.
+        Share of a loose bolt's change that a tight neighbour along its edge may show, whose hat does not end where a gap does. 0.1 to 0.3
+        on virtual rigs.
     """
 
     tight_std: float = 0.05
@@ -35,20 +44,31 @@ class BoltPrior:
     loose_std: float = 0.3
     alone_mean: float = -0.5
     alone_std: float = 0.2
+    joint_tight_std: float = 0.11
+    joint_loose_mean: float = -1.5
+    joint_loose_std: float = 0.8
+    deviation_std: float = 0.15
     loose_share: float = 0.1
     leakage: float = 0.3
 
-    @property
-    def table(self) -> tuple[Floats, Floats]:
-        """(2, 2) precision and mean of a bolt's change, by its kind and whether a neighbour is loose."""
-        std = np.array([[self.tight_std] * 2, [self.alone_std, self.loose_std]])
-        return std**-2.0, np.array([[0.0, 0.0], [self.alone_mean, self.loose_mean]])
+    def tables(self, joint: Bools) -> tuple[Floats, Floats]:
+        """(b, 2, 2) precision and mean of each bolt's change, by its kind and whether a neighbour along its edge is loose.
 
-    def of(self, loose: Bools, beside: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Precision and mean of each bolt's change, given the kinds and which bolts are neighbours, see ``mixture.adjacency``."""
-        kind, (precision, mean) = loose.astype(np.int64), self.table
-        gap = (beside @ kind > 0).astype(np.int64)
-        return precision[kind, gap], mean[kind, gap]
+        Parameters
+        ----------
+        joint : (b,) bool array
+            Bolts that own their terms; the others are hats along an edge.
+        """
+        std = np.array([[[self.tight_std] * 2, [self.alone_std, self.loose_std]], [[self.joint_tight_std] * 2, [self.joint_loose_std] * 2]])
+        mean = np.array([[[0.0, 0.0], [self.alone_mean, self.loose_mean]], [[0.0, 0.0], [self.joint_loose_mean] * 2]])
+        which = joint.astype(np.int64)
+        return std[which] ** -2.0, mean[which]
+
+    def of(self, loose: Bools, beside: NDArray[np.int64], joint: Bools) -> tuple[Floats, Floats]:
+        """Precision and mean of each bolt's change, given the kinds and which hats are neighbours, see ``mixture.adjacency``."""
+        kind, (precision, mean) = loose.astype(np.int64), self.tables(joint)
+        gap, each = (beside @ kind > 0).astype(np.int64), np.arange(kind.size)
+        return precision[each, kind, gap], mean[each, kind, gap]
 
     @property
     def log_odds(self) -> float:
@@ -63,7 +83,11 @@ class ValuePrior:
     Attributes
     ----------
     std : float
-        Of a value against its neighbours and against the reference state, or of the change at a bolt [decades]: ``update.prior_std``.
+        Of a value against its neighbours and against the reference state, or of the change at a bolt along an edge [decades]:
+        ``update.prior_std``.
+    joint_std : float
+        Of the change of a joint, a bolt that owns its terms [decades]: ``update.prior_std``, or this. A choice: one that is finger-tight
+        loses two, which a normal prior as narrow as along an edge would not grant.
     level_std : float
         Of the stiffness of a state that is compared with nothing, about its start values [decades]. A choice.
     damping_std : float
@@ -75,6 +99,7 @@ class ValuePrior:
     """
 
     std: float = 0.35
+    joint_std: float = 1.0
     level_std: float = 0.5
     damping_std: float = 1.0
     first_variance: float = 4.0

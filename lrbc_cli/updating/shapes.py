@@ -1,4 +1,4 @@
-"""What the unknowns of a job are: every value along the edges, or one change a bolt through a shape along its edge."""
+"""What the unknowns of a job are: every value for itself, or one change a bolt: of the terms it owns, or through a shape along its edge."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
-from lrbc_cli.updating.priors import VALUE_PRIOR
+from lrbc_cli.updating.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
 from lrbc_cli.updating.verdicts import Edge, places
 
 Floats = NDArray[np.float64]
+
+#: Distances are told apart down to this share.
+ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
@@ -26,12 +29,16 @@ class Shapes:
     std : (m,) float array
         Standard deviations of z in the prior [decades]; infinite where there is no prior.
     bolts : (n,) int array
-        Column of each bolt; -1 where no term feels it. Empty where the unknowns are the values along the edges.
+        Column of each bolt, of a joint that of the change common to all of its groups; -1 where no term feels it. Empty where the unknowns
+        are the values themselves.
+    joint : (n,) bool array
+        Bolts that own their terms; the column of any other is a hat along an edge.
     """
 
     T: Floats
     std: Floats
     bolts: NDArray[np.int64]
+    joint: NDArray[np.bool_]
 
     @property
     def by_bolt(self) -> bool:
@@ -47,7 +54,7 @@ class Shapes:
 def node_shapes(parameters: Parameterisation, std: float) -> Shapes:
     """Every value for itself; damping exponents without a prior, as in (29)."""
     spread = np.where(parameters.is_damping, np.inf, std)
-    return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64))
+    return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
 
 
 def edges_of(parameters: Parameterisation) -> list[ParameterGroup]:
@@ -59,42 +66,64 @@ def _is_edge(group: ParameterGroup) -> bool:
     return group.kind == "stiffness" and group.xyz is not None and group.arc_length is not None
 
 
-def neighbours(parameters: Parameterisation, bolts: Floats, among: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of bolts that follow each other along an edge, in whatever order they are listed.
+def joints_of(parameters: Parameterisation, count: int) -> list[dict[int, NDArray[np.int64]]]:
+    """For each of so many bolts the stiffness values that it owns: indices in theta, by group; empty where it owns none."""
+    found: list[dict[int, NDArray[np.int64]]] = [{} for _ in range(count)]
+    for i, (group, (values, _)) in enumerate(zip(parameters.groups, parameters.slices, strict=True)):
+        if group.kind == "stiffness" and group.bolt is not None:
+            for bolt in np.unique(group.bolt[group.bolt >= 0]).tolist():
+                found[bolt][i] = values.start + np.flatnonzero(group.bolt == bolt)
+    return found
+
+
+def neighbours(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> list[tuple[int, int]]:
+    """Pairs of bolts side by side: along an edge those that follow each other; among joints relative neighbours.
+
+    Relative neighbours (Toussaint, Pattern Recognition 12, 1980) are two between which no third lies: none is nearer to both than they
+    are to each other. On a ring, along a row and on a grid these are the next ones.
 
     Parameters
     ----------
     parameters : Parameterisation
     bolts : (n, 3) float array
-    among : sequence of int
-        Those that count.
+    shapes : Shapes
+        Bolts without a column do not count.
 
     Returns
     -------
     list of (int, int)
     """
+    hats, joints = (np.flatnonzero((shapes.bolts >= 0) & (shapes.joint == joint)) for joint in (False, True))
     edges = edges_of(parameters)
-    owner, at = _feet(edges, bolts)
+    owner, at = _feet(edges, bolts[~shapes.joint])
+    row = {int(b): k for k, b in enumerate(np.flatnonzero(~shapes.joint))}
     found: list[tuple[int, int]] = []
     for which in range(len(edges)):
-        row = sorted((b for b in among if owner[b] == which), key=lambda b: float(at[b]))
-        found += pairwise(row)
+        found += pairwise(sorted((b for b in hats.tolist() if owner[row[b]] == which), key=lambda b: float(at[row[b]])))
+    distance = np.linalg.norm(bolts[joints, None] - bolts[None, joints], axis=2)
+    for i in range(joints.size):
+        for j in range(i + 1, joints.size):
+            farther = np.delete(np.maximum(distance[i], distance[j]), [i, j])
+            if not (farther < distance[i, j] * (1.0 - ROUND_OFF)).any():
+                found.append((int(joints[i]), int(joints[j])))
     return found
 
 
-def bolt_shapes(
-    parameters: Parameterisation, bolts: Floats, std: float = VALUE_PRIOR.std, damping_std: float = VALUE_PRIOR.damping_std
-) -> Shapes:
-    """One change a bolt: a hat along its edge that reaches to the neighbouring bolts.
+def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior = VALUE_PRIOR, prior: BoltPrior = BOLT_PRIOR) -> Shapes:
+    """One change a bolt: of all the values that it owns, or through a hat along its edge that reaches to the neighbouring bolts.
 
-    Damping exponents, and groups without bolts, stay as they are.
+    A joint has a column that moves its values in all groups alike, and for each group beyond the first one that moves groups against each
+    other: orthonormal contrasts, so that with equal standard deviations no group is preferred. Damping exponents have a column each, as
+    have the values of groups without bolts.
 
     Parameters
     ----------
     parameters : Parameterisation
     bolts : (n, 3) float array
-    std, damping_std : float
-        Of the changes, and of those of damping exponents, see ``ValuePrior``.
+    values : ValuePrior
+        Standard deviations of the changes, and of those of damping exponents.
+    prior : BoltPrior
+        That of the deviations between the groups of a joint.
 
     Returns
     -------
@@ -102,31 +131,43 @@ def bolt_shapes(
         A bolt beyond the end of its edge, whose hat no term feels, has no column, nor has one that lies aside of all edges.
     """
     groups = list(zip(parameters.groups, parameters.slices, strict=True))
+    own = joints_of(parameters, bolts.shape[0])
+    joint = np.array([bool(parts) for parts in own], dtype=bool)
     edges = [i for i, (group, _) in enumerate(groups) if _is_edge(group)]
-    owner, at = _feet([groups[i][0] for i in edges], bolts)
+    owner, at = np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
+    owner[~joint], at[~joint] = _feet([groups[i][0] for i in edges], bolts[~joint])
     columns: list[Floats] = []
     spread: list[float] = []
     column_of = np.full(bolts.shape[0], -1, dtype=np.int64)
-    for i, (group, (values, damping)) in enumerate(groups):
+
+    def add(where: NDArray[np.int64] | slice | int, weights: Floats | float, std: float) -> None:
+        columns.append(np.zeros(parameters.size))
+        columns[-1][where] = weights
+        spread.append(std)
+
+    for i, (group, (where, damping)) in enumerate(groups):
         mine = np.flatnonzero(owner == edges.index(i)) if i in edges else np.zeros(0, dtype=np.int64)
         hats = _hats(group, at[mine]) if mine.size else np.zeros((group.count, 0))
         felt = hats.any(axis=0)
         if felt.any():
             for bolt, hat in zip(mine[felt], hats[:, felt].T, strict=True):
                 column_of[bolt] = len(columns)
-                columns.append(np.zeros(parameters.size))
-                columns[-1][values] = hat
-                spread.append(std)
+                add(where, hat, values.std)
         else:
             for k in range(group.count):
-                columns.append(np.zeros(parameters.size))
-                columns[-1][values.start + k] = 1.0
-                spread.append(std)
+                if group.kind != "stiffness" or group.bolt is None or group.bolt[k] < 0:
+                    add(where.start + k, 1.0, values.std)
         if damping is not None:
-            columns.append(np.zeros(parameters.size))
-            columns[-1][damping] = 1.0
-            spread.append(damping_std)
-    return Shapes(np.column_stack(columns), np.array(spread), column_of)
+            add(damping, 1.0, values.damping_std)
+    for bolt in np.flatnonzero(joint).tolist():
+        parts = list(own[bolt].values())
+        column_of[bolt] = len(columns)
+        add(np.concatenate(parts), 1.0, values.joint_std)
+        for k in range(1, len(parts)):
+            # The mean of the groups before against the next one.
+            weight = np.repeat([1.0] * k + [-float(k)], [part.size for part in parts[: k + 1]]) / np.sqrt(k * (k + 1.0))
+            add(np.concatenate(parts[: k + 1]), weight, prior.deviation_std)
+    return Shapes(np.column_stack(columns), np.array(spread), column_of, joint)
 
 
 def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.int64], Floats]:
@@ -136,8 +177,8 @@ def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.i
         assert group.xyz is not None
         assert group.arc_length is not None
         edges.append(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None))
-    if not edges:
-        return np.zeros(bolts.shape[0], dtype=np.int64), np.zeros(bolts.shape[0])
+    if not edges or not bolts.shape[0]:
+        return np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
     found = places(edges, bolts)
     owner = np.array([place.edge if place.aside is None else -1 for place in found], dtype=np.int64)
     return owner, np.array([place.at for place in found], dtype=float)

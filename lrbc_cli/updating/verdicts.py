@@ -1,4 +1,4 @@
-"""Where bolts lie along the edges, and which values of an edge reach each."""
+"""Where bolts lie: which values they own, or which values of an edge reach each."""
 
 from __future__ import annotations
 
@@ -35,6 +35,28 @@ class Edge:
     log10: Floats
     cap: float
     reference: Floats | None
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Stiffness of one group whose values belong to bolts.
+
+    Attributes
+    ----------
+    log10, cap, reference
+        See ``Edge``.
+    bolt : (k,) int array
+        Bolt that owns each value, -1 where none does.
+    """
+
+    log10: Floats
+    cap: float
+    reference: Floats | None
+    bolt: NDArray[np.int64]
+
+
+#: The values that speak for a bolt: those of one edge, or of one or more groups of joints, by the number of the group.
+Spot = tuple[tuple[int, NDArray[np.int64]], ...]
 
 
 @dataclass(frozen=True)
@@ -102,6 +124,30 @@ def foot(edge: Edge, point: Floats) -> tuple[float, float]:
         if distance < best[1]:
             best = (float(edge.arc_length[i]) + float(inside), distance)
     return best
+
+
+def spots(groups: Sequence[Edge | Joints], bolts: Floats) -> list[Spot | str]:
+    """The values that speak for each bolt: its own wherever they lie, else those of an edge that reach it; or why there are none.
+
+    Parameters
+    ----------
+    groups : sequence of Edge or Joints
+    bolts : (m, 3) float array
+
+    Returns
+    -------
+    list of Spot or str
+    """
+    found: list[Spot | str] = []
+    for b in range(bolts.shape[0]):
+        own = [(i, np.flatnonzero(group.bolt == b)) for i, group in enumerate(groups) if isinstance(group, Joints)]
+        found.append(tuple((i, at) for i, at in own if at.size) or "no term belongs to it")
+    edges = [(i, group) for i, group in enumerate(groups) if isinstance(group, Edge)]
+    rest = [b for b, spot in enumerate(found) if isinstance(spot, str)]
+    if edges and rest:
+        for b, place in zip(rest, places([edge for _, edge in edges], bolts[rest]), strict=True):
+            found[b] = place.note or ((edges[place.edge][0], place.near),)
+    return found
 
 
 def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:

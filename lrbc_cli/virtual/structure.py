@@ -66,41 +66,46 @@ class Settings:
 
 
 def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:
-    """Share of each bolt in each parameter of the stiffness groups near it.
+    """Share of each bolt in each parameter of the stiffness groups that it owns, or that lie near it along an edge.
 
     Returns
     -------
     dict
-        By bolt and group: (k,) weights ``exp(-(r / reach)^4)``, r along the edge, summing to at most 1 over the bolts.
+        By bolt and group: (k,) weights, 1 for what it owns, else ``exp(-(r / reach)^4)``, r along the edge, summing to at most 1 over the
+        bolts.
 
     Raises
     ------
     ConfigError
-        Where there are no bolts, or no stiffness groups with positions.
+        Where there are no bolts, or no stiffness groups that they own or lie along.
     """
     campaign, bolts = inputs.campaign, inputs.bolts
-    groups = [g for g in inputs.groups if g.config.kind == "stiffness" and g.xyz is not None and g.arc_length is not None]
-    if bolts is None or not groups:
+    groups = [g for g in inputs.groups if g.config.kind == "stiffness"]
+    edges = [g for g in groups if g.xyz is not None and g.arc_length is not None]
+    joints = [g for g in groups if g.bolt is not None]
+    if bolts is None or not (edges or joints):
         raise ConfigError(
             "bolts cannot be loosened" + (": the campaign has none" if bolts is None else ": no stiffness group has positions"),
             file=campaign.path,
             expected="bolts: a CSV file, and a group of kind stiffness whose terms have coordinates",
         )
-    reach = reach or 0.5 * pitch_of(bolts.xyz)
-    weights: dict[str, dict[str, Floats]] = {name: {} for name in bolts.name}
-    for name, xyz in zip(bolts.name, bolts.xyz, strict=True):
+    own = {name: {g.name: np.where(g.bolt == b, 1.0, 0.0) for g in joints if np.any(g.bolt == b)} for b, name in enumerate(bolts.name)}
+    rest = np.array([bool(edges) and not own[name] for name in bolts.name])
+    reach = reach or 0.5 * pitch_of(bolts.xyz[rest])
+    weights: dict[str, dict[str, Floats]] = {name: own[name] for name in bolts.name}
+    for name, xyz in zip(np.array(bolts.name)[rest].tolist(), bolts.xyz[rest], strict=True):
         feet = {}
-        for group in groups:
+        for group in edges:
             assert group.xyz is not None
             assert group.arc_length is not None
             feet[group.name] = foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz)
         nearest = min(distance for _, distance in feet.values())
-        for group in groups:
+        for group in edges:
             at, distance = feet[group.name]
             if distance <= nearest + 0.5 * (reach or 0.0):
                 along = np.abs(np.asarray(group.arc_length) - at)
                 weights[name][group.name] = np.exp(-((along / reach) ** 4)) if reach else np.ones(group.count)
-    for group in groups:
+    for group in edges:
         total = np.sum([w[group.name] for w in weights.values() if group.name in w], axis=0)
         for w in weights.values():
             if group.name in w:

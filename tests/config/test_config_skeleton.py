@@ -55,7 +55,7 @@ def test_the_template_shows_every_key_and_its_default(tmp_path: Path) -> None:
         "max_iterations": "100",
         "loose_change": "-0.5",
         "regularisation": "auto",
-        "prior_std": "0.35",
+        "prior_std": "auto",
         "largest_misfit": "3.0",
     }
     for key, value in defaults.items():

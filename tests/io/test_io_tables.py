@@ -121,9 +121,9 @@ def test_fields_may_be_numbered_apart(tmp_path):
     ("reader", "text", "known"),
     [
         (read_points, "name,x,y,z,torque\nB1,0,0,0,1\n", "name, x, y, z"),
-        (read_dof_list, "name,dof\na,5\nb,3\n", "dof, parameter, x, y, z"),
-        (read_positions, "x,y,z,,parameter\n0,0,0,1,a\n", "x, y, z, parameter"),
-        (read_positions, "x,y,z,Parameters\n0,0,0,a\n", "x, y, z, parameter"),
+        (read_dof_list, "name,dof\na,5\nb,3\n", "dof, parameter, bolt, x, y, z"),
+        (read_positions, "x,y,z,,parameter\n0,0,0,1,a\n", "x, y, z, parameter, bolt"),
+        (read_positions, "x,y,z,Parameters\n0,0,0,a\n", "x, y, z, parameter, bolt"),
     ],
 )
 def test_columns_that_would_not_be_used_are_refused(tmp_path, reader, text, known):

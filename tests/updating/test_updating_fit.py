@@ -31,7 +31,7 @@ class Case:
         self.parameters = Parameterisation((line_group(VALUES, damping=values),))
         size = self.parameters.size
         places = np.array([[0.01, b, 0.0] for b in bolts])
-        self.shapes = node_shapes(self.parameters, STD) if values else bolt_shapes(self.parameters, places, STD)
+        self.shapes = node_shapes(self.parameters, STD) if values else bolt_shapes(self.parameters, places)
         self.prior = self.parameters.initial
         self.model = LinearModel(strength * self.rng.normal(size=(LINES, RESPONSES, size)), self.parameters)
         self.J = (self.model.A @ self.shapes.T).reshape(-1, self.shapes.T.shape[1])

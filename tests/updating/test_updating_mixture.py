@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -38,6 +39,7 @@ class Toy:
             np.tile([-9.0, 9.0], (size, 1)),
             np.arange(self.further, size),
             [(i, i + 1) for i in range(BOLTS - 1)],
+            np.zeros(BOLTS, dtype=bool),
             np.full(size, 0.1),
             np.full(size, 0.5),
         )
@@ -124,7 +126,7 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
         own, slope = np.sinh(z), np.cosh(z)
         return toy.r0 + toy.J @ own, toy.J * slope
 
-    bent = MixtureProblem(bend, linear.variance, linear.bounds, linear.bolts, linear.neighbours, linear.mean, linear.std)
+    bent = MixtureProblem(bend, linear.variance, linear.bounds, linear.bolts, linear.neighbours, linear.joint, linear.mean, linear.std)
     found = sample_changes(bent, np.zeros(2 + BOLTS))
     assert found.mean[3] == pytest.approx(np.arcsinh(-1.0), abs=0.15)
     assert found.below(-0.3)[3] > 0.99
@@ -142,7 +144,7 @@ def test_a_state_answers_for_its_own_errors_only() -> None:
 
     def problem(data, about=None):
         one = np.ones(1)
-        return MixtureProblem(data, 1.0, np.array([[-9.0, 9.0]]), np.array([0]), [], 0 * one, one, about)
+        return MixtureProblem(data, 1.0, np.array([[-9.0, 9.0]]), np.array([0]), [], np.zeros(1, dtype=bool), 0 * one, one, about)
 
     fixed = sample_changes(problem(about(np.array([truth]))[0]), np.array([truth]))
     own = sample_changes(problem(about(np.array([truth]))[0], about), np.array([truth]))
@@ -151,14 +153,15 @@ def test_a_state_answers_for_its_own_errors_only() -> None:
     assert own.below(-0.3)[0] > 0.95
 
 
-def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
+@pytest.mark.parametrize("joint", [[False] * 5, [True] * 5, [False, False, True, True, False]])
+def test_changes_of_low_rank_are_what_a_fresh_start_gives(joint: list[bool]) -> None:
     rng = np.random.default_rng(3)
     J = rng.normal(size=(12, 5))
     A, b = J.T @ J, rng.normal(size=5)
-    pairs = [(0, 1), (1, 2), (3, 4)]
+    pairs, joints = [(0, 1), (1, 2), (3, 4)], np.array(joint)
 
     def evidence(loose: np.ndarray) -> float:
-        precision, mean = PRIOR.of(loose, adjacency(5, pairs))
+        precision, mean = PRIOR.of(loose, adjacency(pairs, joints), joints)
         H, h = A + np.diag(precision), b + precision * mean
         return float(
             0.5 * h @ np.linalg.solve(H, h)
@@ -168,7 +171,7 @@ def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
             + loose.sum() * PRIOR.log_odds
         )
 
-    score = KindScore(A, b, PRIOR, np.array([True, False, False, True, False]), pairs)
+    score = KindScore(A, b, PRIOR, np.array([True, False, False, True, False]), pairs, joints)
     for i in rng.integers(5, size=30):
         before = score.loose.copy()
         gains, means, stds = score.flips()
@@ -176,7 +179,7 @@ def test_changes_of_low_rank_are_what_a_fresh_start_gives() -> None:
             flipped = before.copy()
             flipped[k] = not flipped[k]
             assert gains[k] == pytest.approx(evidence(flipped) - evidence(before), abs=1e-8)
-            fresh = KindScore(A, b, PRIOR, flipped, pairs)
+            fresh = KindScore(A, b, PRIOR, flipped, pairs, joints)
             own, other = int(before[k]), int(flipped[k])
             assert means[k, other] == pytest.approx(fresh.mean[k], abs=1e-10)
             assert stds[k, other] == pytest.approx(np.sqrt(fresh.covariance[k, k]), abs=1e-10)
@@ -200,6 +203,8 @@ def test_neighbours_follow_the_edge() -> None:
     """Not the list of bolts, nor one edge into the next."""
     parameters = Parameterisation((line_group(12),))
     bolts = np.array([[0.01, y, 0.0] for y in (0.9, 0.1, 0.5, 0.3)])
-    assert neighbours(parameters, bolts, range(4)) == [(1, 3), (3, 2), (2, 0)]
-    assert neighbours(parameters, bolts, [0, 1, 2]) == [(1, 2), (2, 0)]
-    assert (bolt_shapes(parameters, bolts, 0.35).bolts >= 0).all()
+    shapes = bolt_shapes(parameters, bolts)
+    assert (shapes.bolts >= 0).all()
+    assert neighbours(parameters, bolts, shapes) == [(1, 3), (3, 2), (2, 0)]
+    without = replace(shapes, bolts=np.where(np.arange(4) == 3, -1, shapes.bolts))
+    assert neighbours(parameters, bolts, without) == [(1, 2), (2, 0)]

@@ -1,5 +1,7 @@
 """The rows of the regularisation, and the prior that they draw to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,13 @@ def test_groups_are_not_tied_to_each_other():
 
 def test_a_single_parameter_has_no_neighbour():
     assert penalty_rows(Parameterisation((edge(1),)), value=0.0, slope=1.0).shape == (0, 1)
+
+
+def test_joints_are_alike_in_no_order():
+    """Independent of how they are listed, the level left to itself: weight times the sum of squares about the mean."""
+    group = replace(edge(5), bolt=np.arange(5))
+    rows = penalty_rows(Parameterisation((group,)), value=0.0, slope=2.0)
+    np.testing.assert_allclose(rows @ np.ones(5), 0.0, atol=1e-14)
+    values = np.random.default_rng(0).normal(size=5)
+    for order in (np.arange(5), np.array([3, 0, 4, 2, 1])):
+        assert np.sum((rows @ values[order]) ** 2) == pytest.approx(2.0 * 5 * np.var(values))

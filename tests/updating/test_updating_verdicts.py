@@ -7,7 +7,7 @@ import pytest
 
 from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule, Evidence, at_bolts
 from lrbc_cli.updating.decide import judge as decide
-from lrbc_cli.updating.verdicts import Edge, foot, pitch_of, places
+from lrbc_cli.updating.verdicts import Edge, Joints, foot, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)
 XYZ = np.column_stack([0 * Y, Y, 0 * Y])
@@ -218,3 +218,27 @@ class TestPlaces:
         assert pitch_of(BOLTS[:1]) == 0.0
         # One gap does not change the pitch.
         assert pitch_of(np.delete(BOLTS, 4, axis=0)) == pytest.approx(0.05)
+
+
+class TestJoints:
+    def test_a_bolt_is_judged_by_its_own_values_in_all_groups(self):
+        """Wherever it lies; values above saturation count as saturated."""
+        axial = Joints(np.array([0.0, -1.5, 6.0]), 5.0, np.zeros(3), np.array([2, 0, 1]))
+        rocking = Joints(np.array([-0.5, 0.0]), 5.0, np.zeros(2), np.array([0, -1]))
+        found = at_bolts([axial, rocking], ["A", "B", "C", "D"], np.arange(12.0).reshape(4, 3))
+        assert [bolt.outside for bolt in found] == [None, None, None, "no term belongs to it"]
+        assert [bolt.difference for bolt in found] == [-1.0, 5.0, 0.0, None]
+        assert [bolt.log10_stiffness for bolt in found] == [-1.0, 6.0, 0.0, None]
+
+    def test_without_a_tight_state_there_is_no_difference(self):
+        groups = [Joints(np.zeros(1), 5.0, np.zeros(1), np.array([0])), Joints(np.zeros(1), 5.0, None, np.array([0]))]
+        assert at_bolts(groups, ["A"], np.zeros((1, 3)))[0].difference is None
+
+    def test_edges_serve_the_bolts_that_own_nothing(self):
+        joint = Joints(np.array([-2.0]), 5.0, np.zeros(1), np.array([3]))
+        bolts = np.vstack([BOLTS[:3], [[9.0, 9.0, 9.0]], BOLTS[3:]])
+        names = [str(i) for i in range(len(bolts))]
+        found = at_bolts([joint, edge(profile(4.5, 2.0, (4,)), profile(4.5))], names, bolts)
+        alone = at_bolts([edge(profile(4.5, 2.0, (4,)), profile(4.5))], names[:-1], BOLTS)
+        assert found[3].difference == -2.0
+        assert [bolt.difference for bolt in (*found[:3], *found[4:])] == [bolt.difference for bolt in alone]

@@ -85,18 +85,17 @@ def changes_of(
         return data_by(Level(there, prior, shapes.T), there.carried(further, plain)), offset
 
     free = np.tile([-np.inf, np.inf], (further.shape[1], 1))
-    order = np.unique(shapes.bolts[shapes.bolts >= 0])
+    order, first = np.unique(shapes.bolts, return_index=True)
+    order, joint = order[order >= 0], shapes.joint[first[order >= 0]]
     place = {int(column): i for i, column in enumerate(order)}
-    pairs = [
-        (place[int(shapes.bolts[a])], place[int(shapes.bolts[b])])
-        for a, b in neighbours(parameters, bolts, [int(i) for i in np.flatnonzero(shapes.bolts >= 0)])
-    ]
+    pairs = [(place[int(shapes.bolts[a])], place[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
     problem = MixtureProblem(
         data_by(level, further),
         variance,
         np.vstack([level.bounds(parameters.bounds), free]),
         order,
         pairs,
+        joint,
         np.concatenate([np.zeros(count), mean]),
         np.concatenate([shapes.std, std]),
         None if error is None else about,

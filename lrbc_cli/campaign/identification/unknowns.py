@@ -45,8 +45,8 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
     # Other groups stand at their start values, or at their local stiffness while those are unknown.
     nominal = np.array(scale)
     for group in inputs.groups:
-        if group.config.initial != "auto":
-            nominal[group.terms] = 10.0**group.config.initial
+        if group.config.start is not None:
+            nominal[group.terms] = 10.0**group.config.start
     D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
     found: dict[str, Saturation] = {}
     groups = []
@@ -83,8 +83,8 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     else:
         assert limits is not None
         low, high = limits.lower, limits.upper
-    if config.initial != "auto":
-        start = float(config.initial)
+    if config.start is not None:
+        start = float(config.start)
         low, high = (min(low, start), max(high, start)) if config.bounds == "auto" else (low, high)
     else:
         assert limits is not None
@@ -104,6 +104,7 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
         damping,
         group.xyz,
         group.arc_length,
+        group.bolt,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
 from lrbc_cli.updating.levels import near_tie
-from lrbc_cli.updating.verdicts import Edge, Place
+from lrbc_cli.updating.verdicts import Edge, Joints, Spot
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -77,7 +78,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         along_edges=edges,
         bolts=bolts,
         missing_reference=update.reference if wanted and reference is None else None,
-        prior_std=update.prior_std,
+        prior_std=inputs.statistics.values.std,
         compared=compared,
         misfit_db=misfit,
         unvalidated=unvalidated,
@@ -171,29 +172,34 @@ def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Flo
 
 
 def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) -> tuple[bool, tuple[BoltEvidence, ...]]:
-    """Whether there are edges along which bolts can lie, and what is known of each bolt."""
+    """Whether there is stiffness that bolts own or can lie along, and what is known of each bolt."""
     if inputs.bolts is None:
         return False, ()
     names, xyz = inputs.bolts.name, inputs.bolts.xyz
-    edges, where = [], []
+    groups: list[Edge | Joints] = []
+    where: list[tuple[ParameterGroup, slice]] = []
     for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
-        if group.kind != "stiffness" or group.xyz is None or group.arc_length is None:
+        if group.kind != "stiffness":
             continue
-        log10 = effective(group, result.solution.theta[values])
+        log10, cap = effective(group, result.solution.theta[values]), result.saturations[group.name].start
         tight = _stored(reference, group, "log10_effective")
-        edges.append(Edge(group.xyz, group.arc_length, log10, result.saturations[group.name].start, tight))
+        if group.bolt is not None:
+            groups.append(Joints(log10, cap, tight, group.bolt))
+        elif group.xyz is not None and group.arc_length is not None:
+            groups.append(Edge(group.xyz, group.arc_length, log10, cap, tight))
+        else:
+            continue
         where.append((group, values))
-    if not edges:
+    if not groups:
         places = [(float(x), float(y), float(z)) for x, y, z in xyz]
         return False, tuple(BoltEvidence(name=name, position=position) for name, position in zip(names, places, strict=True))
     if reference is None or inputs.campaign.update.reference == result.name:
-        return True, at_bolts(edges, names, xyz)
+        return True, at_bolts(groups, names, xyz)
 
-    def change_of(bolt: int, place: Place, difference: float | None) -> Change | None:
-        group, values = where[place.edge]
-        return _change(result, bolt, place, difference, group, values, reference)
+    def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:
+        return _change(result, bolt, [(*where[i], at) for i, at in spot], difference, reference)
 
-    found = at_bolts(edges, names, xyz, change_of)
+    found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:
         inclusion = result.changes.inclusion
         at = [_sampled(result, i) for i in range(len(found))]
@@ -212,20 +218,16 @@ def _sampled(result: Identification, bolt: int) -> int | None:
     return int(at[0]) if at.size else None
 
 
-def _change(
-    result: Identification,
-    bolt: int,
-    place: Place,
-    difference: float | None,
-    group: ParameterGroup,
-    values: slice,
-    reference: JobRecord,
-) -> Change | None:
-    """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values near it."""
+#: Values of one group that speak for a bolt: the group, its values in theta, and which of them.
+Part = tuple[ParameterGroup, slice, NDArray[np.int64]]
+
+
+def _change(result: Identification, bolt: int, parts: Sequence[Part], difference: float | None, reference: JobRecord) -> Change | None:
+    """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values that speak for it."""
     knowledge = result.posterior
     column = int(knowledge.shapes.bolts[bolt]) if knowledge.shapes.by_bolt else -1
     if column >= 0:
-        excess, ceiling = _saturated(result, column, group, values, reference)
+        excess, ceiling = _saturated(result, column, parts, reference)
         at = _sampled(result, bolt)
         if result.changes is None or at is None:
             mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
@@ -241,33 +243,36 @@ def _change(
         )
     if difference is None:
         return None
-    p = result.solution.theta[values]
-    # Mean of log10(W 10^p) over the values near the bolt.
-    row = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[place.near].mean(axis=0)
+    theta, count = result.solution.theta, sum(chosen.size for _, _, chosen in parts)
+    # Mean of log10(W 10^p) over the values.
+    row = np.zeros(theta.size)
+    for group, values, chosen in parts:
+        p = theta[values]
+        row[values] = (group.value_jacobian(p) / (LN10 * group.values(p)[:, None]))[chosen].sum(axis=0) / count
     covariance = knowledge.boundary
     if result.against_reference:
         # Of the change, not of the value.
         covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
-    variance = float(row @ covariance[values, values] @ row)
+    variance = float(row @ covariance @ row)
     if not result.against_reference:
-        before = _stored(reference, group, "std")
-        variance += 0.0 if before is None else float(np.mean(before[place.near] ** 2))
+        stored = [(_stored(reference, group, "std"), chosen) for group, _, chosen in parts]
+        before = [std[chosen] for std, chosen in stored if std is not None]
+        variance += float(np.mean(np.concatenate(before) ** 2)) if before else 0.0
     return Change(mean=difference, std=float(np.sqrt(max(variance, 0.0))))
 
 
-def _saturated(
-    result: Identification, column: int, group: ParameterGroup, values: slice, reference: JobRecord
-) -> tuple[float, float | None]:
+def _saturated(result: Identification, column: int, parts: Sequence[Part], reference: JobRecord) -> tuple[float, float | None]:
     """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
 
-    How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too.
+    How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too. What lies
+    lowest tells: a joint with one kind of terms below saturation is felt.
     """
-    tight = _stored(reference, group, "log10_effective")
-    hat = result.posterior.shapes.T[values, column]
-    if tight is None or not hat.any():
-        return 0.0, None
-    above = float(hat @ tight / hat.sum()) - result.saturations[group.name].start
-    return max(above, 0.0), max(-above, 0.0)
+    above = []
+    for group, values, _ in parts:
+        tight, shape = _stored(reference, group, "log10_effective"), result.posterior.shapes.T[values, column]
+        if tight is not None and shape.any():
+            above.append(float(shape @ tight / shape.sum()) - result.saturations[group.name].start)
+    return (max(min(above), 0.0), max(-min(above), 0.0)) if above else (0.0, None)
 
 
 def remarks(result: Identification) -> list[str]:

@@ -96,6 +96,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
             *[group.xyz for group in inputs.groups if group.xyz is not None],
             # Which terms share a value: nothing else tells where terms have no positions.
             *[group.parameter for group in inputs.groups if group.count < group.parameter.size],
+            *[group.bolt for group in inputs.groups if group.bolt is not None],
         ),
         "bolts": digest(None if inputs.bolts is None else (inputs.bolts.name, inputs.bolts.xyz.tolist())),
         "settings": digest(inputs.method.digest, campaign.update.reference == name),

@@ -38,8 +38,9 @@ Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
-    """Unit of the identified values, where the component tells."""
-    component = group.config.select.component or ""
+    """Unit of the identified values, where the component tells; bushings have none: their values are ratios to the nominal ones."""
+    select = group.config.select
+    component = select.component or "" if select.bushings is None else ""
     base = {"stiffness": ("N m/rad", "N/m"), "damping": ("N m s/rad", "N s/m"), "mass": ("kg m²", "kg")}[group.config.kind]
     if component.startswith("ROT"):
         return base[0]
@@ -161,6 +162,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             "bounds": group.bounds[0],
             "positions": group.xyz,
             "arc_length": group.arc_length,
+            "bolts": _owners(inputs, group),
         }
         if group.name in result.saturations:
             limits = result.saturations[group.name]
@@ -233,6 +235,13 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
     }
 
 
+def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
+    """Name of the bolt that owns each value; None where no bolt owns any."""
+    if group.bolt is None or inputs.bolts is None:
+        return None
+    return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
+
+
 def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
     """Key and factors of the calibration in the model; None for the model as exported."""
     use = inputs.calibration
@@ -278,6 +287,7 @@ def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
         "log10_effective",
         "log10_per_metre",
         "log10_reference",
+        "bolt",
     ]
     rows = []
     for name, group in tree["parameters"].items():
@@ -298,6 +308,7 @@ def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
                     pick("log10_effective"),
                     pick("log10_per_metre"),
                     pick("reference_log10_effective"),
+                    pick("bolts"),
                 ]
             )
     return header, rows

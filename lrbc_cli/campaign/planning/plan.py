@@ -31,7 +31,7 @@ from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 from lrbc_cli.updating.verdicts import Edge, foot
 
 Floats = NDArray[np.float64]
@@ -139,7 +139,7 @@ def make_plan(
         "noise": {"sigma_db": noise.sigma, "correlation_factor": noise.factor, "source": origin},
         "change": change,
         "unknowns": by,
-        "prior_std": update.prior_std,
+        "prior_std": inputs.statistics.values.std,
         "confidence": update.confidence,
         "loose_change": threshold(inputs),
         "method": "rehearsed" if draws else "linearised",
@@ -241,20 +241,20 @@ def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tu
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
-    std, damping_std = inputs.campaign.update.prior_std, inputs.statistics.values.damping_std
+    values = inputs.statistics.values
     if by != "values" and inputs.bolts is not None:
-        found = bolt_shapes(parameters, inputs.bolts.xyz, std, damping_std)
+        found = bolt_shapes(parameters, inputs.bolts.xyz, values, inputs.statistics.bolts)
         if (found.bolts >= 0).any():
             return found, "bolts"
     if by == "bolts":
         raise ConfigError(
-            "there are no bolts along an edge",
+            "there are no bolts that own terms or lie along an edge",
             file=inputs.campaign.path,
             place="--by bolts",
-            expected="bolts: file, and a stiffness group with positions",
+            expected="bolts: file, and a stiffness group with positions, or a column `bolt` beside its terms",
             hint="use --by values",
         )
-    return node_shapes(parameters, std), "values"
+    return node_shapes(parameters, values.std), "values"
 
 
 def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: str) -> list[Target]:
@@ -276,13 +276,17 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
         return targets
     assert inputs.bolts is not None
     targets = []
-    for name, xyz, column in zip(inputs.bolts.name, inputs.bolts.xyz, shapes.bolts, strict=True):
+    own = joints_of(parameters, len(inputs.bolts.name))
+    for name, xyz, column, parts in zip(inputs.bolts.name, inputs.bolts.xyz, shapes.bolts, own, strict=True):
+        if parts:
+            targets.append(Target(name, xyz, ", ".join(parameters.groups[i].name for i in parts), None, int(column)))
+            continue
         feet = [
             (*foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz), group.name)
             for group, _ in groups
             if group.xyz is not None and group.arc_length is not None
         ]
-        at, _, owner = min(feet, key=lambda entry: entry[1])
+        at, _, owner = min(feet, key=lambda entry: entry[1], default=(None, 0.0, ""))
         targets.append(Target(name, xyz, owner, at, int(column)))
     return targets
 
@@ -298,7 +302,7 @@ def _unknowns(
     if by == "bolts":
         prior[:m, :m] = np.diag(1.0 / shapes.std**2)
     else:
-        rows = penalty_rows(parameters) / inputs.campaign.update.prior_std
+        rows = penalty_rows(parameters) / inputs.statistics.values.std
         prior[:m, :m] = rows.T @ rows
     prior[m:, m:] = np.diag([1.0 / extra.std**2 for extra in extras])
     return T, prior, np.vstack([parameters.bounds, np.array([extra.bounds for extra in extras]).reshape(-1, 2)])
@@ -311,7 +315,7 @@ def _words(state: str) -> str:
 
 def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]:
     """What figures assume that no rehearsal stands behind."""
-    update = inputs.campaign.update
+    update, std = inputs.campaign.update, inputs.statistics.values.std
     if by == "values":
         why = "values along the edges are not bolts that it judges"
     elif change > 0:
@@ -320,7 +324,7 @@ def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]
         why = "--draws 0" if draws < 1 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
-        f"normal prior of {update.prior_std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
+        f"normal prior of {std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
         "the model is right but for the noise, and nothing drifts but what update.nuisances names",
     ]
 

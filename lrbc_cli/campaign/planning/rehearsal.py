@@ -316,12 +316,12 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
     drifts = ", ".join(dict.fromkeys(kinds[extra.kind] for extra in rehearsal.extras))
-    mixture = mixes(rehearsal.inputs)
+    mixture, std = mixes(rehearsal.inputs), rehearsal.inputs.statistics.values.std
     reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [
         *reference,
         f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt",
-        f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {update.prior_std:g} decades'}; loose "
+        f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
         f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "
         f"{100 * update.confidence:g} %",
         f"a bolt alone loses {abs(setting.change):g} decades through its own shape, which reaches to its neighbours; tight ones scatter by "

@@ -15,22 +15,22 @@ from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import require_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
+from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup
 from lrbc_cli.campaign.reading.model_doubts import doubts
-from lrbc_cli.campaign.reading.places import extents, require_metres, require_near
+from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
-from lrbc_cli.campaign.reading.reader import ModelReader, Point
+from lrbc_cli.campaign.reading.reader import Point
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import GroupConfig, ProportionalDamping, ResponseConfig
+from lrbc_cli.config.structure import ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.tables import read_dof_table, read_points, read_positions
+from lrbc_cli.io.text.tables import read_dof_table
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
-from lrbc_cli.model.selection import arc_length, unit_columns
+from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
-from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
@@ -60,37 +60,6 @@ class Response:
     node: int | None
     direction: int | None
     text: str
-
-
-@dataclass(frozen=True)
-class TermGroup:
-    """The terms of one parameter group before start values and bounds are known.
-
-    Attributes
-    ----------
-    name : str
-    config : GroupConfig
-    terms, parameter : (m,) int arrays
-        Columns of the model's terms, and the parameter that scales each.
-    xyz : (k, 3) float array or None
-        Position of each parameter [m].
-    arc_length : (k,) float array or None
-    beta : float
-        Stiffness-proportional damping of the terms [s].
-    """
-
-    name: str
-    config: GroupConfig
-    terms: NDArray[np.int64]
-    parameter: NDArray[np.int64]
-    xyz: Floats | None
-    arc_length: Floats | None
-    beta: float
-
-    @property
-    def count(self) -> int:
-        """Number of parameters."""
-        return int(self.parameter.max()) + 1
 
 
 @dataclass(frozen=True)
@@ -146,7 +115,10 @@ class Inputs:
 
     def resolved(self, reference: bool) -> Method:
         """The same with a reference job, which a plan takes for granted, or without."""
-        return replace(resolve(self.campaign.update, Facts(reference, self.bolts is not None)), **self.by_hand)
+        return replace(
+            resolve(self.campaign.update, Facts(reference, self.bolts is not None, any(group.bolt is not None for group in self.groups))),
+            **self.by_hand,
+        )
 
     @property
     def statistics(self) -> StatisticalModel:
@@ -170,7 +142,7 @@ class Inputs:
         return np.setdiff1d(np.arange(len(self.responses)), self.used)
 
 
-class _Reader(ModelReader):
+class _Reader(GroupReader):
     """Parts of the model, each from its section of the campaign file."""
 
     shifts: NDArray[np.int64] | None = None
@@ -255,63 +227,6 @@ class _Reader(ModelReader):
         dof, text = self.pick(point, "responses", name)
         return unit_columns([dof], self.n, point.scale).T.tocsc(), self.point(dof), text, bool(acoustic[dof])
 
-    def group(self, name: str, config: GroupConfig, first: int) -> tuple[TermGroup, sp.csc_array, sp.csc_array]:
-        select = config.select
-        names: tuple[str, ...] | None = None
-        xyz: Floats | None = None
-        if select.vectors is not None or select.left is not None:
-            left = self.vectors(select.vectors or select.left, f"parameters.{name}")  # type: ignore[arg-type]
-            right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
-            assert select.positions is not None
-            positions = read_positions(select.positions)
-            self.table(select.positions)
-            if self.dofs is not None:
-                places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
-                require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
-            if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
-                raise DataError(
-                    f"vectors and positions of {name} do not fit",
-                    file=select.positions,
-                    expected=f"{left.shape[1]} terms in all files",
-                    found=f"{right.shape[1]} right vectors, {positions.xyz.shape[0]} positions",
-                )
-            empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
-            if empty.size:
-                raise DataError(f"vector {empty[0]} of {name} is empty", file=(select.vectors or select.left).path)  # type: ignore[union-attr]
-            xyz, names = positions.xyz, positions.parameter
-        else:
-            listed = self.term_dofs(name, config)
-            left = right = unit_columns(listed.dof, self.n)
-            xyz, names = listed.xyz, listed.parameter
-        m = left.shape[1]
-        if names is None:
-            parameter = np.arange(m)
-        else:
-            order = {label: i for i, label in enumerate(dict.fromkeys(names))}
-            parameter = np.array([order[label] for label in names])
-        count = int(parameter.max()) + 1
-        if xyz is not None:
-            xyz = np.stack([xyz[parameter == k].mean(axis=0) for k in range(count)])
-        damping = self.campaign.model.damping
-        beta = damping.structure.beta if isinstance(damping, ProportionalDamping) else 0.0
-        if config.damping is not None:
-            beta = config.damping.beta if config.damping.beta is not None else beta
-            if beta <= 0:
-                raise self.campaign.error(
-                    "damping tied to stiffness needs a coefficient beta",
-                    "parameters",
-                    name,
-                    "damping",
-                    expected="beta: seconds, for instance 1e-6",
-                    found="no beta here, and no model.damping.structure.beta",
-                )
-        group = TermGroup(name, config, np.arange(first, first + m), parameter, xyz, arc_length(xyz) if xyz is not None else None, beta)
-        self.notes.append(
-            f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
-            + (f", {group.arc_length[-1]:.3f} m along the edge" if group.arc_length is not None and count > 1 else "")
-        )
-        return group, left, right
-
 
 def read_as_exported(campaign: Campaign) -> Inputs:
     """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
@@ -337,9 +252,10 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     C = _damping(reader, K, M, acoustic)
     B, points = reader.loads()
     L, responses = reader.outputs(acoustic)
-    groups, terms = _terms(reader)
+    reader.read_bolts()
+    found, terms = reader.terms()
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
-    bolts = _bolts(reader, groups)
+    bolts, groups = reader.owned(found)
     reader.notes += require_edges(campaign, groups, bolts)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
@@ -406,33 +322,6 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
     return reader.matrix(damping, "damping", reader.n)
-
-
-def _terms(reader: _Reader) -> tuple[list[TermGroup], LowRankTerms]:
-    groups, lefts, rights = [], [], []
-    first = 0
-    for name, config in reader.campaign.parameters.items():
-        group, left, right = reader.group(name, config, first)
-        first += left.shape[1]
-        groups.append(group)
-        lefts.append(left)
-        rights.append(right)
-    power = np.concatenate([np.full(g.terms.size, KIND_POWER[g.config.kind]) for g in groups])
-    baseline = np.concatenate([np.full(g.terms.size, g.config.baseline) for g in groups])
-    return groups, LowRankTerms(sp.hstack(lefts, format="csc"), sp.hstack(rights, format="csc"), power, baseline)
-
-
-def _bolts(reader: _Reader, groups: list[TermGroup]) -> PointTable | None:
-    file = reader.campaign.bolts
-    if file is None:
-        return None
-    bolts = read_points(file)
-    reader.table(file)
-    known = [reader.dofs.xyz] if reader.dofs else [group.xyz for group in groups if group.xyz is not None]
-    if known:
-        names = [f"bolt {name}" for name in bolts.name]
-        require_near(bolts.xyz, names, np.concatenate(known), file=file, known=reader.dofs is not None)
-    return bolts
 
 
 __all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]

@@ -17,7 +17,7 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
 
 Point = tuple[int | None, int | None]
@@ -40,6 +40,7 @@ class ModelReader:
         self.warnings: list[str] = []
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
+        self.bolts: PointTable | None = None
         self.n = 0
 
     def hash(self, path: Path) -> None:
@@ -102,7 +103,7 @@ class ModelReader:
 
     def listed(self, path: Path) -> DofList:
         """The DOFs of a list; its coordinates are those of the terms where there is no DOF table."""
-        found = read_dof_list(path)
+        found = read_dof_list(path, None if self.bolts is None else self.bolts.name)
         self.table(path)
         dofs = found.dof
         if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
@@ -125,7 +126,7 @@ class ModelReader:
                     found=f"{found.xyz[wrong[0]].tolist()} ({wrong.size} such lines)",
                     hint="export both from one model, or remove the columns x, y and z",
                 )
-        return DofList(dofs, found.parameter, own)
+        return DofList(dofs, found.parameter, own, found.bolt)
 
     def term_dofs(self, name: str, config: GroupConfig) -> DofList:
         """The DOFs of the terms of a group, with their places where they are known."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,10 +27,13 @@ class Positions:
         Coordinates in metres.
     parameter : tuple of str or None
         Name of the parameter of each term; terms with equal names share one. None without such a column.
+    bolt : tuple of str or None
+        Bolt that each term belongs to, empty where to none. None without such a column.
     """
 
     xyz: NDArray[np.float64]
     parameter: tuple[str, ...] | None = None
+    bolt: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,14 @@ class DofList:
         Name of the parameter of each term; terms with equal names share one. None without such a column.
     xyz : (m, 3) float array or None
         Coordinates in metres; None without such columns.
+    bolt : tuple of str or None
+        Bolt that each term belongs to, empty where to none. None without such a column.
     """
 
     dof: NDArray[np.int64]
     parameter: tuple[str, ...] | None = None
     xyz: NDArray[np.float64] | None = None
+    bolt: tuple[str, ...] | None = None
 
 
 #: Coordinates closer than this are one place [m]: no two bolts, and no rounding of a table, are that close.
@@ -60,7 +66,9 @@ ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class _Table:
+class Table:
+    """Cells of a table, and the line of the file that each row stands in."""
+
     path: Path
     columns: dict[str, int]
     rows: list[list[str]]
@@ -101,6 +109,7 @@ class _Table:
     def error(
         self, index: int, name: str, expected: str, found: object, problem: str = "a value is wrong", hint: str | None = None
     ) -> DataError:
+        """What is wrong in one cell."""
         place = f"line {self.lines[index]}, column {name!r}"
         return DataError(problem, file=self.path, place=place, expected=expected, found=repr(found), hint=hint)
 
@@ -112,6 +121,23 @@ class _Table:
         for index, cell in enumerate(names):
             if not cell:
                 raise self.error(index, name, "a name or number in every line", cell)
+        return names
+
+    def owners(self, known: Collection[str] | None) -> tuple[str, ...] | None:
+        """Bolt of each line, empty where it names none; None without such a column; ``known`` are those of the bolts file."""
+        if "bolt" not in self.columns:
+            return None
+        names = tuple(self.text("bolt"))
+        for index, name in enumerate(names):
+            if name and known is not None and name not in known:
+                raise self.error(
+                    index,
+                    "bolt",
+                    f"one of {listing(list(known))}",
+                    name,
+                    "this bolt is unknown",
+                    "correct the name, or add the bolt to the bolts file",
+                )
         return names
 
     def require_distinct(self, name: str, values: Sequence[object]) -> None:
@@ -135,7 +161,7 @@ def read_dof_table(path: Path) -> DofTable:
         With the line number, if a column is missing or unknown, a value is wrong, missing or double, two DOFs have one node and
         component, or one node of a field lies at two places.
     """
-    table = _read(path, ("dof", "node", "component", "x", "y", "z"))
+    table = read_table(path, ("dof", "node", "component", "x", "y", "z"))
     dof = table.integers("dof")
     n = dof.size
     order = np.full(n, -1, dtype=np.int64)
@@ -158,7 +184,7 @@ def read_dof_table(path: Path) -> DofTable:
     return DofTable(node=node[order], component=labels[order], xyz=xyz[order])
 
 
-def _require_one_dof(table: _Table, node: NDArray[np.int64], labels: NDArray[np.str_]) -> None:
+def _require_one_dof(table: Table, node: NDArray[np.int64], labels: NDArray[np.str_]) -> None:
     """Refuse two DOFs of one node and component: whatever is asked for there could be either."""
     _, number = np.unique(labels, return_inverse=True)
     order = np.lexsort((number, node))
@@ -175,7 +201,7 @@ def _require_one_dof(table: _Table, node: NDArray[np.int64], labels: NDArray[np.
         )
 
 
-def _require_one_place(table: _Table, rows: NDArray[np.int64], node: NDArray[np.int64], xyz: NDArray[np.float64]) -> None:
+def _require_one_place(table: Table, rows: NDArray[np.int64], node: NDArray[np.int64], xyz: NDArray[np.float64]) -> None:
     """Refuse a node that lies at two places."""
     order = rows[np.argsort(node[rows], kind="stable")]
     same = np.flatnonzero(np.diff(node[order]) == 0)
@@ -207,7 +233,7 @@ def read_points(path: Path) -> PointTable:
     DataError
         With the line number, if a column is missing or unknown, a value is wrong, or a name or place is double.
     """
-    table = _read(path, ("name", "x", "y", "z"))
+    table = read_table(path, ("name", "x", "y", "z"))
     names = table.text("name")
     for index, name in enumerate(names):
         if not name:
@@ -228,15 +254,15 @@ def read_points(path: Path) -> PointTable:
     return PointTable(name=tuple(names), xyz=xyz)
 
 
-def read_dof_list(path: Path) -> DofList:
-    """Read the DOFs of terms, in the table's order: column ``dof`` (0-based) and, where wanted, ``parameter`` and ``x, y, z``.
+def read_dof_list(path: Path, bolts: Collection[str] | None = None) -> DofList:
+    """Read the DOFs of terms, in the table's order: column ``dof`` (0-based) and, where wanted, ``parameter``, ``bolt`` and ``x, y, z``.
 
     Raises
     ------
     DataError
-        With the line number, if the column is missing or another unknown, or a value is wrong or double.
+        With the line number, if the column is missing or another unknown, a value is wrong or double, or a bolt is none of ``bolts``.
     """
-    table = _read(path, ("dof",), ("parameter", "x", "y", "z"))
+    table = read_table(path, ("dof",), ("parameter", "bolt", "x", "y", "z"))
     dof = table.integers("dof")
     for index, value in enumerate(dof.tolist()):
         if value < 0:
@@ -245,22 +271,23 @@ def read_dof_list(path: Path) -> DofList:
     axes = [axis for axis in "xyz" if axis in table.columns]
     if axes and len(axes) < 3:
         raise DataError("coordinates need three columns", file=path, expected="x, y and z, or none of them", found=listing(axes))
-    return DofList(dof, table.names("parameter"), table.floats("x", "y", "z") if axes else None)
+    return DofList(dof, table.names("parameter"), table.floats("x", "y", "z") if axes else None, table.owners(bolts))
 
 
-def read_positions(path: Path) -> Positions:
-    """Read positions of terms: columns ``x, y, z`` and, where terms share a parameter, ``parameter``.
+def read_positions(path: Path, bolts: Collection[str] | None = None) -> Positions:
+    """Read positions of terms: columns ``x, y, z``, ``parameter`` where terms share one, ``bolt`` where they belong to one.
 
     Raises
     ------
     DataError
-        With the line number, if a column is missing or unknown, or a value is wrong.
+        With the line number, if a column is missing or unknown, a value is wrong, or a bolt is none of ``bolts``.
     """
-    table = _read(path, ("x", "y", "z"), ("parameter",))
-    return Positions(xyz=table.floats("x", "y", "z"), parameter=table.names("parameter"))
+    table = read_table(path, ("x", "y", "z"), ("parameter", "bolt"))
+    return Positions(xyz=table.floats("x", "y", "z"), parameter=table.names("parameter"), bolt=table.owners(bolts))
 
 
-def _read(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -> _Table:
+def read_table(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -> Table:
+    """Read a table with a header; columns that are neither needed nor among the further ones are refused."""
     require_file(path)
     numbered = [(number, line) for number, line in enumerate(read_lines(path), start=1) if line.strip() and line.lstrip()[0] != "#"]
     if not numbered:
@@ -305,7 +332,7 @@ def _read(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -> _Ta
         lines.append(number)
     if not rows:
         raise DataError("the table has a header but no lines", file=path, place=place, expected="lines of data", found="none")
-    return _Table(path, {name: position for position, name in enumerate(header)}, rows, lines)
+    return Table(path, {name: position for position, name in enumerate(header)}, rows, lines)
 
 
 def _cells(line: str, delimiter: str, path: Path, number: int) -> list[str]:

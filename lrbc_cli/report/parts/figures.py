@@ -77,7 +77,7 @@ def profile_scales(jobs: Sequence[JobRecord]) -> dict[str, tuple[float, float]]:
 
 
 def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Chart | None:
-    """Return the identified profile of each group along its edge, bolts marked below (paper, Fig. 6); None without groups."""
+    """Return the identified profile of each group along its edge, bolts marked below (paper, Fig. 6), or its joints; None without any."""
     groups = {name: group for name, group in job.parameters.items() if len(group.log10)}
     if not groups:
         return None
@@ -88,8 +88,11 @@ def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Cha
         else tuple(bolt if bolt.outside else bolt.model_copy(update={"verdict": "undecided"}) for bolt in job.bolts)
     )
     several = [*groups.values()]
+    titles = {name: name if len(several) > 1 else group.kind for name, group in groups.items()}
     panels = tuple(
-        _profile_panel(group, bolts_of(group, several, bolts), scales[name], name if len(several) > 1 else group.kind)
+        _profile_panel(group, bolts_of(group, several, bolts), scales[name], titles[name])
+        if group.bolts is None
+        else _joint_panel(group, group.bolts, bolts, scales[name], titles[name])
         for name, group in groups.items()
     )
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
@@ -131,6 +134,39 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
     y = decade_axis(f"{title}{unit}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
     return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
+
+
+def _joint_panel(group: Parameter, owners: Sequence[str | None], bolts: Sequence[Bolt], scale: tuple[float, float], title: str) -> Panel:
+    """Values of joints, a bar each: they lie along no edge."""
+    count, known = len(owners), {bolt.name: bolt for bolt in bolts}
+    verdicts = [None if name is None or name not in known else known[name].verdict for name in owners]
+    left, right = np.arange(count) - 0.38, np.arange(count) + 0.38
+    items: list[Item] = []
+    for verdict, role, label in (("loose", "loose", "judged loose"), ("undecided", "undecided", "undecided")):
+        chosen = np.flatnonzero([found == verdict for found in verdicts])
+        if chosen.size:
+            items.append(Span(role, np.column_stack([chosen - 0.5, chosen + 0.5]), label))
+    bottom, top = scale[0] - 0.13 * (scale[1] - scale[0]), scale[1] + 0.04 * (scale[1] - scale[0])
+    if group.lower95 is not None and group.upper95 is not None:
+        low, high = (np.where(np.isfinite(side), side, edge) for side, edge in ((group.lower95, bottom), (group.upper95, top)))
+        items += [
+            Area("band", np.array([left[k], right[k]]), np.full(2, low[k]), np.full(2, high[k]), "" if k else "95 % interval")
+            for k in range(count)
+        ]
+    nothing = np.full(count, np.nan)
+    bars = np.column_stack([left, right, nothing]).ravel()
+    drawn = [("initial", "initial", group.initial), ("reference", "reference job", group.reference_log10_effective)]
+    for role, label, values in (*drawn, ("identified", "identified", group.log10_effective)):
+        if values is not None:
+            items.append(Curve(role, bars, np.column_stack([values, values, nothing]).ravel(), label))
+    removed = [k for k, name in enumerate(owners) if name is not None and name in known and known[name].removed]
+    if removed:
+        items.append(Marks("removed", np.array(removed, dtype=float), None, "bolt removed", 0.055, tuple(str(owners[k]) for k in removed)))
+    every = max(1, int(np.ceil(count * max(len(name or "") for name in owners) / 60)))
+    names = tuple((float(k), name or "") for k, name in enumerate(owners) if k % every == 0)
+    y = decade_axis(f"{title}{f' [{group.unit}]' if group.unit else ''}", bottom, top)
+    y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
+    return Panel(Axis("bolt", -0.6, count - 0.4, names), y, tuple(items))
 
 
 def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:

@@ -90,7 +90,8 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     items += words
     every = max(1, int(np.ceil((_GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
     ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
-    x_axis = Axis("bolts in order along the edge" if edges and len(names) > 1 else "", 0.0, count, ticks)
+    along = any(group.arc_length is not None for job in shown for group in job.parameters.values())
+    x_axis = Axis("" if len(names) < 2 else "bolts in order along the edge" if along else "bolts", 0.0, count, ticks)
     y_axis = Axis("", float(len(shown)), 0.0, tuple((row + 0.5, label) for row, label in enumerate(labels)))
     alt = " ".join(
         f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
@@ -145,12 +146,16 @@ def _outlines(boxes: Floats) -> tuple[Floats, Floats]:
 
 
 def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
-    """Return the edges seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
+    """Return edges and joints seen from where they spread most, each bolt coloured by its probability of being loose; None without places.
 
     Maps of several jobs (``among``) share one scale of colours in their legends.
     """
     bolts = [bolt for bolt in job.bolts if np.isfinite(bolt.position).all()]
-    lines = [group.positions for group in job.parameters.values() if group.positions is not None and len(group.positions)]
+    lines = [
+        group.positions
+        for group in job.parameters.values()
+        if group.positions is not None and group.arc_length is not None and len(group.positions)
+    ]
     if not bolts:
         return None
     points = np.concatenate([*lines, np.array([bolt.position for bolt in bolts])])

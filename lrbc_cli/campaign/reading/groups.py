@@ -1,0 +1,212 @@
+"""The parameter groups of a campaign: their terms, from DOFs, vectors or springs, and the bolts that own them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
+from lrbc_cli.campaign.reading.places import require_near
+from lrbc_cli.campaign.reading.reader import ModelReader
+from lrbc_cli.config.structure import GroupConfig, ProportionalDamping
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.text.bushings import read_bushings
+from lrbc_cli.io.text.tables import Positions, read_points, read_positions
+from lrbc_cli.model.dofs import PointTable
+from lrbc_cli.model.selection import arc_length, unit_columns
+from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TermGroup:
+    """The terms of one parameter group before start values and bounds are known.
+
+    Attributes
+    ----------
+    name : str
+    config : GroupConfig
+    terms, parameter : (m,) int arrays
+        Columns of the model's terms, and the parameter that scales each.
+    xyz : (k, 3) float array or None
+        Position of each parameter [m].
+    arc_length : (k,) float array or None
+        None of joints, which lie along no edge.
+    beta : float
+        Stiffness-proportional damping of the terms [s].
+    bolt : (k,) int array or None
+        Bolt that owns each parameter, -1 where none does; None where no bolt owns any.
+    """
+
+    name: str
+    config: GroupConfig
+    terms: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    xyz: Floats | None
+    arc_length: Floats | None
+    beta: float
+    bolt: NDArray[np.int64] | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of parameters."""
+        return int(self.parameter.max()) + 1
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A group with its vectors, the bolt of each parameter by name, and whether all terms go to ground."""
+
+    group: TermGroup
+    left: sp.csc_array
+    right: sp.csc_array
+    bolt: tuple[str, ...] | None
+    ground: bool | None
+
+
+class GroupReader(ModelReader):
+    """Reads the bolts and the parameter groups."""
+
+    def terms(self) -> tuple[list[Terms], LowRankTerms]:
+        """All groups."""
+        found: list[Terms] = []
+        first = 0
+        for name, config in self.campaign.parameters.items():
+            found.append(self.group(name, config, first))
+            first += found[-1].left.shape[1]
+        power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
+        baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
+        left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
+        return found, LowRankTerms(left, right, power, baseline)
+
+    def read_bolts(self) -> None:
+        """Read the bolts file, where there is one."""
+        file = self.campaign.bolts
+        if file is not None:
+            self.bolts = read_points(file)
+            self.table(file)
+
+    def owned(self, found: list[Terms]) -> tuple[PointTable | None, list[TermGroup]]:
+        """The bolts of the file, or those that terms name; and the groups with the bolts that own their parameters."""
+        bolts, file = self.bolts, self.campaign.bolts
+        if bolts is None or file is None:
+            bolts = bolts_of_terms([(f.group.name, f.bolt, f.group.xyz) for f in found])
+        else:
+            known = [self.dofs.xyz] if self.dofs else [f.group.xyz for f in found if f.group.xyz is not None]
+            if known:
+                names = [f"bolt {name}" for name in bolts.name]
+                require_near(bolts.xyz, names, np.concatenate(known), file=file, known=self.dofs is not None)
+        owned = [f for f in found if f.bolt is not None]
+        if bolts is None or not owned:
+            return bolts, [f.group for f in found]
+        ground = {f.ground for f in owned}
+        self.notes += joint_notes(bolts, [(f.group.name, f.bolt or ()) for f in owned], ground.pop() if len(ground) == 1 else None)
+        index = {name: b for b, name in enumerate(bolts.name)} | {"": -1}
+        at = [None if f.bolt is None else np.array([index[name] for name in f.bolt], dtype=np.int64) for f in found]
+        return bolts, [replace(f.group, bolt=bolt) for f, bolt in zip(found, at, strict=True)]
+
+    def group(self, name: str, config: GroupConfig, first: int) -> Terms:
+        """The terms of one group, from column ``first`` of the model's."""
+        select, known = config.select, None if self.bolts is None else self.bolts.name
+        ground: bool | None = None
+        xyz: Floats | None
+        file = select.positions or select.dofs or select.bushings
+        if select.vectors is not None or select.left is not None:
+            left, right, positions = self._vectors(name, config)
+            xyz, labels, bolts = positions.xyz, positions.parameter, positions.bolt
+        elif select.bushings is not None:
+            left, xyz, bolts, ground = self._bushings(name, select.bushings, select.component)
+            right, labels = left, None
+        else:
+            listed = self.term_dofs(name, config)
+            left = right = unit_columns(listed.dof, self.n)
+            xyz, labels, bolts, ground = listed.xyz, listed.parameter, listed.bolt, True
+        m = left.shape[1]
+        own = owners(m, labels, bolts, known, file)
+        count = int(own.parameter.max()) + 1
+        if xyz is not None:
+            xyz = np.stack([xyz[own.parameter == k].mean(axis=0) for k in range(count)])
+        along = arc_length(xyz) if xyz is not None and own.bolt is None else None
+        if own.bolt is not None and config.smoothing is not None and sum(weight > 0 for weight in config.smoothing) > 1:
+            hint = "remove smoothing"
+            raise self.campaign.error("smoothing ties values of different bolts", "parameters", name, "smoothing", hint=hint)
+        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, self._beta(name, config))
+        self.notes.append(
+            f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
+            + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 else "")
+        )
+        return Terms(group, left, right, own.bolt, ground)
+
+    def _vectors(self, name: str, config: GroupConfig) -> tuple[sp.csc_array, sp.csc_array, Positions]:
+        """Left and right vectors of a group, and where they lie."""
+        select = config.select
+        first = select.vectors or select.left
+        assert first is not None
+        assert select.positions is not None
+        left = self.vectors(first, f"parameters.{name}")
+        right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
+        positions = read_positions(select.positions, None if self.bolts is None else self.bolts.name)
+        self.table(select.positions)
+        if self.dofs is not None:
+            places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
+            require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
+        if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
+            raise DataError(
+                f"vectors and positions of {name} do not fit",
+                file=select.positions,
+                expected=f"{left.shape[1]} terms in all files",
+                found=f"{right.shape[1]} right vectors, {positions.xyz.shape[0]} positions",
+            )
+        empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
+        if empty.size:
+            raise DataError(f"vector {empty[0]} of {name} is empty", file=first.path)
+        return left, right, positions
+
+    def _bushings(self, name: str, file: Path, component: str | None) -> tuple[sp.csc_array, Floats, tuple[str, ...], bool | None]:
+        """Vectors of springs, where they lie, their bolts, and whether all go to ground."""
+        keys = ("parameters", name, "select")
+        # The campaign file is refused where it has bushings and no DOF table.
+        assert self.dofs is not None
+        table = read_bushings(file, None if self.bolts is None else self.bolts.name)
+        self.table(file)
+        if component is not None:
+            if component not in table.component:
+                raise self.campaign.error(
+                    "no bushing has this component",
+                    *keys,
+                    "component",
+                    expected=f"one of {', '.join(dict.fromkeys(table.component))}",
+                    found=component,
+                )
+            table = table.only(component)
+        vectors, places = bushing_vectors(table, self.dofs)
+        count, gap = apart(table, self.dofs)
+        if count:
+            self.warn(
+                f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm apart; it holds their "
+                "difference, also where both turn as one rigid piece: join nodes at one place, or export rigid arms to it"
+            )
+        grounded = {node is None for node in table.node_b}
+        return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
+
+    def _beta(self, name: str, config: GroupConfig) -> float:
+        """Stiffness-proportional damping of the terms of a group [s]."""
+        damping = self.campaign.model.damping
+        beta = damping.structure.beta if isinstance(damping, ProportionalDamping) else 0.0
+        if config.damping is not None:
+            beta = config.damping.beta if config.damping.beta is not None else beta
+            if beta <= 0:
+                raise self.campaign.error(
+                    "damping tied to stiffness needs a coefficient beta",
+                    "parameters",
+                    name,
+                    "damping",
+                    expected="beta: seconds, for instance 1e-6",
+                    found="no beta here, and no model.damping.structure.beta",
+                )
+        return beta

@@ -1,0 +1,197 @@
+"""Which bolt owns which parameter, and the vectors of springs between two nodes or to ground."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.text.bushings import COMPONENTS, BushingTable
+from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.selection import at_node
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Direction cosines below this are rounding of an axis.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Owners:
+    """The parameters of one group, and the bolts that own them.
+
+    Attributes
+    ----------
+    parameter : (m,) int array
+        Of each term.
+    bolt : (k,) tuple of str or None
+        Bolt of each parameter, empty where it has none; None where no bolt owns any.
+    """
+
+    parameter: Integers
+    bolt: tuple[str, ...] | None
+
+
+def owners(
+    count: int, parameter: Sequence[str] | None, bolt: Sequence[str] | None, known: Collection[str] | None, file: Path | None
+) -> Owners:
+    """Terms with one name of a parameter share it; where there are none, terms of one bolt do.
+
+    Parameters
+    ----------
+    count : int
+        Number of terms m.
+    parameter, bolt : (m,) sequences of str or None
+        Columns of a table.
+    known : collection of str or None
+        Names of the bolts file: without a column ``bolt``, parameters with such a name belong to that bolt.
+    file : Path or None
+        For messages.
+
+    Raises
+    ------
+    DataError
+        Where a parameter belongs to two bolts.
+    """
+    own = bolt if bolt is not None else [name if known and name in known else "" for name in parameter or [""] * count]
+    # No name has a blank at its end.
+    labels = parameter if parameter is not None else [name or f"{k} " for k, name in enumerate(own)]
+    order = {label: k for k, label in enumerate(dict.fromkeys(labels))}
+    found = np.array([order[label] for label in labels], dtype=np.int64)
+    names: dict[int, str] = {}
+    for term, k in enumerate(found.tolist()):
+        if names.setdefault(k, own[term]) != own[term]:
+            raise DataError(
+                f"the parameter {labels[term]} belongs to two bolts",
+                file=file,
+                place=f"term {term}",
+                expected=f"bolt {names[k] or '(none)'}, as for its other terms",
+                found=own[term] or "none",
+                hint="give parameters of two bolts two names",
+            )
+    return Owners(found, tuple(names[k] for k in range(len(order))) if any(own) else None)
+
+
+def bushing_vectors(table: BushingTable, dofs: DofTable) -> tuple[sp.csc_array, Floats]:
+    """Vectors b of springs, ``b bᵀ`` being the stiffness matrix of each, and where they lie.
+
+    Returns
+    -------
+    (n, m) csc_array
+        ``sqrt(stiffness)`` times node a less node b in the local direction.
+    (m, 3) float array
+        Middle of the two nodes, or the node [m].
+
+    Raises
+    ------
+    DataError
+        Where a node, or a component of it, does not exist.
+    """
+    rows: list[int] = []
+    columns: list[int] = []
+    values: list[float] = []
+    places = np.zeros((len(table.lines), 3))
+    for k, label in enumerate(table.component):
+        family, axis = divmod(COMPONENTS.index(label), 3)
+        direction, size = table.axes[k, axis], float(np.sqrt(table.stiffness[k]))
+        ends = [("node_a", int(table.node_a[k]), 1.0), ("node_b", table.node_b[k], -1.0)]
+        given = [(column, node, sign) for column, node, sign in ends if node is not None]
+        for column, node, sign in given:
+            for cosine, name in zip(direction, COMPONENTS[3 * family : 3 * family + 3], strict=True):
+                if abs(cosine) > ROUNDING:
+                    rows.append(_dof(table, dofs, k, column, node, name))
+                    columns.append(k)
+                    values.append(sign * size * float(cosine))
+            places[k] += dofs.xyz[np.flatnonzero((dofs.node == node) & ~dofs.is_acoustic)[0]] / len(given)
+    vectors = sp.csc_array((values, (rows, columns)), shape=(dofs.size, len(table.lines)))
+    return vectors, places
+
+
+def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, name: str) -> int:
+    """One DOF of a node."""
+    found = at_node(dofs, node, name)
+    if found.size == 1:
+        return int(found[0])
+    here = sorted(str(label) for label in dofs.component[(dofs.node == node) & ~dofs.is_acoustic])
+    line, own = f"line {table.lines[k]}", table.component[k]
+    if not here:
+        expected = "a structural node of the DOF table"
+        raise DataError(
+            f"node {node} does not exist", file=table.path, place=f"{line}, column {column!r}", expected=expected, found=f"node {node}"
+        )
+    raise DataError(
+        f"node {node} has no DOF {name}",
+        file=table.path,
+        place=f"{line}, column 'component'",
+        expected=f"one of {', '.join(here)}",
+        found=own if name == own else f"{own}, which acts along {name} there",
+        hint="a DOF that the export eliminated carries no spring: export it, or remove the line",
+    )
+
+
+def apart(table: BushingTable, dofs: DofTable) -> tuple[int, float]:
+    """Number of springs whose nodes lie apart, and the largest distance [m]."""
+    place = {int(node): dofs.xyz[at] for at, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[at]}
+    gaps = [
+        float(np.linalg.norm(place[int(a)] - place[b])) for a, b in zip(table.node_a.tolist(), table.node_b, strict=True) if b is not None
+    ]
+    least = 1e-6 * float(np.ptp(dofs.xyz, axis=0).max())
+    far = [gap for gap in gaps if gap > least]
+    return len(far), max(far, default=0.0)
+
+
+def bolts_of_terms(groups: Sequence[tuple[str, Sequence[str] | None, Floats | None]]) -> PointTable | None:
+    """The bolts that groups name, in their order, each in the middle of its parameters; None where there are none.
+
+    Parameters
+    ----------
+    groups : sequence of (str, (k,) sequence of str or None, (k, 3) float array or None)
+        Name, bolt of each parameter, and places.
+
+    Raises
+    ------
+    ConfigError
+        Where the place of a bolt is not known.
+    """
+    places: dict[str, list[Floats]] = {}
+    for _, bolts, xyz in groups:
+        for k, bolt in enumerate(bolts or ()):
+            if bolt:
+                places.setdefault(bolt, [])
+                places[bolt] += [] if xyz is None else [xyz[k]]
+    lost = [name for name, found in places.items() if not found]
+    if lost:
+        raise ConfigError(
+            f"nothing says where bolt {lost[0]} lies",
+            place="bolts",
+            expected="a bolts file, a DOF table, or columns x, y and z beside the terms",
+            hint="add `bolts: bolts.csv` with the columns name, x, y, z",
+        )
+    return PointTable(tuple(places), np.array([np.mean(found, axis=0) for found in places.values()])) if places else None
+
+
+def joint_notes(bolts: PointTable, owned: Sequence[tuple[str, Sequence[str]]], ground: bool | None) -> list[str]:
+    """What was found, for ``lrbc check``.
+
+    Parameters
+    ----------
+    bolts : PointTable
+    owned : sequence of (str, (k,) sequence of str)
+        Groups with owners.
+    ground : bool or None
+        Whether all springs go to ground (True), none does (False), or some do or it is not known (None).
+    """
+    names = {name for _, group in owned for name in group if name}
+    between = {True: ", to ground", False: ", between two nodes", None: ""}[ground]
+    count = f"{len(names)} bolt{'' if len(names) == 1 else 's'}, {len(owned)} group{'' if len(owned) == 1 else 's'}"
+    rest = [name for name in bolts.name if name not in names]
+    return [
+        f"joints: {count} ({', '.join(name for name, _ in owned)}){between}"
+        + (f"; {len(rest)} further bolts own no term ({', '.join(rest[:5])}{', …' if len(rest) > 5 else ''})" if rest else "")
+    ]

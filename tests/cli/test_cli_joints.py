@@ -1,0 +1,87 @@
+"""Discrete bolts from a table of springs to verdicts, by the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+from functools import partial
+from pathlib import Path
+
+import pytest
+from campaigns import Folder, command, environment
+from grillage import BOLTS, JOBS, grillage
+from shared import shared
+
+GROUPS = {
+    "axial": {"select": {"bushings": "data/bushings.csv", "component": "UZ"}},
+    "rocking": {"select": {"bushings": "data/rocking.csv"}},
+}
+
+
+def _make(path: Path) -> None:
+    folder = grillage(path)
+    rows = (folder.data / "bushings.csv").read_text().splitlines()
+    (folder.data / "rocking.csv").write_text("\n".join(row for row in rows if ",UZ," not in row) + "\n")
+    folder.write({**folder.tree(), "parameters": GROUPS})
+    line = [*command(), "update", str(folder.config), "--cache", str(folder.cache)]
+    done = subprocess.run(line, env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder() -> Folder:
+    return Folder(shared("joints", partial(_make)))
+
+
+@pytest.mark.parametrize("job", ["ring", "single"])
+def test_one_loosened_joint_is_found_and_the_others_are_tight(folder: Folder, job: str) -> None:
+    found = folder.result(job)
+    assert found["status"] == "converged"
+    assert {bolt["name"]: bolt["verdict"] for bolt in found["bolts"]} == {name: "loose" if name in JOBS[job] else "tight" for name in BOLTS}
+    for bolt in found["bolts"]:
+        # Tight bolts of both states scatter by 0.05 decades.
+        assert bolt["change"] == pytest.approx(JOBS[job].get(bolt["name"], 0.0), abs=0.3)
+        i, j = BOLTS[bolt["name"]]
+        assert bolt["position"] == pytest.approx([0.1 * i, 0.09 * j, 0.0])
+
+
+def test_values_name_their_bolts(folder: Folder) -> None:
+    for group in folder.result("single")["parameters"].values():
+        assert group["bolts"] == list(BOLTS)
+        assert group["arc_length"] is None
+        assert group["initial"] == [0.0] * 9
+        assert group["unit"] == ""
+    rows = list(csv.DictReader((folder.out / "single" / "profile.csv").read_text().splitlines()))
+    assert [(row["group"], row["bolt"]) for row in rows] == [(group, name) for group in GROUPS for name in BOLTS]
+
+
+def test_the_reference_state_is_about_nominal(folder: Folder) -> None:
+    for group in folder.result("tight")["parameters"].values():
+        assert max(abs(value) for value in group["log10"]) < 0.3
+
+
+def test_check_tells_the_joints_and_their_prior(folder: Folder) -> None:
+    text = folder.run("check").stdout
+    assert "joints: 9 bolts, 2 groups (axial, rocking), to ground" in text
+    assert "prior_std: 1 for joints, 0.35 along edges (nothing beside a joint" in text
+
+
+def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
+    copy = folder.copy(tmp_path / "copy")
+    assert copy.run("report").code == 0
+    for name in ("profile.png", "map.png"):
+        assert (copy.out / "single" / name).stat().st_size > 10_000
+
+
+def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
+    copy = folder.copy(tmp_path / "copy")
+    assert copy.run("plan", "--draws", "0").code == 0
+    plan = json.loads((copy.out / "plan.json").read_text())
+    assert {bolt["name"]: bolt["group"] for bolt in plan["bolts"]} == dict.fromkeys(BOLTS, "axial, rocking")
+    done = copy.run("rehearse", "--out", str(tmp_path / "rehearsed"), "--loose", "B9", "--depth", "1")
+    assert done.code == 0, done.stderr
+    drawn = json.loads((tmp_path / "rehearsed" / "rehearsal.json").read_text())
+    job = next(job for job in drawn["jobs"].values() if job["removed"] == ["B9"])
+    assert job["decades"]["B9"] == -1.0
+    assert len(job["decades"]) == 9
