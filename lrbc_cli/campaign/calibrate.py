@@ -14,11 +14,11 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.campaign.jobs.results import frf_rows, misfit_tree, write_campaign
-from lrbc_cli.campaign.reading.drift import nuisances_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import NumericalError

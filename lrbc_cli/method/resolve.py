@@ -17,6 +17,9 @@ from lrbc_cli.updating.decide import DecisionRule
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
+#: Why joints have a wider prior.
+JOINTS = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
+
 Approach = Literal["bolts", "paper"]
 Noise = Literal["coherence", "scatter", "none"]
 
@@ -169,8 +172,7 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
     reasons |= _comparison(mixture, relative)
     if by_bolts and facts.joints:
-        auto = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
-        reasons["prior_std"] = auto if update.prior_std == "auto" else "as given"
+        reasons["prior_std"] = JOINTS if update.prior_std == "auto" else "as given"
     return Method(
         approach=approach,
         regularisation=regularisation,

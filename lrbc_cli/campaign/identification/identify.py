@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.identification.weights import line_sigma
-from lrbc_cli.campaign.reading.drift import nuisances_of, stored_offsets
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError

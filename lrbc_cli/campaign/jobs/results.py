@@ -12,12 +12,12 @@ from lrbc_cli import __version__
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, mean_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
 from lrbc_cli.campaign.jobs.standing import rests_on
-from lrbc_cli.campaign.reading.drift import drift_tree
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import DataError
@@ -150,7 +150,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             "comparison": "relative" if result.relative else "direct",
         },
         "method": inputs.method.tree(),
-        "nuisances": drift_tree(campaign.update.nuisances, knowledge),
+        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
         "iterations": solution.iterations,
         "evaluations": solution.evaluations,
         "line_evaluations": result.line_evaluations,

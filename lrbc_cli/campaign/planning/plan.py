@@ -12,11 +12,11 @@ from typing import Any, Literal
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
 from lrbc_cli.campaign.jobs.results import calibration_tree
 from lrbc_cli.campaign.planning.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
 from lrbc_cli.campaign.planning.worth import Target, judged
-from lrbc_cli.campaign.reading.drift import nuisances_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values, parse_lines

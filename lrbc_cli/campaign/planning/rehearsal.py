@@ -17,12 +17,12 @@ from scipy.optimize import brentq
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.jobs.results import result_record
-from lrbc_cli.campaign.reading.drift import nuisances_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.config import JobConfig
