@@ -149,14 +149,13 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     approach, why = _approach(update, facts)
     by_bolts = approach == "bolts"
     reasons, warnings = {"approach": why}, list[str]()
-    regularisation: float | Literal["noise", "l-curve"] = "noise"
     given = update.regularisation
+    regularisation: float | Literal["noise", "l-curve"] = "noise" if by_bolts or given == "auto" else given
     if by_bolts:
         reasons["regularisation"] = "the weight of the prior follows the residuals"
         if given != "auto":
             warnings.append(f"update.regularisation: {given} is a weight of values along the edge, for approach: paper, and not used")
     else:
-        regularisation = "noise" if given == "auto" else given
         reasons["regularisation"] = "no weight is given: it follows the residuals" if given == "auto" else "as given"
     optimiser = "gauss-newton" if by_bolts else update.method
     reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs keeps to the nearest basin"
