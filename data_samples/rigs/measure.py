@@ -14,7 +14,7 @@ from lrbc_cli.virtual.drift import Scatter
 from rigs.design import Array, Design
 from rigs.reduced import Basis
 from rigs.truth import Air, Perturbations, Plate, Rig
-from rigs.uff import write_uff
+from rigs.uff import Header, write_uff
 
 # Lines of the measurement [Hz]: a little wider than the band that is used.
 FREQUENCIES: Array = np.arange(10.0, 411.0)
@@ -84,7 +84,8 @@ class Laboratory:
             drift = (scatter or Scatter()).draw(list(self.design.microphones), rng_drift)
             frfs = rig.frfs(factors, drift, FREQUENCIES)
             estimate, coherence = chain.measure(frfs, FREQUENCIES, rng_noise)
-            write_uff(folder / f"{job}.uff", self.design, job, chain.hits, FREQUENCIES, estimate, coherence)
+            header = Header(f"{self.design.title} {job}", chain.hits, dict.fromkeys(self.design.microphones, "hammer"))
+            write_uff(folder / f"{job}.uff", header, FREQUENCIES, estimate, coherence)
             documents[job] = {"removed": list(removed), "patch_factors": {name: round(value, 4) for name, value in factors.items()}}
             if scatter is not None:
                 documents[job] |= {"drift": drift.as_dict()}

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from threading import Thread
 from typing import Any
@@ -151,6 +151,32 @@ class PortFrf:
         E, F = self._split(D)
         w = self._solved(self.Hpp, E, F, self.Hp0)
         return self._respond(F, w)
+
+    def about(self, D: Complexes) -> PortFrf:
+        """The same with other reference values of the terms: what changes from there may be few terms, see ``among``.
+
+        ``Hpp' = (I + Hpp Delta)⁻¹ Hpp``, and likewise for the inputs and the responses.
+
+        Parameters
+        ----------
+        D : (F, nt) complex array, finite
+        """
+        E, F = self._split(D)
+        w = self._solved(self.Hpp, E, F, np.concatenate([self.Hp0, self.Hpp], axis=2))
+        n_in, moved = self.Hp0.shape[2], E[:, :, None] * w
+        y = (self.H0p * F[:, None, :]) @ w
+        H00 = self.H00 - y[:, np.arange(self.input_of.size), self.input_of]
+        return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=moved[:, :, :n_in], Hpp=moved[:, :, n_in:], D_ref=D)
+
+    def among(self, terms: NDArray[np.int64]) -> PortFrf:
+        """The same for some of the terms, the others staying at their reference values: the cost is that of so many terms."""
+        return replace(
+            self,
+            H0p=self.H0p[:, :, terms],
+            Hp0=self.Hp0[:, terms],
+            Hpp=self.Hpp[:, terms[:, None], terms],
+            D_ref=self.D_ref[:, terms],
+        )
 
     def drive(self, D: Complexes) -> tuple[Complexes, Complexes]:
         """FRFs, and the auxiliary inputs ``u = -Delta c^T x`` (6)-(8) that unit inputs cause through the terms.

@@ -6,7 +6,7 @@ moved yet, and the optimiser stays in that basin. A coarse profile moves the pea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
-from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
@@ -77,20 +76,60 @@ class Level:
         return np.array([[low[column].max(), high[column].min()] for column in inside.T])
 
 
+def _moved(parameters: Parameterisation) -> NDArray[np.bool_]:
+    """(size,) values of the stiffness groups; of all groups where there is none."""
+    moved = np.zeros(parameters.size, dtype=bool)
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        moved[values] = group.kind == "stiffness"
+    return moved if moved.any() else ~parameters.is_damping
+
+
 def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
     """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
 
     Where there is no stiffness group all groups are moved; in steps of at most ``step`` decades, ``most`` values at the most.
     """
-    parameters = misfit.model.parameters
-    moved = np.zeros(parameters.size, dtype=bool)
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
-        moved[values] = group.kind == "stiffness"
-    if not moved.any():
-        moved = ~parameters.is_damping
+    moved = _moved(misfit.model.parameters)
     width = bounds[:, 1] - bounds[:, 0]
     count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / step) + 1, 2, most))
     return [np.where(moved, bounds[:, 0] + fraction * width, theta) for fraction in np.linspace(0.0, 1.0, count)]
+
+
+def zoom(
+    objective: Objective, theta: Floats, bounds: Floats, direction: Floats, *, step: float = 0.125, least: float = 1e-4
+) -> Iterator[tuple[Floats, Evaluation]]:
+    """Compass search on the mean absolute difference, from steps that pass over many peaks down to such that stay between two lines.
+
+    Where lines lie further apart than a peak is wide, the cost has a valley wherever a peak lies between two lines; the mean difference
+    falls towards the truth all the same.
+
+    Parameters
+    ----------
+    objective : callable
+    theta : (size,) float array
+        Where to begin.
+    bounds : (size, 2) float array
+    direction : (size,) float array
+    step, least : float
+        First and last step along it, halved where neither way helps.
+
+    Yields
+    ------
+    (size,) float array, Evaluation
+        Every place that is tried; the last one that lowers the mean difference is the best.
+    """
+    value = objective(theta)
+    yield theta, value
+    while step >= least:
+        for way in (step, -step):
+            trial = np.clip(theta + way * direction, *bounds.T)
+            found = objective(trial)
+            yield trial, found
+            if found.misfit_db < value.misfit_db:
+                theta, value = trial, found
+                break
+        else:
+            step *= 0.5
 
 
 def gauss_newton_by_levels(
@@ -149,6 +188,14 @@ def gauss_newton_by_levels(
         totals.append(value.total if np.isfinite(value.total) else np.inf)
     iterations = 0
     ends: list[tuple[str, Solution]] = []
+    starts = basins(totals)
+    if span is None and len(trials) > 1:
+        nearest, least_db = first, np.inf
+        for place, found in zoom(seen, trials[starts[0]], bounds, _moved(parameters).astype(float)):
+            note([HistoryEntry(0, found.cost, found.misfit_db, bool(found.total < min(totals)))])
+            totals.append(found.total if np.isfinite(found.total) else np.inf)
+            nearest, least_db = (place, found.misfit_db) if found.misfit_db < least_db else (nearest, least_db)
+        further = {"the uniform value found by smaller steps": nearest} | dict(further or {})
 
     def finish(description: str, theta: Floats) -> int:
         last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations)
@@ -156,7 +203,7 @@ def gauss_newton_by_levels(
         ends.append((description, last))
         return last.iterations
 
-    for at in basins(totals):
+    for at in starts:
         theta = trials[at]
         for count in knots:
             T = level_matrix(parameters, count, damping=True)
@@ -181,8 +228,8 @@ def gauss_newton_by_levels(
     for i, (_, end) in enumerate(ends):
         if end.evaluation.total < ends[kept][1].evaluation.total:
             kept = i
-    starts = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
-    return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=starts)
+    led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
+    return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=led)
 
 
 def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable[[Floats], bool]:
@@ -202,32 +249,6 @@ def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable
     return spanned
 
 
-def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:
-    """The lowest of some changes drawn from the prior, as further starts.
-
-    A uniform change does not tell one half of an edge from the other: on a structure that is nearly symmetric the mirror image of the
-    changes is a basin of its own.
-
-    Parameters
-    ----------
-    misfit : Misfit
-    shapes : Shapes
-    bounds : (size, 2) float array
-    draws, kept, seed : int
-        Draws, those of them to begin at, and the seed.
-
-    Returns
-    -------
-    dict of str to (size,) float array
-        The same for the same input.
-    """
-    rng = np.random.default_rng(seed)
-    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
-    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
-    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:kept]
-    return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
-
-
 def descend(
     misfit: Misfit, start: Floats, bounds: Floats, span: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100
 ) -> Solution:
@@ -243,11 +264,8 @@ def descend(
 
 def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
     """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
-    parameters, prior = misfit.model.parameters, misfit.prior
-    moved = np.zeros(parameters.size, dtype=bool)
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
-        moved[values] = group.kind == "stiffness"
-    low, high = (bounds - prior[:, None])[moved if moved.any() else ~parameters.is_damping].T
+    prior, moved = misfit.prior, _moved(misfit.model.parameters)
+    low, high = (bounds - prior[:, None])[moved].T
     steps = np.arange(np.ceil(np.median(low) / step), np.floor(np.median(high) / step) + 1)[:most]
     return [np.clip(np.where(moved, prior + step * count, prior), bounds[:, 0], bounds[:, 1]) for count in steps]
 

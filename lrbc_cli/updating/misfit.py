@@ -51,6 +51,8 @@ class FrfModel:
         From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt).
     name : str
         ``port`` or ``reduced``.
+    ports : PortFrf or None
+        Where the port formula is used: a change of few terms is then far cheaper than an evaluation, see ``nearby``.
     """
 
     s: Complexes
@@ -58,10 +60,25 @@ class FrfModel:
     values: Callable[[Complexes], Complexes]
     linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
     name: str
+    ports: PortFrf | None = None
 
     def frf(self, theta: Floats) -> Complexes:
         """(F, R) FRFs."""
         return self.values(self.parameters.dynamic(theta, self.s))
+
+    def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
+        """FRFs at states that differ from theta in some stiffnesses: only the terms that differ are solved for."""
+        if self.ports is None:
+            return self.frf
+        P, D = self.parameters, self.parameters.dynamic(theta, self.s)
+        there, kappa, c = self.ports.about(D), P.scales(theta), P.spectra(theta, self.s)
+
+        def frf(other: Floats) -> Complexes:
+            now = P.scales(other)
+            terms = np.flatnonzero(now != kappa)
+            return there.among(terms).evaluate(D[:, terms] + c[:, terms] * (now - kappa)[terms])
+
+        return frf
 
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """FRFs and the derivative of their dB values to theta; with the phase, of ``20/ln10 ln(H)``.
@@ -93,7 +110,7 @@ class FrfModel:
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
     """FRFs by the port formula: cost of an evaluation independent of n and r."""
-    return FrfModel(ports.s, parameters, ports.evaluate, ports.linearise, "port")
+    return FrfModel(ports.s, parameters, ports.evaluate, ports.linearise, "port", ports)
 
 
 def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
@@ -296,6 +313,10 @@ class Misfit:
         data = float(own @ own)
         total = max(float(residual @ residual), np.finfo(float).tiny)
         return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
+
+    def mean_db(self, y: Complexes) -> float:
+        """Mean absolute difference in dB, as in ``Evaluation``."""
+        return float(np.mean(np.abs(decibel(y) - self.target)[self.valid]))
 
     def data_sum(self, theta: Floats) -> float:
         """Sum of squares of the data residuals, without derivatives."""

@@ -25,13 +25,14 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import LrbcError, NumericalError
 
@@ -98,8 +99,20 @@ def campaign_of(task: Task) -> tuple[Path, list[str]]:
     return config, overrides
 
 
-def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
-    """Run a campaign and compare it with its truth.
+@dataclass(frozen=True)
+class Results:
+    """What a campaign gave: ``result.json`` of every job, its role (``reference``, ``baseline``, ``judged``), and the truth."""
+
+    reference: str
+    trees: dict[str, dict[str, Any]]
+    roles: dict[str, str]
+    truth: dict[str, Any]
+    calibration: Calibration | None
+    inputs: Inputs
+
+
+def results_of(task: Task) -> Results:
+    """Run a campaign.
 
     Raises
     ------
@@ -123,13 +136,20 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     if reference in outcome.errors:
         raise outcome.errors[reference]
     truth = json.loads((task.folder / "truth.json").read_text(encoding="utf-8"))["jobs"]
-    scores = []
+    trees, roles = {}, {}
     for job in inputs.campaign.jobs:
-        role = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
+        roles[job] = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
         failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
-        tree = failure or outcome.results[job].tree()
-        scores.append(score_job(task.name, tree, outcome.results[reference].tree(), truth[job]["removed"], role))
-    return scores, calibration
+        trees[job] = failure or outcome.results[job].tree()
+    return Results(reference, trees, roles, truth, calibration, inputs)
+
+
+def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
+    """Run a campaign and compare it with its truth; see ``results_of``."""
+    found = results_of(task)
+    before = found.trees[found.reference]
+    scores = [score_job(task.name, tree, before, found.truth[job]["removed"], found.roles[job]) for job, tree in found.trees.items()]
+    return scores, found.calibration
 
 
 def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[str, Calibration], dict[str, str]]:
@@ -331,7 +351,7 @@ def generated(arguments: argparse.Namespace, work: Path) -> list[tuple[str, Path
 
 def designs(text: str) -> tuple[str, list[int]]:
     """A design and seeds from ``steel:11,12`` or ``soundbox:1-50``."""
-    found = re.fullmatch(r"(\w+):((?:\d+(?:-\d+)?)(?:,\d+(?:-\d+)?)*)", text)
+    found = re.fullmatch(r"([\w-]+):((?:\d+(?:-\d+)?)(?:,\d+(?:-\d+)?)*)", text)
     if found is None:
         raise argparse.ArgumentTypeError(f"'{text}' is no DESIGN:SEEDS as steel:11,12 or soundbox:1-50")
     seeds: list[int] = []

@@ -124,6 +124,21 @@ def test_any_mixture_of_values_and_references(seed):
     assert relative(dense_ports(model, S, reference, input_of).evaluate(D), exact) < 1e-8
 
 
+@given(st.integers(0, 2**31))
+@settings(max_examples=25, deadline=None)
+def test_a_change_of_few_terms(seed):
+    """About a state, a system of the changed terms alone gives what all terms give."""
+    rng = np.random.default_rng(seed)
+    model, input_of = mixed_model(), np.array(INPUTS["mixed_model"])
+    ports = dense_ports(model, S, None, input_of)
+    D = sizes(model) * 10.0 ** rng.uniform(-2, 2, size=6) * S[:, None] ** model.terms.power
+    terms = np.sort(rng.permutation(6)[: rng.integers(0, 7)])
+    other = D.copy()
+    other[:, terms] *= 10.0 ** rng.uniform(-3, 2, size=terms.size)
+    assert relative(ports.about(D).among(terms).evaluate(other[:, terms]), ports.evaluate(other)) < 1e-9
+    assert relative(ports.about(D).evaluate(other), ports.evaluate(other)) < 1e-9
+
+
 @pytest.mark.parametrize("decades", [-3.0, 0.0, 3.0, 8.0])
 def test_the_reference_does_not_matter(case, decades):
     model, input_of = case

@@ -11,6 +11,8 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
+from joints import figures as joint_figures
+from joints import score_state
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
 #: A bolt every 40 mm beside an edge from 0 to 400 mm with a term every 20 mm between the clamped ends.
@@ -117,3 +119,32 @@ def test_a_failed_job_is_undecided_not_left_out() -> None:
     assert keyed["lost"].value == 1.0
     assert keyed["auc_near_probability"].value == 0.5
     assert not locate(failed, "probability")[0].located
+
+
+def test_joints_are_scored_by_what_they_lost() -> None:
+    words = {"a": "loose", "b": "tight", "c": "loose", "d": "tight", "e": "undecided"}
+    found = [{"name": n, "change": -1.0, "change_std": 0.1, "probability_loose": 0.5, "verdict": w} for n, w in words.items()]
+    tree = {
+        "job": "x",
+        "status": "converged",
+        "bolts": found,
+        "misfit_db": {"final": 1.0, "held_out_final": 1.2},
+        "cost": {"initial": 3.0, "final": 2.0},
+        "evaluations": 9,
+        "seconds": {"total": 0.5},
+    }
+    truth = {"lost": {"a": 1.1, "b": 0.6, "d": 0.4, "e": 2.0}, "change": {"a": -1.1, "b": -0.9, "c": 0.0, "d": -0.5, "e": -2.0}}
+    state = score_state("cover-7", tree, tree, truth, "judged", {"e": False})
+    assert state.design == "cover"
+    # Half a decade called tight and a tight joint called loose are wrong, 0.4 decades may be either.
+    assert [j.joint for j in state.joints if j.wrong] == ["b", "c"]
+    assert [j.joint for j in state.joints if j.covered] == ["a", "b"]
+    keyed = {figure.key: figure for figure in joint_figures([state])}
+    assert keyed["caught"].counts == {"loose": 1, "undecided": 0, "tight": 0}
+    assert keyed["caught_any"].counts == {"loose": 1, "undecided": 1, "tight": 0}
+    assert keyed["wrong"].value == 0.5
+    assert keyed["unexplained"].value == 0.0
+    assert keyed["coverage"].value == 0.4
+    # A reference that is not explained excuses what is compared with it.
+    assert {f.key: f for f in joint_figures([replace(state, reference_db=2.5)])}["unexplained"].value is None
+    assert {f.key: f for f in joint_figures([replace(state, status="unexplained")])}["unexplained"].holds is False

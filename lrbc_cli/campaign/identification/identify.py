@@ -26,10 +26,11 @@ from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Extra
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, node_shapes
+from lrbc_cli.updating.search import search
+from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
 from lrbc_cli.updating.verdicts import pitch_of
 
 log = logging.getLogger(__name__)
@@ -164,13 +165,20 @@ class _Job:
         limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
         return self.measured() * limited
 
-    def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
-        """Minimise; the weight of the prior by the method; ``draws`` from the prior of changes are further starts."""
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Columns of bolts side by side, which may have loosened together."""
+        assert self.inputs.bolts is not None
+        columns = self.shapes.bolts
+        found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
+        return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
+
+    def fit(self, measured: Complexes, relative: bool) -> _Fit:
+        """Minimise; the weight of the prior by the method."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
-        curve = None
+        curve, sought = None, 0
         further: dict[str, Floats] = {}
         begin = self.prior if span is not None else self.start
         if weight == "l-curve":
@@ -181,7 +189,7 @@ class _Job:
             solution = self._descend(misfit, begin)
         else:
             if span is not None:
-                further = prior_draws(misfit, self.shapes, bounds, draws=draws)
+                further, sought = search(misfit, self.shapes, bounds, self._pairs())
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations, further=further, span=span
             )
@@ -194,7 +202,7 @@ class _Job:
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
         evaluations = solution.evaluations + (curve.evaluations if curve else 0)
         found = _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations)
-        return found.after(0 if span is None else draws)
+        return found.after(sought)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.

@@ -1,0 +1,149 @@
+"""Global search over changes at bolts: a resonance that jumps past its neighbours is seen by no gradient, but by a table of changes.
+
+Forward, backward and exchange steps over single changes (stepwise selection, kept as a beam), each step a table over every bolt at
+several levels. A change touches few terms, so that a table costs little more than one evaluation with all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.updating.misfit import FrfModel, Misfit
+from lrbc_cli.updating.shapes import Shapes
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
+
+#: A change of each column that is not zero [decades].
+Changes = tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True, order=True)
+class State:
+    """Changes at some bolts, and what is left of the measurement there.
+
+    Attributes
+    ----------
+    misfit_db : float
+        Mean absolute difference: a line on a peak that has jumped does not decide, as it does in a sum of squares.
+    changes : tuple of (int, float)
+        Column of the shapes, and change [decades].
+    """
+
+    misfit_db: float
+    changes: Changes = field(compare=False)
+
+
+class Search:
+    """Tables of changes about states, and the best of what was seen.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Its prior is the state from which changes count.
+    shapes : Shapes
+    bounds : (size, 2) float array
+        Of theta.
+    levels : sequence of float
+        Changes that are tried [decades], from a slight loss to a bolt that is all but free.
+    """
+
+    def __init__(self, misfit: Misfit, shapes: Shapes, bounds: Floats, levels: Sequence[float]) -> None:
+        self._misfit, self._T, self._bounds, self._levels = misfit, shapes.T, bounds, levels
+        self._columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
+        self.evaluations = 0
+        self._known: dict[Changes, State] = {}
+
+    def theta(self, changes: Changes) -> Floats:
+        """Theta there, inside its bounds."""
+        z = np.zeros(self._T.shape[1])
+        for column, change in changes:
+            z[column] = change
+        return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
+
+    def _score(self, frf: Callable[[Floats], Complexes], changes: Changes) -> State:
+        if changes not in self._known:
+            self.evaluations += 1
+            value = self._misfit.mean_db(frf(self.theta(changes)))
+            self._known[changes] = State(value if np.isfinite(value) else np.inf, changes)
+        return self._known[changes]
+
+    def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
+        model = self._misfit.model
+        return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else model.frf
+
+    def start(self) -> State:
+        """No change at all."""
+        return self._score(self._misfit.model.frf, ())
+
+    def table(self, state: State, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[State]:
+        """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
+        frf, own = self._near(state.changes), dict(state.changes)
+        for columns in [*((column,) for column in self._columns), *pairs]:
+            for level in (0.0, *self._levels):
+                changed = own | dict.fromkeys(columns, level)
+                yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
+
+
+def search(
+    misfit: Misfit,
+    shapes: Shapes,
+    bounds: Floats,
+    neighbours: Sequence[tuple[int, int]] = (),
+    *,
+    levels: Sequence[float] = (-0.3, -0.6, -1.0, -1.5, -2.2, -3.0),
+    width: int = 3,
+    gain: float = 0.02,
+) -> tuple[dict[str, Floats], int]:
+    """States of loosened bolts that come nearest to a measurement, as starts of a descent.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    shapes : Shapes
+    bounds : (size, 2) float array
+    neighbours : sequence of (int, int)
+        Columns of bolts that may have loosened together.
+    levels : sequence of float
+        Changes that are tried [decades].
+    width : int
+        Lines of descent followed side by side.
+    gain : float
+        A further change has to lower the misfit by this share.
+
+    Returns
+    -------
+    dict of str to (size,) float array
+        The best states, described, the best one first.
+    int
+        Evaluations.
+    """
+    table = Search(misfit, shapes, bounds, levels)
+    if not table._columns:
+        return {}, 0
+    best = table.start()
+    beam, pairs = [best], neighbours
+    while True:
+        found = {state.changes: state for parent in beam for state in table.table(parent, pairs)}
+        nearest = sorted([*found.values(), *(state for state in beam if state.changes not in found)])[:width]
+        pairs = ()
+        if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
+            # One bolt for another: each put back once, and all tables without it.
+            without = [State(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in nearest[0].changes]
+            swapped = [state for parent in without if parent.changes for state in table.table(parent)]
+            nearest = sorted({state.changes: state for state in [*nearest, *swapped]}.values())[:width]
+            if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
+                break
+        best, beam = nearest[0], nearest
+    names = {int(column): i for i, column in enumerate(shapes.bolts)}
+    return {_describe(state, names): table.theta(state.changes) for state in nearest}, table.evaluations
+
+
+def _describe(state: State, bolts: dict[int, int]) -> str:
+    parts = [f"bolt {bolts[column] + 1} by {change:g}" for column, change in state.changes]
+    return f"table of changes: {', '.join(parts) or 'none'}"
