@@ -41,7 +41,7 @@ def beyond(
     state: State,
     *,
     doubt: float = -4.0,
-    wide: float = 0.25,
+    wide: float = 0.12,
     gain: float = 0.01,
     rounds: int = 3,
     stop: Stop = (1e-3, 5),
