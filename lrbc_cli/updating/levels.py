@@ -190,11 +190,11 @@ def gauss_newton_by_levels(
     ends: list[tuple[str, Solution]] = []
     starts = basins(totals)
     if span is None and len(trials) > 1:
-        nearest, value = first, np.inf
-        for theta, found in zoom(seen, trials[starts[0]], bounds, _moved(parameters).astype(float)):
+        nearest, least_db = first, np.inf
+        for place, found in zoom(seen, trials[starts[0]], bounds, _moved(parameters).astype(float)):
             note([HistoryEntry(0, found.cost, found.misfit_db, bool(found.total < min(totals)))])
             totals.append(found.total if np.isfinite(found.total) else np.inf)
-            nearest, value = (theta, found.misfit_db) if found.misfit_db < value else (nearest, value)
+            nearest, least_db = (place, found.misfit_db) if found.misfit_db < least_db else (nearest, least_db)
         further = {"the uniform value found by smaller steps": nearest} | dict(further or {})
 
     def finish(description: str, theta: Floats) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from lrbc_cli.updating.misfit import FrfModel, Misfit
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A change of each column that is not zero [decades].
 Changes = tuple[tuple[int, float], ...]
@@ -64,14 +66,14 @@ class Search:
             z[column] = change
         return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
 
-    def _score(self, frf: Callable[[Floats], NDArray[np.complexfloating]], changes: Changes) -> State:  # type: ignore[type-arg]
+    def _score(self, frf: Callable[[Floats], Complexes], changes: Changes) -> State:
         if changes not in self._known:
             self.evaluations += 1
             value = self._misfit.mean_db(frf(self.theta(changes)))
             self._known[changes] = State(value if np.isfinite(value) else np.inf, changes)
         return self._known[changes]
 
-    def _near(self, changes: Changes) -> Callable[[Floats], NDArray[np.complexfloating]]:  # type: ignore[type-arg]
+    def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
         model = self._misfit.model
         return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else model.frf
 

@@ -169,7 +169,7 @@ class _Job:
         """Columns of bolts side by side, which may have loosened together."""
         assert self.inputs.bolts is not None
         columns = self.shapes.bolts
-        found = neighbours(self.parameters, self.inputs.bolts.xyz, [int(b) for b in np.flatnonzero(columns >= 0)])
+        found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
         return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
 
     def fit(self, measured: Complexes, relative: bool) -> _Fit:
