@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -44,12 +45,6 @@ def bands(result: Identification) -> dict[str, Band]:
         opens = (result.opens[0][values], result.opens[1][values])
         found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
     return found
-
-
-def mean_of(values: Floats) -> float | None:
-    """Of the values that there are."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None
 
 
 def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | None) -> Evidence:
