@@ -20,7 +20,7 @@ ALLOWED = {
         *("NORMAL_95", "CHI2_95", "DB", "KELVIN", "GB", "MILLIMETRES"),
         *("GRAVITY", "POUND_FORCE", "INCH", "FOOT", "PSI", "MEDIAN_SPREAD", "DEVIATION", "STUDENT"),
     },
-    "rounding only": {"ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE"},
+    "rounding only": {"ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
     "versions and names": {
         *("FORMAT_VERSION", "CALIBRATION_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
         *("IDENTIFICATION_VERSION", "JUDGEMENT_VERSION"),
@@ -46,7 +46,6 @@ ALLOWED = {
         "MAX_DIGITS",
         "NAME_LENGTH",
     },
-    "what is a measurement of its own: a channel without values, or a copy of another": {"MIN_LINES", "COPIED"},
 }
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr
+from scipy.special import ndtr
 
 from lrbc_cli.updating.misfit import Evaluation
 from lrbc_cli.updating.optimise import Solution, gauss_newton
@@ -20,6 +20,9 @@ from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+#: Precision of a change that is held, far above what data say of one [per decade²].
+HELD = 1e10
 
 #: Relative decrease of the cost at which a descent ends, and its most iterations.
 Stop = tuple[float, int]
@@ -176,6 +179,8 @@ class KindScore:
         Kinds to begin with.
     neighbours : sequence of (int, int)
     joint : (b,) bool array
+    further : (b,) float array or None
+        Log evidence for being loose beyond that of the linear problem.
 
     Attributes
     ----------
@@ -183,8 +188,18 @@ class KindScore:
         Of the changes given the kinds.
     """
 
-    def __init__(self, A: Floats, b: Floats, prior: BoltPrior, loose: Bools, neighbours: Sequence[tuple[int, int]], joint: Bools) -> None:
+    def __init__(
+        self,
+        A: Floats,
+        b: Floats,
+        prior: BoltPrior,
+        loose: Bools,
+        neighbours: Sequence[tuple[int, int]],
+        joint: Bools,
+        further: Floats | None = None,
+    ) -> None:
         self._A, self._b, self._prior, self._joint = A, b, prior, joint
+        self._odds = np.full(b.size, prior.log_odds) + (0.0 if further is None else further)
         self._beside = adjacency(neighbours, joint)
         self._singles = _Moves([(i,) for i in range(b.size)], self._beside)
         self._pairs = _Moves(list(neighbours), self._beside)
@@ -208,7 +223,7 @@ class KindScore:
         first, last = self._mean[at, now, gap], self._mean[at, after, gap_after]
         D = np.where(moves.real, new - old, 0.0)
         e = np.where(moves.real, new * last - old * first, 0.0)
-        offset = 0.5 * (np.log(new / old) - new * last**2 + old * first**2) + (after - now) * self._prior.log_odds
+        offset = 0.5 * (np.log(new / old) - new * last**2 + old * first**2) + (after - now) * self._odds[at]
         C = self.covariance[at[:, :, None], at[:, None, :]]
         grown = np.eye(at.shape[1]) + D[:, :, None] * C
         M = np.linalg.solve(grown, D[:, :, None] * np.eye(at.shape[1]))
@@ -252,7 +267,7 @@ def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int,
 
 
 @dataclass(frozen=True)
-class _State:
+class State:
     """Optimum for given kinds, its log evidence (Laplace), and the linear problem of the bolts about it."""
 
     kinds: Bools
@@ -270,9 +285,11 @@ def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Fl
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop) -> _State:
+def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> State:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
+    if held is not None:
+        precision[problem.bolts[held[0]]], mean[problem.bolts[held[0]]] = HELD, held[1]
     scale, weight = problem.variance**-0.5, np.sqrt(precision)
 
     def cost(z: Floats) -> Evaluation:
@@ -296,16 +313,28 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
     share = np.linalg.solve(
         A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
     )
-    return _State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
+    return State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
 
 
-def _settle_there(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, rounds: int = 2) -> _State:
-    """The same, with the covariance of the residuals where the descent before ended: a state answers for its own errors only."""
+def settle(
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    kinds: Bools,
+    z: Floats,
+    stop: Stop,
+    *,
+    held: tuple[int, float] | None = None,
+    rounds: int = 2,
+) -> State:
+    """Descend for given kinds, with the covariance of the residuals where that ended: a state answers for its own errors only.
+
+    With ``held`` the change of one of the bolts, by its position, stays at a value, and the evidence is that of the data there.
+    """
     if problem.about is None:
-        return _settle(problem, prior, kinds, z, stop)
+        return _settle(problem, prior, kinds, z, stop, held)
     for _ in range(rounds):
         data, offset = problem.about(z)
-        state = _settle(replace(problem, data=data), prior, kinds, z, stop)
+        state = _settle(replace(problem, data=data), prior, kinds, z, stop, held)
         z = state.z
     return replace(state, evidence=state.evidence + offset)
 
@@ -320,7 +349,7 @@ def best_state(
     moves: int = 3,
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
-) -> _State:
+) -> State:
     """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z.
 
     Parameters
@@ -336,11 +365,11 @@ def best_state(
         Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
         few thousand; a tenth matters.
     """
-    best: _State | None = None
+    best: State | None = None
     for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < large, z)):
         seen: set[bytes] = set()
         for _ in range(rounds):
-            state = _settle_there(problem, prior, kinds, start, search)
+            state = settle(problem, prior, kinds, start, search)
             if best is None or state.evidence > best.evidence:
                 best = state
             seen.add(kinds.tobytes())
@@ -351,47 +380,4 @@ def best_state(
                 break
             kinds, start = score.loose.copy(), state.z
     assert best is not None
-    return _settle_there(problem, prior, best.kinds, best.z, last)
-
-
-def sample_changes(
-    problem: MixtureProblem, z: Floats, prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
-) -> ChangeSamples:
-    """Sample which bolts are loose, on the problem linearised about the most probable state.
-
-    Parameters
-    ----------
-    problem : MixtureProblem
-    z : (m,) float array
-        A first estimate, such as that with a Gaussian prior.
-    prior : BoltPrior
-    sweeps, burn_in, seed : int
-        Sweeps over all bolts, those before them that are left out; the same seed gives the same result.
-
-    Returns
-    -------
-    ChangeSamples
-    """
-    state = best_state(problem, z, prior)
-    score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
-    rng = np.random.default_rng(seed)
-    count = problem.bolts.size
-    loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
-    for sweep in range(-burn_in, sweeps):
-        chance = np.log(rng.random(count))
-        gains, centres, spreads = score.flips()
-        for turn, i in enumerate(rng.permutation(count).tolist()):
-            if sweep >= 0:
-                loose[sweep, i] = expit(-gains[i] if score.loose[i] else gains[i])
-                means[sweep, i], stds[sweep, i] = centres[i], spreads[i]
-            if chance[turn] < gains[i]:
-                score.flip(i)
-                gains, centres, spreads = score.flips()
-        # Neighbours whose hats overlap take each other's part: by single flips that is a long way.
-        swaps = score.swaps()
-        for pair, (i, j) in enumerate(problem.neighbours):
-            if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
-                score.flip(i, j)
-                swaps = score.swaps()
-    hats = along_edges(problem.neighbours, problem.joint)
-    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, hats, prior)
+    return settle(problem, prior, best.kinds, best.z, last)

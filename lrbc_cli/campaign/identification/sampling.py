@@ -11,7 +11,8 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.levels import Level
 from lrbc_cli.updating.misfit import ChangeError, Misfit
-from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem, sample_changes
+from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem
+from lrbc_cli.updating.sampling import sample_changes
 from lrbc_cli.updating.shapes import neighbours
 
 Floats = NDArray[np.float64]

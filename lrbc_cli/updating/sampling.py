@@ -1,0 +1,171 @@
+"""Sampling of the kinds of bolts on the problem linearised about the most probable state, and what that does not tell of joints.
+
+A joint that lost a decade or two stands where the data hardly feel it: from there a linear problem takes the way back for cheap. So the
+evidence of doubtful joints comes from descents with the other kind, and a change that stays wide from its profile.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit, logsumexp
+from scipy.stats import norm
+
+from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_state, settle
+from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What descents say of joints beyond the linear problem.
+
+    Attributes
+    ----------
+    further : (b,) float array
+        Log evidence for being loose to be added; 0 where the linear problem holds.
+    loose : (b, 2) float array
+        Mean and standard deviation of the change if loose [decades]; NaN where the linear problem holds.
+    """
+
+    further: Floats
+    loose: Floats
+
+
+def beyond(
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    state: State,
+    *,
+    doubt: float = -4.0,
+    wide: float = 0.12,
+    gain: float = 0.01,
+    rounds: int = 3,
+    stop: Stop = (1e-3, 5),
+) -> tuple[State, Beyond]:
+    """Descend with the other kind of each joint that is loose or could be.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    prior : BoltPrior
+    state : State
+    doubt : float
+        A tight joint could be loose where the linear problem gives that so much log evidence.
+    wide : float
+        Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
+    gain, rounds : float, int
+        Where the other kind gains so much log evidence, all begins anew there, at most so many times.
+    stop : (float, int)
+        Of the descents.
+
+    Returns
+    -------
+    State, Beyond
+        The best state seen.
+    """
+    for turn in range(rounds):
+        score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
+        gains, means, stds = score.flips()
+        found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
+        best = state
+        for i in np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist():
+            z, kinds = state.z.copy(), state.kinds.copy()
+            kinds[i] = not kinds[i]
+            z[problem.bolts[i]] = means[i, 1] if kinds[i] else 0.0
+            other = settle(problem, prior, kinds, z, stop)
+            best = max(best, other, key=lambda one: one.evidence)
+            tight, loose = (state, other) if kinds[i] else (other, state)
+            evidence = loose.evidence
+            if stds[i, 1] > wide:
+                evidence, *found.loose[i] = profile(problem, prior, loose, i, stop)
+            found.further[i] = evidence - tight.evidence - (gains[i] if kinds[i] else -gains[i])
+        if best.evidence <= state.evidence + gain or turn == rounds - 1:
+            break
+        state = best
+    return state, found
+
+
+def profile(
+    problem: MixtureProblem, prior: BoltPrior, state: State, i: int, stop: Stop, *, points: int = 10, reach: float = 3.0, fine: int = 400
+) -> tuple[float, float, float]:
+    """Log evidence of a loose joint, and mean and standard deviation of its change, from descents with that change held.
+
+    Parameters
+    ----------
+    problem, prior, state
+        A state in which it is loose.
+    i : int
+        Which of the bolts.
+    stop : (float, int)
+        Of the descents.
+    points, reach : int, float
+        Values from no change to so many standard deviations of the prior below its mean, or to the bound.
+    fine : int
+        Values between which the log evidence is interpolated.
+    """
+    low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
+    at = np.linspace(min(low, prior.joint_loose_mean), 0.0, points)
+    evidence = np.zeros(points)
+    # From the state outwards, each from the one before.
+    begin = int(np.argmin(np.abs(at - state.z[problem.bolts[i]])))
+    for order in (range(begin, points), range(begin - 1, -1, -1)):
+        z = state.z
+        for k in order:
+            z = z.copy()
+            z[problem.bolts[i]] = at[k]
+            held = settle(problem, prior, state.kinds, z, stop, held=(i, float(at[k])), rounds=1)
+            evidence[k], z = held.evidence, held.z
+    t = np.linspace(at[0], at[-1], fine)
+    log = np.interp(t, at, evidence) + norm.logpdf(t, prior.joint_loose_mean, prior.joint_loose_std)
+    weight = np.exp(log - logsumexp(log))
+    mean = float(weight @ t)
+    return float(logsumexp(log) + np.log(t[1] - t[0])), mean, float(np.sqrt(weight @ (t - mean) ** 2))
+
+
+def sample_changes(
+    problem: MixtureProblem, z: Floats, prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
+) -> ChangeSamples:
+    """Sample which bolts are loose, on the problem linearised about the most probable state.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    z : (m,) float array
+        A first estimate, such as that with a Gaussian prior.
+    prior : BoltPrior
+    sweeps, burn_in, seed : int
+        Sweeps over all bolts, those before them that are left out; the same seed gives the same result.
+
+    Returns
+    -------
+    ChangeSamples
+    """
+    state, more = beyond(problem, prior, best_state(problem, z, prior))
+    score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint, more.further)
+    rng = np.random.default_rng(seed)
+    count = problem.bolts.size
+    loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
+    for sweep in range(-burn_in, sweeps):
+        chance = np.log(rng.random(count))
+        gains, centres, spreads = score.flips()
+        for turn, i in enumerate(rng.permutation(count).tolist()):
+            if sweep >= 0:
+                loose[sweep, i] = expit(-gains[i] if score.loose[i] else gains[i])
+                means[sweep, i], stds[sweep, i] = centres[i], spreads[i]
+            if chance[turn] < gains[i]:
+                score.flip(i)
+                gains, centres, spreads = score.flips()
+        # Neighbours whose hats overlap take each other's part: by single flips that is a long way.
+        swaps = score.swaps()
+        for pair, (i, j) in enumerate(problem.neighbours):
+            if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
+                score.flip(i, j)
+                swaps = score.swaps()
+    known = np.isfinite(more.loose[:, 0])
+    means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
+    hats = along_edges(problem.neighbours, problem.joint)
+    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, hats, prior)

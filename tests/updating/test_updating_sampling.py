@@ -1,0 +1,75 @@
+"""Kinds of joints whose loss the data feel less and less: against integration on a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from lrbc_cli.updating.mixture import MixtureProblem
+from lrbc_cli.updating.priors import BoltPrior
+from lrbc_cli.updating.sampling import sample_changes
+
+PRIOR = BoltPrior()
+ROWS = 30
+
+
+def response(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a spring in series with a stiffer structure gives: free below minus one and a half decades, and its slope."""
+    k = 10.0**z
+    return k / (k + 0.2), np.log(10.0) * 0.2 * k / (k + 0.2) ** 2
+
+
+class Saturating:
+    """Two joints, ``r = J (g(z) - g(truth)) + noise``."""
+
+    def __init__(self, truth: tuple[float, float], strength: float, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        self.J = strength * rng.normal(size=(ROWS, 2)) / np.sqrt(ROWS)
+        self.r0 = rng.normal(size=ROWS) - self.J @ response(np.array(truth))[0]
+
+    def data(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        g, slope = response(z)
+        return self.r0 + self.J @ g, self.J * slope
+
+    def problem(self) -> MixtureProblem:
+        one = np.ones(2)
+        return MixtureProblem(self.data, 1.0, np.tile([-4.0, 2.0], (2, 1)), np.arange(2), [(0, 1)], np.ones(2, dtype=bool), 0 * one, one)
+
+    def exact(self, limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inclusion, probability below a limit and mean, by sums over both kinds on a grid."""
+        t = np.linspace(-4.0, 1.0, 501)
+        g = response(t)[0]
+        r = self.r0[:, None] + self.J[:, [0]] * g
+        a, b, c = np.sum(r**2, axis=0), 2.0 * (r.T @ self.J[:, 1]), float(self.J[:, 1] @ self.J[:, 1])
+        log = -0.5 * (a[:, None] + b[:, None] * g + c * g**2)
+        kinds = [
+            norm.logpdf(t, 0.0, PRIOR.joint_tight_std) + np.log(1.0 - PRIOR.loose_share),
+            norm.logpdf(t, PRIOR.joint_loose_mean, PRIOR.joint_loose_std) + np.log(PRIOR.loose_share),
+        ]
+        weights = np.array([[log + p[:, None] + q for q in kinds] for p in kinds])
+        weights = np.exp(weights - logsumexp(weights))
+        inclusion = np.array([weights[1].sum(), weights[:, 1].sum()])
+        marginals = np.array([weights.sum(axis=(0, 1, 3)), weights.sum(axis=(0, 1, 2))])
+        return inclusion, marginals[:, t < limit].sum(axis=1), marginals @ t
+
+
+@pytest.mark.parametrize("truth", [(-2.5, 0.0), (-3.0, -2.0), (-1.0, 0.05), (0.0, 0.0)])
+@pytest.mark.parametrize("start", [0.0, -2.0])
+def test_a_free_joint_is_loose_however_flat_the_data_are_there(truth: tuple[float, float], start: float) -> None:
+    toy = Saturating(truth, 14.0)
+    found = sample_changes(toy.problem(), np.full(2, start), PRIOR, sweeps=250)
+    inclusion, below, mean = toy.exact(-0.35)
+    np.testing.assert_allclose(found.inclusion, inclusion, atol=0.03)
+    np.testing.assert_allclose(found.below(-0.35), below, atol=0.05)
+    np.testing.assert_allclose(found.mean, mean, atol=0.15)
+
+
+def test_data_that_say_little_leave_it_open() -> None:
+    toy = Saturating((-2.5, 0.0), 6.5)
+    found = sample_changes(toy.problem(), np.zeros(2), PRIOR, sweeps=250)
+    inclusion, below, _ = toy.exact(-0.35)
+    assert 0.1 < inclusion[0] < 0.9
+    np.testing.assert_allclose(found.inclusion, inclusion, atol=0.08)
+    np.testing.assert_allclose(found.below(-0.35), below, atol=0.08)
