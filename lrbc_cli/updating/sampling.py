@@ -41,11 +41,12 @@ def beyond(
     prior: BoltPrior,
     state: State,
     *,
-    doubt: float = -4.0,
+    doubt: float = -3.5,
     wide: float = 0.12,
     gain: float = 0.01,
     rounds: int = 3,
     stop: Stop = (1e-3, 5),
+    held: Stop = (1e-2, 3),
 ) -> tuple[State, Beyond]:
     """Descend with the other kind of each joint that is loose or could be.
 
@@ -60,8 +61,8 @@ def beyond(
         Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
     gain, rounds : float, int
         Where the other kind gains so much log evidence, all begins anew there, at most so many times.
-    stop : (float, int)
-        Of the descents.
+    stop, held : (float, int)
+        Of the descents, and of those with a change held, each from the end of the one before.
 
     Returns
     -------
@@ -82,7 +83,7 @@ def beyond(
             tight, loose = (state, other) if kinds[i] else (other, state)
             evidence = loose.evidence
             if stds[i, 1] > wide and problem.bounds[problem.bolts[i], 0] < -wide:
-                evidence, *found.loose[i] = profile(problem, prior, loose, i, stop, float(stds[i, 1]))
+                evidence, *found.loose[i] = profile(problem, prior, loose, i, held, float(stds[i, 1]))
             found.further[i] = evidence - tight.evidence - (gains[i] if kinds[i] else -gains[i])
         if best.evidence <= state.evidence + gain or turn == rounds - 1:
             break
