@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
@@ -18,9 +19,6 @@ from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
 from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.updating.misfit import port_model
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,18 @@ The command line does the same through the same functions; nothing here writes r
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
@@ -27,7 +28,6 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.method import rule_of
 from lrbc_cli.model.fem import FeModel
@@ -37,9 +37,6 @@ from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.decide import Evidence, Judgement, judge
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -345,8 +342,7 @@ class Study:
             return self.inputs
         if not measured:
             raise ConfigError(f"no job '{job}' in this campaign", file=campaign.path, expected=", ".join(campaign.jobs), found=job)
-        own = JobConfig.model_construct(frf=Path(job))
-        return replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {**campaign.jobs, job: own}}))
+        return with_job(self.inputs, job)
 
     def _theta(self, parameters: Parameterisation, given: ArrayLike | None, log10: Mapping[str, ArrayLike]) -> Floats:
         theta = parameters.initial

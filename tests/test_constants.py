@@ -46,7 +46,6 @@ ALLOWED = {
         "MAX_DIGITS",
         "NAME_LENGTH",
     },
-    "what is a measurement of its own: a channel without values, or a copy of another": {"MIN_LINES", "COPIED"},
 }
 
 

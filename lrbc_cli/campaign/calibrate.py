@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma
-from lrbc_cli.campaign.jobs.results import frf_rows, write_campaign
-from lrbc_cli.campaign.reading.drift import drift_extras
+from lrbc_cli.campaign.jobs.results import frf_rows, misfit_tree, write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import NumericalError
@@ -29,12 +29,10 @@ from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import versions, write
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
+from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import mean_misfit
 
 log = logging.getLogger(__name__)
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CalibrationOutcome:
     """A calibration.
 
     Attributes
@@ -85,7 +83,7 @@ class Outcome:
     fit: FactorFit
     rounds: tuple[Round, ...]
     measurement: Measurement = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
+    selected: Integers = field(repr=False)
     initial: Complexes = field(repr=False)
     updated: Complexes = field(repr=False)
     reached: bool
@@ -163,86 +161,112 @@ def require_calibration(inputs: Inputs) -> Any:
 
 def calibrate(
     inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None, most: int = 4
-) -> Outcome:
+) -> CalibrationOutcome:
     """Find the factors, measure the error of the reduced model at them, and go on with a new one where it is too large.
 
     Each reduced model is built at the factors found on the one before, ``most`` of them. See ``run_calibration``.
     """
-    settings = require_calibration(inputs)
-    campaign, clock = inputs.campaign, time.perf_counter()
-    job = campaign.jobs[settings.job]
-    measurement = read_measurement(inputs, job, settings.job)
+    settings, tolerance = require_calibration(inputs), inputs.campaign.reduction.tolerance
+    measurement = read_measurement(inputs, inputs.campaign.jobs[settings.job], settings.job)
     for warning in measurement.warnings:
         log.warning("job %s: %s", settings.job, warning)
-    seconds = {"reduction": 0.0, "fit": 0.0, "certificate": 0.0}
-
-    def lap(stage: str) -> None:
-        nonlocal clock
-        now = time.perf_counter()
-        seconds[stage] += now - clock
-        clock = now
-
-    start = clock
+    watch = _Watch()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
-    lap("reduction")
-    s = 2j * np.pi * measurement.frequency_hz
-    parameters, _ = parameterise(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), s)
-    selected = select_lines(inputs, measurement, settings.job)
-    sigma, notes = line_sigma(inputs, measurement, job, selected)
-    used = inputs.used
-
-    def problem_on(now: Inputs, stage: ReductionStage, base: Mapping[str, float]) -> FactorProblem:
-        return FactorProblem(
-            affine_model(now, stage),
-            base,
-            settings.names,
-            parameters,
-            settings.boundary == "held",
-            measurement.frequency_hz,
-            measurement.values[:, used],
-            used,
-            selected,
-            inputs.method.residual,
-            sigma,
-            tuple(extra for extra in drift_extras(now, campaign.update.nuisances) if extra.kind == "shift"),
-            inputs.statistics,
-        )
-
-    problem = problem_on(inputs, stage, {})
-    everything = np.arange(len(inputs.responses))
+    watch.lap("reduction")
+    problem, notes = _first_problem(inputs, stage, measurement, progress)
+    s, everything = 2j * np.pi * measurement.frequency_hz, np.arange(len(inputs.responses))
     initial = problem.frf(s, everything).frf(problem.start)
     refuse_units(inputs, measurement, initial, settings.job)
     theta: Floats | None = None
     rounds: list[Round] = []
     now = inputs
     while True:
-        fit = fit_factors(problem, theta, max_iterations=campaign.update.max_iterations)
+        fit = fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations)
         if fit.solution.status == "failed":
             raise NumericalError(f"the calibration from job {settings.job} fails: {fit.solution.reason}")
-        lap("fit")
+        watch.lap("fit")
         updated = problem.frf(s, everything).frf(fit.solution.theta)
-        misfit = float(np.nanmean(mean_misfit(updated, measurement.values)[used]))
-        at = with_factors(inputs.model, inputs.recipe, fit.factors)
+        model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
         relative = problem.frf(s).factors(fit.solution.theta)
-        held_out = _errors(replace(now, model=at[0]), stage, problem.model.at(relative), progress)
-        rounds.append(Round(misfit, fit.factors, held_out, stage.reduction.model.size))
-        lap("certificate")
-        progress(f"round {len(rounds)}: misfit {misfit:.2f} dB, error of the reduced model at these factors {rounds[-1].error:.1e}")
-        reached = rounds[-1].error <= campaign.reduction.tolerance
-        if reached or len(rounds) == most or (len(rounds) > 1 and rounds[-1].error >= rounds[-2].error):
+        held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
+        rounds.append(Round(_misfit(inputs, measurement, updated), fit.factors, held_out, stage.reduction.model.size))
+        watch.lap("certificate")
+        told = f"misfit {rounds[-1].misfit_db:.2f} dB, error of the reduced model at these factors {rounds[-1].error:.1e}"
+        progress(f"round {len(rounds)}: {told}")
+        if rounds[-1].error <= tolerance or len(rounds) == most or (len(rounds) > 1 and rounds[-1].error >= rounds[-2].error):
             break
-        now = replace(inputs, model=at[0], recipe=at[1])
+        now = replace(inputs, model=model, recipe=recipe)
         stage = obtain_reduction(now, folder, accept=accept, progress=progress)
-        lap("reduction")
-        problem = problem_on(now, stage, fit.factors)
+        watch.lap("reduction")
+        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=_hammer(now))
         theta = fit.moved(problem)
-    seconds["total"] = time.perf_counter() - start
-    began = float(np.nanmean(mean_misfit(initial, measurement.values)[used]))
-    doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, (began, rounds[-1].misfit_db))
+    misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
+    doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, misfits)
     for warning in doubted:
         log.warning("calibration from %s: %s", settings.job, warning)
-    notes = (*measurement.warnings, *doubted, *notes, *fit.notes)
-    return Outcome(fit, tuple(rounds), measurement, selected, initial, updated, reached, notes, seconds, tuple(doubted))
+    return CalibrationOutcome(
+        fit=fit,
+        rounds=tuple(rounds),
+        measurement=measurement,
+        selected=problem.selected,
+        initial=initial,
+        updated=updated,
+        reached=rounds[-1].error <= tolerance,
+        notes=(*measurement.warnings, *doubted, *notes, *fit.notes),
+        seconds=watch.seconds | {"total": sum(watch.seconds.values())},
+        warnings=tuple(doubted),
+    )
+
+
+class _Watch:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds = {"reduction": 0.0, "fit": 0.0, "certificate": 0.0}
+        self._clock = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Count the time since the last call for this stage."""
+        now = time.perf_counter()
+        self.seconds[stage] += now - self._clock
+        self._clock = now
+
+
+def _first_problem(
+    inputs: Inputs, stage: ReductionStage, measurement: Measurement, progress: Callable[[str], None]
+) -> tuple[FactorProblem, tuple[str, ...]]:
+    """What is fitted, on the reduced model of the exported matrices; and notes."""
+    settings, used = require_calibration(inputs), inputs.used
+    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
+    parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
+    selected = select_lines(inputs, measurement, settings.job)
+    sigma, notes = line_sigma(inputs, measurement, inputs.campaign.jobs[settings.job], selected)
+    problem = FactorProblem(
+        model=affine_model(inputs, stage),
+        base={},
+        names=settings.names,
+        parameters=parameters,
+        hold=settings.boundary == "held",
+        frequency_hz=measurement.frequency_hz,
+        measured=measurement.values[:, used],
+        responses=used,
+        selected=selected,
+        options=inputs.method.residual,
+        sigma=sigma,
+        nuisances=_hammer(inputs),
+        statistics=inputs.statistics,
+    )
+    return problem, tuple(notes)
+
+
+def _hammer(inputs: Inputs) -> tuple[Nuisance, ...]:
+    """Where the hammer hit, where that may be sought beside the factors."""
+    return tuple(nuisance for nuisance in nuisances_of(inputs, inputs.campaign.update.nuisances) if nuisance.kind == "shift")
+
+
+def _misfit(inputs: Inputs, measurement: Measurement, y: Complexes) -> float:
+    """Mean over the responses used [dB]."""
+    return float(np.nanmean(mean_misfit(y, measurement.values)[inputs.used]))
 
 
 def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Callable[[str], None]) -> tuple[HeldOut, ...]:
@@ -256,27 +280,12 @@ def _errors(inputs: Inputs, stage: ReductionStage, reduced: Any, progress: Calla
     return measured_errors(inputs.model, inputs.input_of, reduced, settings.band, lines, backend=settings.backend, progress=tell)
 
 
-def calibration_record(inputs: Inputs, outcome: Outcome, parts: dict[str, str], job: str) -> CalibrationRecord:
+def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[str, str], job: str) -> CalibrationRecord:
     """The content of ``calibration.json``."""
-    fit, problem = outcome.fit, outcome.fit.problem
+    fit, last = outcome.fit, outcome.rounds[-1]
     status, reason = fit.solution.status, fit.solution.reason
     if not outcome.reached:
-        status, reason = "stopped", f"the reduced model misses its tolerance at these factors ({outcome.rounds[-1].error:.1e})"
-    before, after = (mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))
-
-    def mean(values: Floats, rows: NDArray[np.int64]) -> float | None:
-        finite = values[rows][np.isfinite(values[rows])]
-        return float(finite.mean()) if finite.size else None
-
-    factors = {}
-    for name, value in fit.factors.items():
-        low, high = fit.interval(name)
-        factors[name] = {"value": value, "std": value * fit.spread[name], "lower95": low, "upper95": high, "initial": 1.0}
-    boundary: dict[str, Any] = {}
-    for group, (values, at) in zip(problem.parameters.groups, problem.parameters.slices, strict=True):
-        boundary[group.name] = {"log10": fit.solution.theta[values]}
-        if at is not None:
-            boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
+        status, reason = "stopped", f"the reduced model misses its tolerance at these factors ({last.error:.1e})"
     return CalibrationRecord.checked(
         {
             "job": job,
@@ -285,31 +294,16 @@ def calibration_record(inputs: Inputs, outcome: Outcome, parts: dict[str, str], 
             "used": True,
             "status": status,
             "reason": reason,
-            "factors": factors,
-            "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.further.items()},
-            "boundary": boundary,
-            "boundary_held": problem.hold,
-            "misfit_db": {
-                "initial": mean(before, inputs.used),
-                "final": mean(after, inputs.used),
-                "held_out_initial": mean(before, inputs.held_out),
-                "held_out_final": mean(after, inputs.held_out),
-                "responses": {
-                    response.name: {"initial": before[i], "final": after[i], "used": bool(i in inputs.used)}
-                    for i, response in enumerate(inputs.responses)
-                },
-            },
+            **_values(fit),
+            "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))),
             "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor},
             "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
-            "stages": [
-                {"width_hz": stage.width_hz, "before_db": stage.before_db, "after_db": stage.after_db, "evaluations": stage.evaluations}
-                for stage in fit.stages
-            ],
+            "stages": [asdict(stage) for stage in fit.stages],
             "reduction": {
-                "worst": outcome.rounds[-1].error,
+                "worst": last.error,
                 "tolerance": inputs.campaign.reduction.tolerance,
-                "size": outcome.rounds[-1].size,
-                "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in outcome.rounds[-1].held_out],
+                "size": last.size,
+                "held_out": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in last.held_out],
             },
             "lines": {"frequency_hz": outcome.measurement.frequency_hz[outcome.selected], "count": int(outcome.selected.size)},
             "frf": "calibration/frf.csv",
@@ -324,3 +318,23 @@ def calibration_record(inputs: Inputs, outcome: Outcome, parts: dict[str, str], 
             },
         }
     )
+
+
+def _values(fit: FactorFit) -> dict[str, Any]:
+    """What was identified: factors, hammer points and boundary."""
+    problem = fit.problem
+    factors = {}
+    for name, value in fit.factors.items():
+        low, high = fit.interval(name)
+        factors[name] = {"value": value, "std": value * fit.spread[name], "lower95": low, "upper95": high, "initial": 1.0}
+    boundary: dict[str, Any] = {}
+    for group, (values, at) in zip(problem.parameters.groups, problem.parameters.slices, strict=True):
+        boundary[group.name] = {"log10": fit.solution.theta[values]}
+        if at is not None:
+            boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
+    return {
+        "factors": factors,
+        "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.nuisances.items()},
+        "boundary": boundary,
+        "boundary_held": problem.hold,
+    }

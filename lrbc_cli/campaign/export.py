@@ -20,7 +20,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, StateSpace, complex_matrix, state_space
+from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, complex_matrix, state_space
 from lrbc_cli.results.store import versions
 
 ENCODING = "lrbc-reduced-model"
@@ -126,18 +126,7 @@ def export(
     tree = second_order(inputs, stage, parameters)
     told: dict[str, Any] = {}
     if first_order:
-        theta = parse_values(assignments, parameters, parameters.initial if job is None else job_values(inputs, job, parameters))
-        system = state_space(_loads_only(inputs, stage), parameters.polynomial(theta), band)
-        given = "start values" if job is None else f"job {job}"
-        source_text = ", ".join([given, *(f"--set {text}" for text in assignments)])
-        tree["state_space"] = _state_space_tree(system, parameters, theta, source_text)
-        told = {
-            "form": tree["state_space"]["form"],
-            "states": system.states,
-            "deviation": system.deviation,
-            "spectral_abscissa": system.abscissa,
-            "unstable_poles": system.unstable,
-        }
+        tree["state_space"], told = _first_order(inputs, stage, parameters, job, assignments)
     out = []
     for file in dict.fromkeys(files):
         try:
@@ -149,39 +138,19 @@ def export(
 
 
 def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisation) -> dict[str, Any]:
-    """The reduced model without parameters, and what belongs to it; see the README for the layout."""
-    reduction = stage.reduction
-    model = reduction.model
-    loads = len(inputs.excitations)
-    nt = model.terms
-    count = sum(group.count for group in parameters.groups)
-    weights, beta, kinds, owners = np.zeros((nt, count)), np.zeros(nt), np.empty(nt, dtype=object), np.empty(nt, dtype=object)
-    first = 0
-    for group in parameters.groups:
-        weights[group.terms, first : first + group.count] = group.smoothing[group.parameter]
-        beta[group.terms] = group.damping.beta if group.damping else 0.0
-        kinds[group.terms], owners[group.terms] = group.kind, group.name
-        first += group.count
+    """The reduced model without parameters, and what belongs to it; see ``lrbc guide formats`` for the layout."""
+    reduction, model = stage.reduction, stage.reduction.model
     damped = [group for group in parameters.groups if group.damping]
     return {
         "second_order": {
             "K": model.K,
             "C": model.C,
             "M": model.M,
-            "B": model.B[:, :loads],
+            "B": model.B[:, : len(inputs.excitations)],
             "L": model.L,
             "output_power": model.output_power,
         },
-        "terms": {
-            "left": model.left,
-            "right": model.right,
-            "kind": _texts(kinds),
-            "power": inputs.model.terms.power,
-            "group": _texts(owners),
-            "weights": weights,
-            "baseline": inputs.model.terms.baseline,
-            "damping_beta": beta,
-        },
+        "terms": _terms(inputs, model, parameters),
         "parameters": {
             "name": _texts([f"{group.name}.{k + 1}" for group in parameters.groups for k in range(group.count)]),
             "group": _texts([group.name for group in parameters.groups for _ in range(group.count)]),
@@ -192,15 +161,7 @@ def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisa
             "group": _texts([group.name for group in damped]),
             "initial": np.array([group.damping.initial for group in damped if group.damping]),
         },
-        "responses": {
-            "name": _texts([r.name for r in inputs.responses]),
-            "quantity": _texts([r.quantity for r in inputs.responses]),
-            "unit": _texts([r.unit.removesuffix("/N") for r in inputs.responses]),
-            "excitation": _texts([inputs.excitations[r.input] for r in inputs.responses]),
-            "node": np.array([-1 if r.node is None else r.node for r in inputs.responses], dtype=np.int64),
-            "component": _texts([_component(r.direction) for r in inputs.responses]),
-            "place": _texts([r.text for r in inputs.responses]),
-        },
+        "responses": _responses(inputs),
         "excitations": _excitations(inputs),
         "reduction": {
             "size": model.size,
@@ -227,24 +188,64 @@ def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisa
     }
 
 
-def _loads_only(inputs: Inputs, stage: ReductionStage) -> ReducedModel:
-    """The reduced model without the derivatives of its loads to shifts of the hammer."""
-    model = stage.reduction.model
-    return replace(model, B=model.B[:, : len(inputs.excitations)])
+def _terms(inputs: Inputs, model: ReducedModel, parameters: Parameterisation) -> dict[str, Any]:
+    """The low-rank terms, and how the parameters weigh them."""
+    nt = model.terms
+    weights, beta = np.zeros((nt, sum(group.count for group in parameters.groups))), np.zeros(nt)
+    kinds, owners = np.empty(nt, dtype=object), np.empty(nt, dtype=object)
+    first = 0
+    for group in parameters.groups:
+        weights[group.terms, first : first + group.count] = group.smoothing[group.parameter]
+        beta[group.terms] = group.damping.beta if group.damping else 0.0
+        kinds[group.terms], owners[group.terms] = group.kind, group.name
+        first += group.count
+    return {
+        "left": model.left,
+        "right": model.right,
+        "kind": _texts(kinds),
+        "power": inputs.model.terms.power,
+        "group": _texts(owners),
+        "weights": weights,
+        "baseline": inputs.model.terms.baseline,
+        "damping_beta": beta,
+    }
 
 
-def _state_space_tree(system: StateSpace, parameters: Parameterisation, theta: Any, source: str) -> dict[str, Any]:
-    tree = {"form": "explicit" if system.E is None else "descriptor"}
-    tree |= {name: getattr(system, name) for name in ("A", "B", "C", "D", "E", "basis") if getattr(system, name) is not None}
-    return tree | {
+def _responses(inputs: Inputs) -> dict[str, Any]:
+    responses = inputs.responses
+    return {
+        "name": _texts([r.name for r in responses]),
+        "quantity": _texts([r.quantity for r in responses]),
+        "unit": _texts([r.own_unit for r in responses]),
+        "excitation": _texts([inputs.excitations[r.input] for r in responses]),
+        "node": np.array([-1 if r.node is None else r.node for r in responses], dtype=np.int64),
+        "component": _texts([_component(r.direction) for r in responses]),
+        "place": _texts([r.text for r in responses]),
+    }
+
+
+def _first_order(
+    inputs: Inputs, stage: ReductionStage, parameters: Parameterisation, job: str | None, assignments: Sequence[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The state space as in the file, and what is said of it."""
+    theta = parse_values(assignments, parameters, parameters.initial if job is None else job_values(inputs, job, parameters))
+    # Without the derivatives of the loads to shifts of the hammer.
+    model = replace(stage.reduction.model, B=stage.reduction.model.B[:, : len(inputs.excitations)])
+    system = state_space(model, parameters.polynomial(theta), inputs.campaign.reduction.band)
+    form = "explicit" if system.E is None else "descriptor"
+    told = {"deviation": system.deviation, "spectral_abscissa": system.abscissa, "unstable_poles": system.unstable}
+    matrices = {name: getattr(system, name) for name in ("A", "B", "C", "D", "E", "basis") if getattr(system, name) is not None}
+    given = "start values" if job is None else f"job {job}"
+    tree = {
+        "form": form,
+        **matrices,
         "log10": np.concatenate([theta[where] for where, _ in parameters.slices]),
         "damping_exponent": np.array([theta[at] for _, at in parameters.slices if at is not None]),
-        "source": source,
-        "deviation": system.deviation,
+        "source": ", ".join([given, *(f"--set {text}" for text in assignments)]),
         "poles": system.poles,
-        "spectral_abscissa": system.abscissa,
-        "unstable_poles": system.unstable,
+        **told,
     }
+    return tree, {"form": form, "states": system.states, **told}
 
 
 def _excitations(inputs: Inputs) -> dict[str, Any]:

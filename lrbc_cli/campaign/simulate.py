@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.unknowns import layout, parameterise, stored_theta
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -20,8 +21,6 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-
-Floats = NDArray[np.float64]
 
 #: Lines at most in one call: a slip in the step must not fill the memory.
 MAX_LINES = 200_000
@@ -206,14 +205,8 @@ def simulate(
     -------
     FrfSet
     """
-    if out.suffix.lower() not in WRITERS:
-        raise ConfigError(
-            "this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
-        )
-    require_no_input(out, inputs.campaign, "--out")
-    if not replace:
-        require_new(out, "--out", "--force")
     band = inputs.campaign.reduction.band
+    _require_target(inputs, out, replace)
     frequency = parse_lines(lines, band)
     if not full:
         require_in_band(frequency, band, f"--lines {lines}", "change reduction.band, or use --full")
@@ -224,13 +217,29 @@ def simulate(
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
     reduced = None if stage is None else FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
     source = FrfSource(inputs, None, "full", progress) if full or reduced is None else reduced
-    if auto and reduced is not None:
-        parameters, _ = parameterise(inputs, reduced, 2j * np.pi * parse_lines(None, band))
-    else:
-        parameters, _ = parameterise(inputs, source, s)
+    own = (reduced, 2j * np.pi * parse_lines(None, band)) if auto and reduced is not None else (source, s)
+    parameters, _ = parameterise(inputs, *own)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)
-    y = source.model(s, parameters).frf(theta)
+    frf = _records(inputs, out, frequency, source.model(s, parameters).frf(theta))
+    try:
+        write_frf(out, frf)
+    except OSError as error:
+        raise ConfigError(f"the file cannot be written ({error.strerror or error})", file=out, place="--out") from error
+    return frf
+
+
+def _require_target(inputs: Inputs, out: Path, replace: bool) -> None:
+    if out.suffix.lower() not in WRITERS:
+        raise ConfigError(
+            "this ending of a file of FRFs is not known", file=out, place="--out", expected=", ".join(WRITERS), found=out.suffix or "none"
+        )
+    require_no_input(out, inputs.campaign, "--out")
+    if not replace:
+        require_new(out, "--out", "--force")
+
+
+def _records(inputs: Inputs, out: Path, frequency: Floats, y: NDArray[np.complexfloating]) -> FrfSet:
     if not np.all(np.isfinite(y)):
         line, row = (int(index[0]) for index in np.nonzero(~np.isfinite(y)))
         raise NumericalError(
@@ -253,9 +262,4 @@ def simulate(
                 place=response.name,
             )
         )
-    frf = FrfSet(str(out), tuple(records))
-    try:
-        write_frf(out, frf)
-    except OSError as error:
-        raise ConfigError(f"the file cannot be written ({error.strerror or error})", file=out, place="--out") from error
-    return frf
+    return FrfSet(str(out), tuple(records))

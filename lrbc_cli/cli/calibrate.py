@@ -69,7 +69,7 @@ def describe(record: CalibrationRecord, kept: bool) -> list[str]:
     lines = [
         f"calibration from {record.job}: {record.status} ({record.reason}){', kept: nothing changed' if kept else ''}",
         f"mean misfit over all lines: responses used {change(misfit.initial, misfit.final)}, "
-        f"held out {change(misfit.held_out_initial, misfit.held_out_final)}",
+        f"validation channels {change(misfit.held_out_initial, misfit.held_out_final)}",
     ]
     width = max(len(name) for name in record.factors)
     for name, entry in record.factors.items():

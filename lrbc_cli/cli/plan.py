@@ -31,6 +31,7 @@ from lrbc_cli.report import draw_plan, plan_text
 )
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def plan(
+    *,
     config: Path,
     overrides: tuple[str, ...],
     cache: Path | None,

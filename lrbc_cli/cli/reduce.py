@@ -10,6 +10,7 @@ import click
 
 from lrbc_cli.campaign.export import check_targets, export, require_real
 from lrbc_cli.campaign.jobs.results import write_campaign, write_reduction
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.campaign.simulate import check_parameters
@@ -46,6 +47,7 @@ from lrbc_cli.results.model import ReductionRecord
     help="State space at this value, or one a parameter; inf clamps, -inf frees. GROUP.damping=LOG10.",
 )
 def reduce(
+    *,
     config: Path,
     overrides: tuple[str, ...],
     cache: Path | None,
@@ -75,22 +77,7 @@ def reduce(
         require_real(inputs)
     folder = cache_folder(cache)
     if dry_run:
-        decision = look_up(folder, key_parts(inputs))
-        would = "builds the reduced model (--force)" if force else ("finds it in the cache" if decision.hit else "builds the reduced model")
-        used = None if inputs.calibration is None else inputs.calibration.text
-        if as_json:
-            plan = {
-                "hit": decision.hit,
-                "reason": decision.reason,
-                "key": decision.key,
-                "builds": force or not decision.hit,
-                "missed": decision.missed or None,
-                "calibration": used,
-            }
-            say_json(plan | ({"exports": [{"file": file} for file in exports]} if exports else {}))
-        else:
-            missed = [f"{decision.missed}; --accept-tolerance accepts it"] if decision.missed and not force else []
-            click.echo("\n".join([f"{would}: {decision.reason}", *missed, *[f"writes {file}" for file in exports]]))
+        _dry_run(inputs, folder, exports, force=force, as_json=as_json)
         return
     output = inputs.campaign.output
     stage = obtain_reduction(
@@ -113,6 +100,24 @@ def reduce(
     unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
     if unstable and verbosity.level >= 0:
         click.echo(f"warning: {unstable} poles of the state space lie in the right half plane: it grows without bounds", err=True)
+
+
+def _dry_run(inputs: Inputs, folder: Path, exports: tuple[Path, ...], *, force: bool, as_json: bool) -> None:
+    decision = look_up(folder, key_parts(inputs))
+    if as_json:
+        plan = {
+            "hit": decision.hit,
+            "reason": decision.reason,
+            "key": decision.key,
+            "builds": force or not decision.hit,
+            "missed": decision.missed or None,
+            "calibration": None if inputs.calibration is None else inputs.calibration.text,
+        }
+        say_json(plan | ({"exports": [{"file": file} for file in exports]} if exports else {}))
+        return
+    would = "builds the reduced model (--force)" if force else ("finds it in the cache" if decision.hit else "builds the reduced model")
+    missed = [f"{decision.missed}; --accept-tolerance accepts it"] if decision.missed and not force else []
+    click.echo("\n".join([f"{would}: {decision.reason}", *missed, *[f"writes {file}" for file in exports]]))
 
 
 def describe(record: ReductionRecord, seconds: float) -> list[str]:

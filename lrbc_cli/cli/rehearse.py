@@ -50,6 +50,7 @@ DECLARED = "; absent: what `update.nuisances` says."
 @click.option("--lines", metavar="LINES", help="20:400:1 or 33.3,71.7 [Hz]; 1 Hz lines of the band where absent.")
 @click.option("--force", is_flag=True, help="Replace the files of an earlier rehearsal.")
 def rehearse(
+    *,
     config: Path,
     overrides: tuple[str, ...],
     cache: Path | None,

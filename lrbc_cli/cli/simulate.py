@@ -28,6 +28,7 @@ from lrbc_cli.cli.options import calibration_option, campaign_options
 @click.option("--force", is_flag=True, help="Replace the file of --out where it exists.")
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def simulate(
+    *,
     config: Path,
     overrides: tuple[str, ...],
     cache: Path | None,

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.jobs.plans import choose_jobs, plan
-from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
 from lrbc_cli.campaign.jobs.standing import findings_of
+from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
@@ -36,6 +37,7 @@ CLEARANCE = {
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def update(
+    *,
     config: Path,
     overrides: tuple[str, ...],
     cache: Path | None,
@@ -57,26 +59,8 @@ def update(
         raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")
     inputs = load(config, overrides, calibration=calibration)
     folder = cache_folder(cache)
-    output = inputs.campaign.output
     if dry_run:
-        parts = key_parts(inputs)
-        decision = look_up(folder, parts)
-        plans = plan(inputs, parts, choose_jobs(inputs, jobs), force)
-        if as_json:
-            say_json(
-                {
-                    "cache": {"hit": decision.hit, "reason": decision.reason, "missed": decision.missed or None},
-                    "calibration": None if inputs.calibration is None else inputs.calibration.text,
-                    "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in plans},
-                }
-            )
-        else:
-            if inputs.campaign.update.evaluation != "full":
-                click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
-                if decision.missed:
-                    click.echo(f"{decision.missed}; --accept-tolerance accepts it")
-            for p in plans:
-                click.echo(f"{p.name}: {p.verb} ({p.reason})")
+        _dry_run(inputs, folder, jobs, force=force, as_json=as_json)
         return 0
     outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
     if verbosity.level >= 0:
@@ -85,10 +69,36 @@ def update(
         for name, record in outcome.results.items():
             for warning in record.warnings:
                 click.echo(f"warning: job {name}: {warning}", err=True)
-    done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
     code = outcome.exit_code(fail_on_loose)
+    _tell(inputs, outcome, code, as_json=as_json, fail_on_loose=fail_on_loose)
+    return code
+
+
+def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool, as_json: bool) -> None:
+    parts = key_parts(inputs)
+    decision = look_up(folder, parts)
+    plans = plan(inputs, parts, choose_jobs(inputs, jobs), force)
     if as_json:
-        findings = {name: sentence(job) for name, job in findings_of(outcome.results, done).items()}
+        say_json(
+            {
+                "cache": {"hit": decision.hit, "reason": decision.reason, "missed": decision.missed or None},
+                "calibration": None if inputs.calibration is None else inputs.calibration.text,
+                "jobs": {p.name: {"run": p.run, "judge": p.judge, "reason": p.reason} for p in plans},
+            }
+        )
+        return
+    if inputs.campaign.update.evaluation != "full":
+        click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+        if decision.missed:
+            click.echo(f"{decision.missed}; --accept-tolerance accepts it")
+    for p in plans:
+        click.echo(f"{p.name}: {p.verb} ({p.reason})")
+
+
+def _tell(inputs: Inputs, outcome: Outcome, code: int, *, as_json: bool, fail_on_loose: bool) -> None:
+    output = inputs.campaign.output
+    done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
+    if as_json:
         say_json(
             {
                 "exit_code": code,
@@ -96,15 +106,14 @@ def update(
                 "kept": outcome.kept,
                 "judged": outcome.judged,
                 "failed": {n: e.message for n, e in outcome.errors.items()},
-                "findings": findings,
+                "findings": {name: sentence(job) for name, job in findings_of(outcome.results, done).items()},
                 "not_clear": outcome.not_clear,
                 "results": outcome.results,
             }
         )
-    else:
-        click.echo(summary_text(output, done, reasons=False))
-        if fail_on_loose and code in CLEARANCE:
-            why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
-            click.echo(CLEARANCE[code] + (f" ({why})" if code == 7 else ""))
-        click.echo(f"results in {output}")
-    return code
+        return
+    click.echo(summary_text(output, done, reasons=False))
+    if fail_on_loose and code in CLEARANCE:
+        why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
+        click.echo(CLEARANCE[code] + (f" ({why})" if code == 7 else ""))
+    click.echo(f"results in {output}")

@@ -17,6 +17,9 @@ from lrbc_cli.updating.decide import DecisionRule
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
+#: Why joints have a wider prior.
+JOINTS = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
+
 Approach = Literal["bolts", "paper"]
 Noise = Literal["coherence", "scatter", "none"]
 
@@ -146,14 +149,13 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
     approach, why = _approach(update, facts)
     by_bolts = approach == "bolts"
     reasons, warnings = {"approach": why}, list[str]()
-    regularisation: float | Literal["noise", "l-curve"] = "noise"
     given = update.regularisation
+    regularisation: float | Literal["noise", "l-curve"] = "noise" if by_bolts or given == "auto" else given
     if by_bolts:
         reasons["regularisation"] = "the weight of the prior follows the residuals"
         if given != "auto":
             warnings.append(f"update.regularisation: {given} is a weight of values along the edge, for approach: paper, and not used")
     else:
-        regularisation = "noise" if given == "auto" else given
         reasons["regularisation"] = "no weight is given: it follows the residuals" if given == "auto" else "as given"
     optimiser = "gauss-newton" if by_bolts else update.method
     reasons["optimiser"] = "as given" if optimiser == update.method else "bfgs keeps to the nearest basin"
@@ -167,18 +169,9 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         else ("update.weights: none" if follows else "without a noise variance that follows the residuals nothing weighs against it")
     )
     mixture, relative = by_bolts and facts.bolts, by_bolts and facts.bolts and weighted
-    reasons["relative"] = (
-        "most of the model discrepancy is that of the reference state"
-        if relative
-        else ("errors of changes need weights" if mixture else "no changes at bolts are sought")
-    )
-    reasons["mixture"] = "each bolt is tight or loose" if mixture else "no changes at bolts are sought"
-    values = statistics.values
-    if update.prior_std != "auto":
-        values = replace(values, std=update.prior_std, joint_std=update.prior_std)
+    reasons |= _comparison(mixture, relative)
     if by_bolts and facts.joints:
-        auto = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"
-        reasons["prior_std"] = auto if update.prior_std == "auto" else "as given"
+        reasons["prior_std"] = JOINTS if update.prior_std == "auto" else "as given"
     return Method(
         approach=approach,
         regularisation=regularisation,
@@ -194,11 +187,24 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         responses=update.responses,
         nuisances={name: value for name, value in update.nuisances if value is not None},
         full_order=update.evaluation == "full",
-        statistics=replace(statistics, values=values),
+        statistics=_with_prior(update, statistics),
         rule=rule_of(update),
         reasons=reasons,
         warnings=tuple(warnings),
     )
+
+
+def _with_prior(update: UpdateConfig, statistics: StatisticalModel) -> StatisticalModel:
+    std = update.prior_std
+    return statistics if std == "auto" else replace(statistics, values=replace(statistics.values, std=std, joint_std=std))
+
+
+def _comparison(mixture: bool, relative: bool) -> dict[str, str]:
+    """Reasons of ``relative`` and ``mixture``."""
+    if not mixture:
+        return dict.fromkeys(("relative", "mixture"), "no changes at bolts are sought")
+    why = "most of the model discrepancy is that of the reference state" if relative else "errors of changes need weights"
+    return {"relative": why, "mixture": "each bolt is tight or loose"}
 
 
 def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:

@@ -77,10 +77,13 @@ class Recipe:
     pieces : tuple of Piece
     names : tuple of str
         Factors that change something.
+    proportional : frozenset of str
+        Factors of proportional damping: no matrix contains them, the recipe applies them.
     """
 
     pieces: tuple[Piece, ...]
     names: tuple[str, ...]
+    proportional: frozenset[str] = frozenset()
 
     def assemble(
         self,
@@ -133,7 +136,7 @@ class Recipe:
 
         def moved(share: Monomial) -> Monomial:
             # The other factors are in the matrices; those of proportional damping are not.
-            powers = {name: power for name, power in share.exponents.items() if name.startswith(("alpha.", "beta."))}
+            powers = {name: power for name, power in share.exponents.items() if name in self.proportional}
             return replace(share, coefficient=replace(share, exponents=powers).value(factors))
 
         return replace(self, pieces=tuple(replace(piece, shares=tuple(map(moved, piece.shares))) for piece in self.pieces))
@@ -198,15 +201,7 @@ def make_recipe(
     """
     pieces: list[Piece] = []
     names: list[str] = []
-
-    def add(operator: str, field: str, shares: Sequence[Monomial]) -> None:
-        pieces.append(Piece(operator, field, None, tuple(shares)))
-        for group, there in (groups or {}).items():
-            if operator in there:
-                own = [replace(share, exponents={**share.exponents, group: 1.0}) for share in shares]
-                rest = [replace(share, coefficient=-share.coefficient) for share in shares]
-                pieces.append(Piece(operator, field, group, (*own, *rest)))
-
+    proportional: list[str] = []
     present = [name for name, there in zip(FIELDS, (structural, acoustic), strict=True) if there]
     for name in present:
         stiffness, mass = {f"stiffness.{name}": 1.0}, {f"mass.{name}": 1.0}
@@ -215,19 +210,30 @@ def make_recipe(
             stiffness[SOUND_SPEED] = 2.0
         of_stiffness, of_mass = [Monomial(0, 1.0, stiffness)], [Monomial(2, 1.0, mass)]
         if damping is not None:
-            alpha, beta = damping[FIELDS.index(name)]
-            of_mass.append(Monomial(1, alpha, mass | {f"alpha.{name}": 1.0}))
-            of_stiffness.append(Monomial(1, beta, stiffness | {f"beta.{name}": 1.0}))
-            names += [f"{key}.{name}" for key, value in (("alpha", alpha), ("beta", beta)) if value != 0.0]
+            own = dict(zip((f"alpha.{name}", f"beta.{name}"), damping[FIELDS.index(name)], strict=True))
+            for (key, value), shares, exponents in zip(own.items(), (of_mass, of_stiffness), (mass, stiffness), strict=True):
+                shares.append(Monomial(1, value, exponents | {key: 1.0}))
+            names += [key for key, value in own.items() if value != 0.0]
+            proportional += own
         else:
-            add("damping", name, [Monomial(1, 1.0, {f"damping.{name}": 1.0})])
+            pieces += _pieces("damping", name, [Monomial(1, 1.0, {f"damping.{name}": 1.0})], groups)
             names.append(f"damping.{name}")
-        add("stiffness", name, of_stiffness)
-        add("mass", name, of_mass)
+        pieces += [*_pieces("stiffness", name, of_stiffness, groups), *_pieces("mass", name, of_mass, groups)]
     if len(present) == 2:
         for slot, operator in enumerate(OPERATORS):
             if operator != "damping" or damping is None:
-                add(operator, "coupling", [Monomial(slot, 1.0, {})])
+                pieces += _pieces(operator, "coupling", [Monomial(slot, 1.0, {})], groups)
     if acoustic:
         names.append(SOUND_SPEED)
-    return Recipe(tuple(pieces), (*names, *(groups or {})))
+    return Recipe(tuple(pieces), (*names, *(groups or {})), frozenset(proportional))
+
+
+def _pieces(operator: str, field: str, shares: Sequence[Monomial], groups: Mapping[str, Collection[str]] | None) -> list[Piece]:
+    """A matrix of the model, and what the further groups contribute to it."""
+    out = [Piece(operator, field, None, tuple(shares))]
+    for group, there in (groups or {}).items():
+        if operator in there:
+            own = [replace(share, exponents={**share.exponents, group: 1.0}) for share in shares]
+            rest = [replace(share, coefficient=-share.coefficient) for share in shares]
+            out.append(Piece(operator, field, group, (*own, *rest)))
+    return out

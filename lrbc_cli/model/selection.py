@@ -6,13 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.dofs import DofTable
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Spacings beyond which the next term is on another edge: one or two nodes that are missing, as fixed ones are, leave gaps of two or three.
 JUMP = 3.5

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import at_node
-
-Floats = NDArray[np.float64]
 
 AXES = "XYZ"
 

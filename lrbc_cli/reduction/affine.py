@@ -11,22 +11,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import OPERATORS, Recipe
 from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, with_diagonal_air
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
 SYMMETRY = 1e-9
 
 
 @dataclass(frozen=True)
-class Response:
+class Linearised:
     """FRFs and their derivatives.
 
     Attributes
@@ -62,7 +59,7 @@ class AffineModel:
 
     base: ReducedModel
     recipe: Recipe
-    shifts: NDArray[np.int64] | None = None
+    shifts: Integers | None = None
 
     def blocks(self) -> list[Any]:
         """A_p in the order of ``Recipe.pieces``."""
@@ -94,7 +91,7 @@ class AffineModel:
         """The same with a diagonal air, which makes its lines cheaper."""
         return replace(self, base=with_diagonal_air(self.base))
 
-    def restricted(self, responses: NDArray[np.int64]) -> AffineModel:
+    def restricted(self, responses: Integers) -> AffineModel:
         """The same for some of the responses."""
         base = replace(
             self.base, L=self.base.L[responses], output_power=self.base.output_power[responses], input_of=self.base.input_of[responses]
@@ -110,7 +107,7 @@ class AffineModel:
         offset: Floats | None = None,
         *,
         workers: int = 2,
-    ) -> Response:
+    ) -> Linearised:
         """FRFs with their derivatives.
 
         ``dy/dD_j = -(b_jᵀ v)(c_jᵀ x)`` and ``dy/d ln phi = -vᵀ (dZ/d ln phi) x`` with ``Z x = B u`` and ``Zᵀ v = Lᵀ``, eqs. (28), (32).
@@ -128,42 +125,24 @@ class AffineModel:
 
         Returns
         -------
-        Response
+        Linearised
         """
         base = self.base
-        R, r, nt = base.L.shape[0], base.size, base.terms
         K, C, M = self.operators(factors)
         slopes = [self.operators(factors, name) for name in names]
-        rows, own = np.arange(R), base.input_of
-        B = np.array(base.B, dtype=float)
-        if offset is not None and self.shifts is not None:
-            for load, columns in enumerate(self.shifts):
-                B[:, load] += base.B[:, columns] @ offset[load]
-        moved = 0 if self.shifts is None else 2
-        y = np.empty((s.size, R), dtype=complex)
-        by_term = np.empty((s.size, R, nt), dtype=complex)
-        by_factor = np.empty((s.size, R, len(names)), dtype=complex)
-        by_shift = np.empty((s.size, R, moved), dtype=complex)
+        rows, own = np.arange(base.L.shape[0]), base.input_of
+        B = self._loads(offset)
+        y = np.empty((s.size, rows.size), dtype=complex)
+        by_term, by_factor, by_shift = (
+            np.empty((s.size, rows.size, count), dtype=complex) for count in (base.terms, len(names), 0 if self.shifts is None else 2)
+        )
         condense = air_is_diagonal(K, C, M, base.structure, base.left, base.right)
         kappa = None if condense else self._kappa(K, C, M)
-        ns = base.structure
 
         def work(part: slice) -> None:
             z = s[part, None, None]
             to_quantity = s[part, None] ** base.output_power[None, :]
-            if not condense:
-                Z = z**2 * M + z * C + K + (base.left * D[part, None, :]) @ base.right.T
-            if condense:
-                x, v = condensed_solve(z, D[part], (K, C, M), (base.left, base.right), ns, B, base.L.T)
-            elif kappa is None:
-                x = np.linalg.solve(Z, B.astype(complex)[None])
-                v = np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
-            else:
-                # diag(I, -1/(kappa s²)) Z is symmetric: v follows from the same factorisation.
-                scale = np.ones((Z.shape[0], r, 1), dtype=complex)
-                scale[:, ns:] = -1.0 / (kappa * z**2)
-                both = np.linalg.solve(Z, np.concatenate([np.broadcast_to(B, (Z.shape[0], *B.shape)), base.L.T[None] / scale], axis=2))
-                x, v = both[:, :, : B.shape[1]], scale * both[:, :, B.shape[1] :]
+            x, v = self._condensed(z, D[part], (K, C, M), B) if condense else self._solve(z, D[part], (K, C, M), B, kappa)
             own_x = x[:, :, own]
             y[part] = (base.L @ x)[:, rows, own] * to_quantity
             by_term[part] = -((base.left.T @ v) * (base.right.T @ own_x)).transpose(0, 2, 1) * to_quantity[:, :, None]
@@ -176,7 +155,34 @@ class AffineModel:
 
         # The condensed way forms what all lines of a chunk share once.
         in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if condense else 8, workers=workers)
-        return Response(y, by_term, by_factor, by_shift)
+        return Linearised(y, by_term, by_factor, by_shift)
+
+    def _loads(self, offset: Floats | None) -> Floats:
+        """B with its loads shifted."""
+        B = np.array(self.base.B, dtype=float)
+        if offset is not None and self.shifts is not None:
+            for load, columns in enumerate(self.shifts):
+                B[:, load] += self.base.B[:, columns] @ offset[load]
+        return B
+
+    def _condensed(self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats) -> tuple[Complexes, Complexes]:
+        base = self.base
+        return condensed_solve(z, D, operators, (base.left, base.right), base.structure, B, base.L.T)
+
+    def _solve(
+        self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats, kappa: float | None
+    ) -> tuple[Complexes, Complexes]:
+        """X and v of ``Z x = B`` and ``Zᵀ v = Lᵀ``; kappa as of ``_kappa``."""
+        base, ns = self.base, self.base.structure
+        K, C, M = operators
+        Z = z**2 * M + z * C + K + (base.left * D[:, None, :]) @ base.right.T
+        if kappa is None:
+            return np.linalg.solve(Z, B.astype(complex)[None]), np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
+        # diag(I, -1/(kappa s²)) Z is symmetric: v follows from the same factorisation.
+        scale = np.ones((Z.shape[0], base.size, 1), dtype=complex)
+        scale[:, ns:] = -1.0 / (kappa * z**2)
+        both = np.linalg.solve(Z, np.concatenate([np.broadcast_to(B, (Z.shape[0], *B.shape)), base.L.T[None] / scale], axis=2))
+        return both[:, :, : B.shape[1]], scale * both[:, :, B.shape[1] :]
 
     def _kappa(self, K: Any, C: Any, M: Any) -> float | None:
         """The factor that makes Z symmetric; None where none does."""

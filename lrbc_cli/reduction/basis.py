@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import NumericalError
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Loss of orthonormality above which the basis is refused.
 ORTHONORMALITY = 1e-10
@@ -45,7 +42,7 @@ class Field:
         Orthonormal columns; V = Q / weight.
     """
 
-    dofs: NDArray[np.int64]
+    dofs: Integers
     weight: Floats
     Q: Floats
 
@@ -299,7 +296,7 @@ class Projection:
 class _Rows:
     """The rows of a sparse matrix that hold anything."""
 
-    rows: NDArray[np.int64]
+    rows: Integers
     values: sp.csr_array
 
     @classmethod

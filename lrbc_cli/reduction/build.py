@@ -13,12 +13,11 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import check_orthonormal, new_directions
 from lrbc_cli.reduction.certify import port_errors, random_vectors, residual_errors
@@ -35,8 +34,6 @@ from lrbc_cli.reduction.vectors import certificate_vectors
 
 log = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Increased whenever the same input would give another basis.
 ALGORITHM_VERSION = 11
@@ -98,11 +95,9 @@ class _Candidate:
 class Reducer:
     """State of one adaptive reduction: ``run`` expands, compresses and certifies; the parameters are those of ``reduce_model``."""
 
-    def __init__(
-        self, model: FeModel, input_of: NDArray[np.int64], options: ReductionOptions, *, backend: str = "auto", ordering: str = "auto"
-    ) -> None:
+    def __init__(self, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> None:
         self.clock = _Clock()
-        self.problem = Problem.of(model, input_of, options, backend=backend, ordering=ordering)
+        self.problem = Problem.of(model, input_of, options, backend=backend)
         self.lines = FullLines(self.problem)
         self.basis = self.problem.empty_basis()
         self.estimator = Estimator(self.problem)
@@ -386,11 +381,10 @@ class Reducer:
 
 def reduce_model(
     model: FeModel,
-    input_of: NDArray[np.int64],
+    input_of: Integers,
     options: ReductionOptions,
     *,
     backend: str = "auto",
-    ordering: str = "auto",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Reduction:
     """Reduce a model so that y is within the tolerance on the band for every value of the terms.
@@ -401,7 +395,7 @@ def reduce_model(
     input_of : (n_out,) int array
         Which input each response belongs to.
     options : ReductionOptions
-    backend, ordering : str
+    backend : str
         Execution only, see ``DynamicStiffness``.
     progress : callable
         Gets one line of text a factorisation.
@@ -418,7 +412,7 @@ def reduce_model(
     """
     # Tall and thin QR does not gain from threads, and spinning BLAS threads on busy cores cost a factor of ten; PARDISO keeps its own.
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
-        reducer = Reducer(model, input_of, options, backend=backend, ordering=ordering)
+        reducer = Reducer(model, input_of, options, backend=backend)
         try:
             return reducer.run(progress)
         finally:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.dynamic import Factorisation
 from lrbc_cli.reduction.full import full_ports
@@ -18,9 +17,6 @@ from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-
 #: A line this much (100 dB) below that of the reference state is silent.
 SILENT = 1e-5
 
@@ -28,14 +24,14 @@ SILENT = 1e-5
 ROUNDING = 1e-13
 
 
-def quantity_groups(model: FeModel) -> list[NDArray[np.int64]]:
+def quantity_groups(model: FeModel) -> list[Integers]:
     """Responses that share a physical quantity."""
     acoustic = np.asarray(abs(model.L) @ model.is_acoustic.astype(float)) > 0
     key = np.where(acoustic, -1, model.output_power)
     return [np.flatnonzero(key == value) for value in np.unique(key)]
 
 
-def local_responses(model: FeModel, s: complex, input_of: NDArray[np.int64]) -> Floats:
+def local_responses(model: FeModel, s: complex, input_of: Integers) -> Floats:
     """(R,) size of a response if its place were where the load acts: the mean flexibility of both, taken from the diagonals alone.
 
     What is far below it is no response: a part that the load cannot reach, where the full solution is zero and every other one rounding.
@@ -52,9 +48,7 @@ def local_responses(model: FeModel, s: complex, input_of: NDArray[np.int64]) -> 
     return np.asarray(heard * driven[input_of] * omega**model.output_power)
 
 
-def relative_error(
-    groups: Sequence[NDArray[np.int64]], y: Complexes, exact: Complexes, reference: Complexes, local: Floats | None = None
-) -> float:
+def relative_error(groups: Sequence[Integers], y: Complexes, exact: Complexes, reference: Complexes, local: Floats | None = None) -> float:
     """Error of one line relative to its norm, the worst over quantities (pressures apart from motions).
 
     Where the terms silence a line (clamping the loaded point, say) it counts against ``SILENT`` of the reference state instead: below
@@ -158,7 +152,7 @@ def lines_between(band_hz: tuple[float, float], points: Sequence[float], count: 
 
 def measured_errors(
     model: FeModel,
-    input_of: NDArray[np.int64],
+    input_of: Integers,
     reduced: ReducedModel,
     band_hz: tuple[float, float],
     lines_hz: Floats,

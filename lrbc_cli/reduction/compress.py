@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.estimate import Estimator, Sweep
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.problem import Problem
-from lrbc_cli.reduction.sweep import Solver
+from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.unseen import distance
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Lines at which a smaller basis is compared with the rich one: so many spread over the band, and as many with the worst estimates.
 CHECKS = 11
@@ -92,7 +88,7 @@ class Compressor:
         """The first columns of each field."""
         return [modes.vectors[:, :count] for modes, count in zip(self.modes, counts, strict=True)]
 
-    def error(self, counts: Sequence[int], at: NDArray[np.int64] | None = None) -> float:
+    def error(self, counts: Sequence[int], at: Integers | None = None) -> float:
         """Relative difference of y to the rich model with so many columns a field, at some lines of the grid or at all."""
         problem = self._problem
         # Only the leading part of the operators in principal directions is used.
@@ -100,7 +96,7 @@ class Compressor:
         K, C, M = (A[np.ix_(keep, keep)] for A in self._turned)
         structure = counts[0] if self._structure else 0
         none = np.zeros((keep.size, 0))
-        solver = Solver((K, C, M), structure, self._inputs[keep], none, symmetric=problem.Z.symmetric)
+        solver = ReducedSolver((K, C, M), structure, self._inputs[keep], none, symmetric=problem.Z.symmetric)
         at = np.arange(self._ports.lines) if at is None else at
         outputs, s = self._outputs[:, keep] @ solver.turn, self._ports.s[at]
         H = np.empty((s.size, outputs.shape[0], solver.columns), dtype=complex)

@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: The projected acoustic blocks count as symmetric, and what is left beside their diagonals as zero, below this fraction.
 NEGLIGIBLE = 1e-9

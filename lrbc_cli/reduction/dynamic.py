@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
+from lrbc_cli.arrays import Bools, Complexes, Integers
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.coupling import Coupling, coupling_of
 from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.ordering import nested_dissection
 from lrbc_cli.reduction.symbolic import column_counts
 
-Complexes = NDArray[np.complexfloating[Any, Any]]
 #: Right-hand sides, (n,) or (n, m), or sparse (n, m).
 Columns: TypeAlias = NDArray[Any] | sp.csc_array
 
@@ -139,7 +139,7 @@ class DynamicStiffness:
         K: sp.csc_array,
         C: sp.csc_array,
         M: sp.csc_array,
-        is_acoustic: NDArray[np.bool_],
+        is_acoustic: Bools,
         *,
         backend: str = "auto",
         ordering: str = "auto",
@@ -196,7 +196,7 @@ class DynamicStiffness:
         other._begin()
         return other
 
-    def _major(self) -> NDArray[np.int64]:
+    def _major(self) -> Integers:
         """Row of each stored entry for PARDISO, column for SuperLU."""
         return np.repeat(np.arange(self.size), self._counts)
 

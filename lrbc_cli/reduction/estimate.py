@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.grid import Grid
 from lrbc_cli.reduction.ports import PortFrf, in_chunks
 from lrbc_cli.reduction.problem import Problem
-from lrbc_cli.reduction.sweep import Solver
+from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.vectors import certificate_vectors
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Lines of the grid; fewer where each costs more, by the number of terms.
 GRID_LINES = 120
@@ -83,7 +80,7 @@ class Estimator:
         problem = self._problem
         s = 2j * np.pi * self.grid.lines_hz
         symmetric = problem.Z.symmetric
-        solver = Solver(basis.operators, problem.structure_of(basis), basis.inputs, basis.dual, symmetric=symmetric)
+        solver = ReducedSolver(basis.operators, problem.structure_of(basis), basis.inputs, basis.dual, symmetric=symmetric)
         turn = solver.turn
         SK, SC, SM = (basis.sketched(i) @ turn for i in range(3))
         TK, TC, TM = (SK, SC, SM) if symmetric else tuple(basis.sketched(i, transposed=True) @ turn for i in range(3))

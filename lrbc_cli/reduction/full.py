@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import narrow
@@ -17,9 +16,6 @@ from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import reference_dynamic
 from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
@@ -35,12 +31,11 @@ def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.
 
 def full_ports(
     model: FeModel,
-    input_of: NDArray[np.int64],
+    input_of: Integers,
     s: Complexes,
     band_hz: tuple[float, float],
     *,
     backend: str = "auto",
-    ordering: str = "auto",
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> PortFrf:
     """Port FRFs of the unreduced model by one refined full solve a line: the reference that reduced models are compared with.
@@ -60,7 +55,7 @@ def full_ports(
     high = band_omega(model.K, model.M, band_hz)
     reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
-        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
+        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
         inputs, outputs = model.inputs.toarray(), model.outputs
         H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
         for line, value in enumerate(s):

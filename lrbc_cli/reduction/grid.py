@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import ConfigError
-
-Floats = NDArray[np.float64]
 
 #: Bands whose ends lie further apart than this ratio are wide.
 WIDE_BAND = 40.0

@@ -10,18 +10,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.dynamic import Analysis, DynamicStiffness, Factorisation, columns_at_once
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.problem import Problem, distinct_columns
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Factors above this size are made one at a time.
 SIDE_BY_SIDE_BYTES = 400e6

@@ -85,23 +85,7 @@ def bisection_order(pattern: sp.csr_array) -> NDArray[np.int64]:
                 push(members, stop)
                 stop -= members.size
             continue
-        level = _levels(local)
-        size = np.bincount(level)
-        below = np.cumsum(size) - size
-        above = vertices.size - below - size
-        # A small separator between parts of like size: cost of the separator against imbalance.
-        inner = (below >= 0.25 * vertices.size) & (above >= 0.25 * vertices.size)
-        cut = (
-            int(np.argmin(np.where(inner, size, vertices.size)))
-            if inner.any()
-            else int(np.searchsorted(np.cumsum(size), vertices.size / 2))
-        )
-        separator = level == cut
-        # Vertices of the cut level without a neighbour above belong below: thinner separators.
-        touches = (local @ (level == cut + 1).astype(np.int32)) > 0
-        low = (level < cut) | (separator & ~touches)
-        separator &= touches
-        high = level > cut
+        low, high, separator = _cut(local)
         if not low.any() or not high.any():
             order[stop - vertices.size : stop] = vertices[reverse_cuthill_mckee(local, symmetric_mode=True)]
             continue
@@ -110,6 +94,20 @@ def bisection_order(pattern: sp.csr_array) -> NDArray[np.int64]:
         push(vertices[high], stop)
         push(vertices[low], stop - int(high.sum()))
     return order
+
+
+def _cut(graph: sp.csr_array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Two parts of a connected graph and what separates them: a small separator between parts of like size."""
+    level, count = _levels(graph), graph.shape[0]
+    size = np.bincount(level)
+    below = np.cumsum(size) - size
+    # Cost of the separator against imbalance.
+    inner = (below >= 0.25 * count) & (count - below - size >= 0.25 * count)
+    cut = int(np.argmin(np.where(inner, size, count))) if inner.any() else int(np.searchsorted(np.cumsum(size), count / 2))
+    # Vertices of the cut level without a neighbour above belong below: thinner separators.
+    touches = (graph @ (level == cut + 1).astype(np.int32)) > 0
+    separator = (level == cut) & touches
+    return (level < cut) | ((level == cut) & ~touches), level > cut, separator
 
 
 def _levels(graph: sp.csr_array) -> NDArray[np.int64]:

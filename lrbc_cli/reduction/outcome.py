@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.errors import ConfigError, NumericalError
-
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 _MESSAGES = {
     -1: "input inconsistent",

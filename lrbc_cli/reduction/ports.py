@@ -9,14 +9,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache
 from threading import Thread
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
+from lrbc_cli.arrays import Complexes, Floats, Integers
 
 #: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
 SYMMETRY = 1e-9
@@ -108,7 +105,7 @@ class PortFrf:
     Hp0: Complexes
     Hpp: Complexes
     D_ref: Complexes
-    input_of: NDArray[np.int64]
+    input_of: Integers
     symmetric: bool
 
     @property
@@ -121,7 +118,7 @@ class PortFrf:
         """(F,) lines in Hz."""
         return np.asarray(self.s.imag / (2 * np.pi))
 
-    def select(self, lines: NDArray[np.int64], responses: NDArray[np.int64]) -> PortFrf:
+    def select(self, lines: Integers, responses: Integers) -> PortFrf:
         """The same for some lines and responses."""
         return PortFrf(
             self.s[lines],
@@ -168,7 +165,7 @@ class PortFrf:
         H00 = self.H00 - y[:, np.arange(self.input_of.size), self.input_of]
         return replace(self, H00=H00, H0p=self.H0p - y[:, :, n_in:], Hp0=moved[:, :, :n_in], Hpp=moved[:, :, n_in:], D_ref=D)
 
-    def among(self, terms: NDArray[np.int64]) -> PortFrf:
+    def among(self, terms: Integers) -> PortFrf:
         """The same for some of the terms, the others staying at their reference values: the cost is that of so many terms."""
         return replace(
             self,
@@ -263,8 +260,8 @@ def port_frf(
     H: Complexes,
     s: Complexes,
     D_ref: Complexes,
-    output_power: NDArray[np.int64],
-    input_of: NDArray[np.int64],
+    output_power: Integers,
+    input_of: Integers,
 ) -> PortFrf:
     """Arrange the raw transfer matrix of the extended system.
 

@@ -90,14 +90,14 @@ def memory_bound(model: FeModel) -> float:
     return float(SUPERLU_BYTES * min(fill, float(n) ** 2) + pattern + arrays + _estimate_bytes(model) + LIBRARIES)
 
 
-def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto", ordering: str = "auto") -> Cost:
+def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto") -> Cost:
     """Order and analyse the dynamic stiffness, and add up what its reduction will hold.
 
     Parameters
     ----------
     model : FeModel
     options : ReductionOptions
-    backend, ordering : str
+    backend : str
         As in ``reduce_model``.
 
     Returns
@@ -112,7 +112,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto",
     if backend == "auto":
         backend = "pardiso" if pardiso.library() else "superlu"
     # What each response belongs to costs nothing.
-    problem = Problem.of(model, np.zeros(model.L.shape[0], dtype=np.int64), options, backend=backend, ordering=ordering)
+    problem = Problem.of(model, np.zeros(model.L.shape[0], dtype=np.int64), options, backend=backend)
     n, Z, analysis = model.size, problem.Z, problem.Z.analyse()
     inputs = problem.inputs.shape[1]
     columns = inputs + problem.dual.shape[1]

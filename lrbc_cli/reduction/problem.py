@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import RESIDUAL_STIFFNESS, Field, Projection, energy_weight
 from lrbc_cli.reduction.certify import quantity_groups
@@ -19,10 +18,6 @@ from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.ports import PortFrf, port_frf
 from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
 from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-Integers = NDArray[np.int64]
 
 #: Inputs above which only the first line is solved for all of them, and later ones for random combinations.
 MANY_INPUTS = 150
@@ -72,12 +67,12 @@ class Problem:
     many: bool
 
     @classmethod
-    def of(cls, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto", ordering: str = "auto") -> Problem:
+    def of(cls, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> Problem:
         """Order the dynamic stiffness about the reference values of the terms; the parameters are those of ``reduce_model``."""
         omega = band_omega(model.K, model.M, options.band_hz)
         scale = local_scale(model.K, model.M, model.terms, omega)
         reference = reference_values(model.terms, scale, omega)
-        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend, ordering=ordering)
+        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
         inputs, outputs = model.inputs, model.outputs
         # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
         covered = Z.symmetric and model.terms.symmetric

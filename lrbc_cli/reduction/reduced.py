@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.reduction.ports import CLAMPED, PortFrf, in_chunks, port_frf
-
-Complexes = NDArray[np.complexfloating[Any, Any]]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,8 +42,8 @@ class ReducedModel:
     L: Floats
     left: Floats
     right: Floats
-    output_power: NDArray[np.int64]
-    input_of: NDArray[np.int64]
+    output_power: Integers
+    input_of: Integers
     reference: Floats
     structure: int
     extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -148,10 +145,6 @@ class ReducedModel:
         """(nt,) norms of the terms at the value one, and the size of the rest of the dynamic stiffness."""
         size = np.linalg.norm(self.left, axis=0) * np.linalg.norm(self.right, axis=0)
         return size, float(np.abs(self.K).max() + np.abs(s).max() ** 2 * np.abs(self.M).max())
-
-    def with_reference(self, reference: Floats) -> ReducedModel:
-        """The same model with port FRFs about other values."""
-        return replace(self, reference=reference)
 
 
 def reference_dynamic(reference: Floats, s: Complexes) -> Complexes:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, eig, eigh, eigvalsh, null_space, solve_triangular
 
+from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.ports import SYMMETRY
 from lrbc_cli.reduction.reduced import ReducedModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A mass matrix counts as singular where a field's smallest singular value is below this fraction of its largest.
 SINGULAR = 1e-12
@@ -141,6 +137,17 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
         basis, second = _assembled(model, terms, omega)
     if not all(np.all(np.isfinite(A)) for A in (second.K, second.C, second.M)):
         raise _unusable(np.inf)
+    best = _closest(second, basis, s, exact)
+    try:
+        with np.errstate(all="ignore"):
+            poles, errors = _poles(second, omega)
+        return replace(best, poles=poles, errors=errors)
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+
+
+def _closest(second: ReducedModel, basis: Floats, s: Complexes, exact: Complexes) -> StateSpace:
+    """The first form that reproduces the FRFs to rounding, else the better one."""
     best: StateSpace | None = None
     forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
     for form in forms:
@@ -154,12 +161,7 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     assert best is not None
     if not best.deviation <= USABLE:
         raise _unusable(best.deviation)
-    try:
-        with np.errstate(all="ignore"):
-            poles, errors = _poles(second, omega)
-        return replace(best, poles=poles, errors=errors)
-    except np.linalg.LinAlgError as error:
-        raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
+    return best
 
 
 def _unusable(deviation: float) -> NumericalError:
@@ -169,7 +171,7 @@ def _unusable(deviation: float) -> NumericalError:
 
 def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
     """Coordinates in which stiff terms do not drown the rest, and the model in them with its terms in K, C and M."""
-    clamped: NDArray[np.bool_] = np.any(np.isinf(terms), axis=1)
+    clamped: Bools = np.any(np.isinf(terms), axis=1)
     kept = terms[~clamped]
     r, ns = model.size, model.structure
     fields = [part for part in (slice(0, ns), slice(ns, r)) if part.start < part.stop]

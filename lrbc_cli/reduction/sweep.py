@@ -6,15 +6,12 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.condense import air_is_diagonal, air_modes, condensed_solve, turned
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
-
-class Solver:
+class ReducedSolver:
     """``Z(s) X = B`` and ``Z(s)ᵀ Y = Lᵀ`` in coordinates in which the air is diagonal where that is possible.
 
     Parameters

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
-Integers = NDArray[np.int64]
+from lrbc_cli.arrays import Integers
 
 
 @dataclass(frozen=True)
-class Fill:
+class FactorFill:
     """Size of a factor.
 
     Attributes
@@ -72,7 +71,7 @@ def elimination_tree(pattern: sp.csr_array) -> Integers:
     return np.array(parent, dtype=np.int64)
 
 
-def column_counts(pattern: sp.csr_array) -> Fill:
+def column_counts(pattern: sp.csr_array) -> FactorFill:
     """Fill of the Cholesky factor of a pattern in its given order.
 
     Column j counts the rows whose subtree it belongs to: the tree paths from the neighbours k < i of row i up to i. Only the leaves of a
@@ -86,7 +85,7 @@ def column_counts(pattern: sp.csr_array) -> Fill:
 
     Returns
     -------
-    Fill
+    FactorFill
     """
     n = pattern.shape[0]
     parent = elimination_tree(pattern)
@@ -126,7 +125,7 @@ def column_counts(pattern: sp.csr_array) -> Fill:
     np.add.at(delta, above[:n], -1)
     total = np.concatenate([[0], np.cumsum(delta[:n])])
     counts = total[1:] - total[first]
-    return Fill(counts[rank])
+    return FactorFill(counts[rank])
 
 
 def _postorder(parent: Integers) -> Integers:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import nctdtrit, ndtri
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.reduction.certify import ROUNDING, SILENT
 from lrbc_cli.reduction.ports import PortFrf
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Errors below this are rounding, of the full solution too.
 ROUNDING_LEVEL = 1e-11
@@ -26,7 +22,7 @@ SHARE, CONFIDENCE = 0.95, 0.95
 
 
 def distance(
-    ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[NDArray[np.int64]], local: Floats | None = None
+    ports: PortFrf, other: PortFrf, vectors: Sequence[Complexes], groups: Sequence[Integers], local: Floats | None = None
 ) -> Floats:
     """(F,) relative difference of y between two sets of port FRFs, worst over vectors and physical quantities.
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import norm as spnorm
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.model.terms import LowRankTerms
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A term whose outer product would have more entries than this stays out of the reference.
 FILL_LIMIT = 4096

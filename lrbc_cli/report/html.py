@@ -1,4 +1,8 @@
-"""HTML by small functions: every text is escaped unless it was made here."""
+"""HTML by small functions: every text is escaped unless it was made here.
+
+Why not jinja2 (tried on ``parts/provenance.py``): 95 lines, 70 of Python and 25 of template, instead of 103. Nearly all of a
+part decides which rows and cells there are, so its few words do not become easier to find, and templates escape the type checker.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lrbc_cli.results.fields import Floats
+from lrbc_cli.arrays import Floats
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
 
 

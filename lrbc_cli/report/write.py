@@ -22,7 +22,7 @@ from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read, read_job
-from lrbc_cli.results.tables import read_fdac, read_frf, require_files
+from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
 
@@ -63,9 +63,68 @@ def write_report(
         Where a result file is missing or damaged, or nothing can be written.
     """
     say = progress or (lambda line: None)
+    content, tasks = _contents(output, jobs)
+    drawn = _draw_all(tasks, workers, say)
+    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+    page = output / "report.html"
+    text = render(content)
+    with replace(page) as sink:
+        sink.write(text.encode("utf-8", errors="replace"))
+    say(f"{page} written")
+    return page
+
+
+def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_Task]]:
+    """What the page shows, and the figures with their files."""
     campaign, results = read_results(output, jobs)
-    reduction = read(output / "reduction.json", ReductionRecord)
     done = [job for job in results if isinstance(job, JobRecord)]
+    _require_tables(output, done)
+    calibration, calibration_frf = _calibration(output)
+    plan = read(output / "plan.json", PlanRecord)
+    profiles, maps, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
+    frfs, l_curves = list[FrfFigure](), list[Chart]()
+    content = Content(
+        campaign=campaign,
+        jobs=results,
+        reduction=read(output / "reduction.json", ReductionRecord),
+        profiles=profiles,
+        frfs=frfs,
+        strip=strip_chart(campaign, done),
+        maps=maps,
+        fdac=fdac,
+        calibration=calibration,
+        calibration_frf=calibration_frf,
+        l_curves=l_curves,
+        plan=plan,
+    )
+    tasks: list[_Task] = [] if content.strip is None else [(content.strip, output / "verdicts.png")]
+    if plan is not None:
+        tasks.append((plan_chart(plan), output / "plan.png"))
+    scales = profile_scales(done)
+    for job in done:
+        folder, table = output / job.job, read_fdac(output / job.job / "fdac.csv")
+        curve = l_curve_chart(job)
+        charts = {
+            "profile.png": (profile_chart(job, scales), profiles),
+            "map.png": (map_chart(job, done), maps),
+            "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
+            "l-curve.png": (curve, {}),
+        }
+        for file, (chart, shown) in charts.items():
+            if chart is not None:
+                shown[job.job] = chart
+                tasks.append((chart, folder / file))
+        l_curves += [] if curve is None else [curve]
+        frf = read_frf(folder / "frf.csv")
+        for name in frf.responses:
+            response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
+            chart = frf_chart(job, response, frf)
+            frfs.append(FrfFigure(job.job, name, response.used if misfit is None else misfit.used, chart))
+            tasks.append((chart, folder / frf_file(name)))
+    return content, tasks
+
+
+def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
     for job in done:
         require_files(output / job.job, job.provenance.files or {})
     unknown = [job.job for job in done if not job.provenance.files]
@@ -73,72 +132,16 @@ def write_report(
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
         log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
-    scales = profile_scales(done)
-    calibration, calibration_frf = None, None
+
+
+def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
+    """The calibration and its FRFs; the results stand without it, as they do for the commands that would use it."""
     try:
         calibration = read(output / "calibration.json", CalibrationRecord)
-        calibration_frf = None if calibration is None else read_frf(output / calibration.frf)
+        return calibration, None if calibration is None else read_frf(output / calibration.frf)
     except DataError as error:
-        # The results stand without it, as they do for the commands that would use it.
-        calibration = None
         log.warning("calibration.json is left out: %s (lrbc calibrate writes it anew)", error.problem)
-    strip = strip_chart(campaign, done)
-    profiles: dict[str, Chart] = {}
-    maps: dict[str, Chart] = {}
-    fdac: dict[str, Chart] = {}
-    frfs: list[FrfFigure] = []
-    tasks: list[_Task] = [] if strip is None else [(strip, output / "verdicts.png")]
-    plan = read(output / "plan.json", PlanRecord)
-    if plan is not None:
-        tasks.append((plan_chart(plan), output / "plan.png"))
-    l_curves: list[Chart] = []
-    for job in done:
-        profile = profile_chart(job, scales)
-        if profile is not None:
-            profiles[job.job] = profile
-            tasks.append((profile, output / job.job / "profile.png"))
-        chart = map_chart(job, done)
-        if chart is not None:
-            maps[job.job] = chart
-            tasks.append((chart, output / job.job / "map.png"))
-        found = read_fdac(output / job.job / "fdac.csv")
-        if found is not None:
-            fdac[job.job] = fdac_chart(job, found)
-            tasks.append((fdac[job.job], output / job.job / "fdac.png"))
-        curve = l_curve_chart(job)
-        if curve is not None:
-            l_curves.append(curve)
-            tasks.append((curve, output / job.job / "l-curve.png"))
-        frf = read_frf(output / job.job / "frf.csv")
-        for name in frf.responses:
-            response = campaign.response(name)
-            change = job.misfit_db.responses.get(name)
-            chart = frf_chart(job, response, frf)
-            frfs.append(FrfFigure(job.job, name, response.used if change is None else change.used, chart))
-            tasks.append((chart, output / job.job / frf_file(name)))
-    drawn = _draw_all(tasks, workers, say)
-    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
-    page = output / "report.html"
-    text = render(
-        Content(
-            campaign=campaign,
-            jobs=results,
-            reduction=reduction,
-            profiles=profiles,
-            frfs=frfs,
-            strip=strip,
-            maps=maps,
-            fdac=fdac,
-            calibration=calibration,
-            calibration_frf=calibration_frf,
-            l_curves=l_curves,
-            plan=plan,
-        )
-    )
-    with replace(page) as sink:
-        sink.write(text.encode("utf-8", errors="replace"))
-    say(f"{page} written")
-    return page
+        return None, None
 
 
 def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[CampaignRecord, list[Job]]:

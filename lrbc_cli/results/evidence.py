@@ -7,11 +7,11 @@ from typing import Literal, Self
 
 from pydantic import ConfigDict
 
-from lrbc_cli.results.fields import Document
+from lrbc_cli.results.fields import StoredRecord
 from lrbc_cli.updating.decide import Evidence
 
 
-class EvidenceRecord(Document):
+class EvidenceRecord(StoredRecord):
     """The evidence of one job, see ``Evidence``."""
 
     # Lists become tuples.

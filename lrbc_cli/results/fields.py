@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import NumericalError
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -45,7 +44,7 @@ class Record(BaseModel):
         return self.model_dump(by_alias=True, exclude_unset=True)
 
 
-class Document(Record):
+class StoredRecord(Record):
     """Base of the records that are files: they say what they are, and of which version."""
 
     #: How to come by another one.

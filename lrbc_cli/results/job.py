@@ -7,7 +7,6 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from lrbc_cli.results.fields import (
-    Document,
     Gap,
     Gaps,
     Many,
@@ -18,6 +17,7 @@ from lrbc_cli.results.fields import (
     Seconds,
     Share,
     Square,
+    StoredRecord,
     Vector,
     same_length,
     wrong,
@@ -76,14 +76,14 @@ class Parameter(Record):
         return self
 
 
-class Change(Record):
+class BeforeAfter(Record):
     """A figure before and after updating."""
 
     initial: Gap
     final: Gap
 
 
-class ResponseMisfit(Change):
+class ResponseMisfit(BeforeAfter):
     """Mean absolute misfit of one response [dB]; ``used`` tells whether the updating sees it."""
 
     used: bool
@@ -298,7 +298,7 @@ class RestsOn(Record):
     baselines: dict[str, str]
 
 
-class Identity(Record):
+class IdentityRecord(Record):
     """Digest of what something rests on, and those of its parts by name."""
 
     identity: str
@@ -317,15 +317,15 @@ class Provenance(Record):
     certificate: Certificate | None = None
     rests_on: RestsOn | None = None
     files: dict[str, str] | None = None
-    judgement: Identity | None = None
+    judgement: IdentityRecord | None = None
 
 
-class _Job(Document):
+class _JobBase(StoredRecord):
     format: Literal["lrbc-result"]
     job: str
 
 
-class FailedJob(_Job):
+class FailedJob(_JobBase):
     """A job without a result, and why."""
 
     status: Literal["failed"]
@@ -338,7 +338,7 @@ class FailedJob(_Job):
         return JobFinding("failed")
 
 
-class JobRecord(_Job):
+class JobRecord(_JobBase):
     """A job with its result. ``status`` unexplained: the model does not explain the measurement, so there are no verdicts."""
 
     status: Literal["converged", "stopped", "unexplained"]
@@ -346,7 +346,7 @@ class JobRecord(_Job):
     removed: Many[str] | None = None
     parameters: dict[str, Parameter]
     covariance: Square | None = None
-    cost: Change
+    cost: BeforeAfter
     misfit_db: MisfitRecord
     bolts: Many[Bolt]
     taken_as_tight: TakenAsTight | None = None

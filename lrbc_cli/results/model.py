@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from lrbc_cli.results.fields import Document, Gap, Gaps, Many, Point, Range, Record, Seconds, Vector, same_length, wrong
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, Seconds, StoredRecord, Vector, same_length, wrong
 from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord, NoiseRecord, Provenance
 
 
@@ -41,7 +41,7 @@ class Tool(Record):
     version: str
 
 
-class CampaignRecord(Document):
+class CampaignRecord(StoredRecord):
     """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one."""
 
     format: Literal["lrbc-campaign"]
@@ -114,7 +114,7 @@ class Cache(Record):
     reason: str
 
 
-class ReductionRecord(Document):
+class ReductionRecord(StoredRecord):
     """The reduced model: sizes, certificate, costs, machine."""
 
     HINT: ClassVar[str] = "run `lrbc reduce` to write it anew"
@@ -190,7 +190,7 @@ class FactorCertificate(Record):
     held_out: Many[HeldOutRecord]
 
 
-class CalibrationRecord(Document):
+class CalibrationRecord(StoredRecord):
     """The factors of the reference model, what they rest on (``key`` and its ``parts``), and how well the model then agrees."""
 
     HINT: ClassVar[str] = "run `lrbc calibrate` to write it anew"

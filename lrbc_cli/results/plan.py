@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from lrbc_cli.results.fields import Document, Gap, Gaps, Many, Point, Record, Share
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, Share, StoredRecord
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
 Visibility = Literal["seen", "weak", "blind"]
@@ -23,14 +23,14 @@ class Limit(Record):
     d_prime: float
 
 
-class Limits(Record):
+class VisibilityLimits(Record):
     """At and above which a bolt is seen, and below which it is blind."""
 
     seen: Limit
     blind: Limit
 
 
-class Nuisance(Record):
+class PlannedNuisance(Record):
     """A nuisance parameter beside the unknowns."""
 
     kind: str
@@ -52,7 +52,7 @@ class Rehearsals(Record):
     probability_loose: Gaps
 
 
-class Linearised(Record):
+class LinearisedFigures(Record):
     """What follows from d'."""
 
     probability_correct: Gap
@@ -86,7 +86,7 @@ class PlannedBolt(Record):
     expected_change: Gap
     expected_probability_loose: Gap
     rehearsal: Rehearsals | None = None
-    linearised: Linearised
+    linearised: LinearisedFigures
     all_responses: WithAll
     note: str | None = None
 
@@ -146,14 +146,15 @@ class PlanSeconds(Record):
     plan: float
 
 
-class PlanRecord(Document):
-    """The whole plan."""
+class PlanRecord(StoredRecord):
+    """The whole plan; ``state_job`` is the job whose result the ``state`` is."""
 
     HINT: ClassVar[str] = "run `lrbc plan` to write it anew"
 
     format: Literal["lrbc-plan"]
     campaign: str
     state: str
+    state_job: str | None = None
     noise: PlannedNoise
     change: float
     unknowns: str
@@ -164,9 +165,9 @@ class PlanRecord(Document):
     draws: int
     assumes: Many[str] = ()
     identification: dict[str, Any] | None = None
-    limits: Limits
+    limits: VisibilityLimits
     lines: Lines
-    nuisances: Many[Nuisance] = ()
+    nuisances: Many[PlannedNuisance] = ()
     bolts: Many[PlannedBolt]
     planned: Sum
     all_responses: Sum

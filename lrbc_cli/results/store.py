@@ -18,12 +18,12 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.results.evidence import EvidenceRecord
-from lrbc_cli.results.fields import Document, first_wrong, plain
+from lrbc_cli.results.fields import StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
 
-R = TypeVar("R", bound=Document)
+R = TypeVar("R", bound=StoredRecord)
 
 
 def versions() -> dict[str, str]:
@@ -37,7 +37,7 @@ def versions() -> dict[str, str]:
     return out
 
 
-def write(path: Path, record: Document) -> str:
+def write(path: Path, record: StoredRecord) -> str:
     """Write a record atomically.
 
     Returns
@@ -120,7 +120,7 @@ def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
         raise DataError("this result file is damaged", file=path, place=place, expected=expected, found=found, hint=kind.HINT) from error
 
 
-def _tree(path: Path, kind: type[Document]) -> dict[str, Any] | None:
+def _tree(path: Path, kind: type[StoredRecord]) -> dict[str, Any] | None:
     """A document that says that it is what is expected."""
     expected, hint = kind.form(), kind.HINT
     try:
@@ -147,7 +147,7 @@ def _tree(path: Path, kind: type[Document]) -> dict[str, Any] | None:
 
 
 #: The documents under the output folder.
-FILES: dict[str, tuple[type[Document], ...]] = {
+FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "campaign.json": (CampaignRecord,),
     "reduction.json": (ReductionRecord,),
     "calibration.json": (CalibrationRecord,),

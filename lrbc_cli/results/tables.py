@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.fields import Document, Floats
+from lrbc_cli.results.fields import StoredRecord
 from lrbc_cli.results.store import write_bytes
 
-HINT = Document.HINT
+HINT = StoredRecord.HINT
 FRF_COLUMNS = (*(f"{state}_{part}" for state in ("measured", "initial", "updated") for part in ("db", "phase_deg")), "coherence")
 
 

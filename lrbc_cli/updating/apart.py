@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.priors import CALIBRATION_PRIOR, CalibrationPrior
-
-Floats = NDArray[np.float64]
 
 
 def indistinguishable(

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.confidence import NORMAL_95
-from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import no_worse, noise_of
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
@@ -27,9 +26,6 @@ from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.priors import CALIBRATION_PRIOR
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def moves_resonances(recipe: Recipe, name: str) -> bool:
@@ -101,8 +97,8 @@ class FactorProblem:
     options : ResidualOptions or None
     sigma : (selected, U) float array or None
         Standard deviation of the measured magnitudes [dB].
-    further : tuple of Extra
-        Unknowns of the job that are no factors, such as where the hammer hit.
+    nuisances : tuple of Nuisance
+        Of the job, such as where the hammer hit.
     statistics : StatisticalModel
     """
 
@@ -113,28 +109,28 @@ class FactorProblem:
     hold: bool
     frequency_hz: Floats = field(repr=False)
     measured: Complexes = field(repr=False)
-    responses: NDArray[np.int64] = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
+    responses: Integers = field(repr=False)
+    selected: Integers = field(repr=False)
     options: ResidualOptions | None = None
     sigma: Floats | None = field(default=None, repr=False)
-    further: tuple[Extra, ...] = ()
+    nuisances: tuple[Nuisance, ...] = ()
     statistics: StatisticalModel = STATISTICS
 
     @property
-    def extras(self) -> tuple[Extra, ...]:
-        """The unknown factors, as logarithms relative to what the model contains; then what else is unknown."""
+    def scalars(self) -> tuple[Nuisance, ...]:
+        """The unknown factors, as logarithms relative to what the model contains; then the nuisance parameters."""
         out, prior = [], self.statistics.calibration
         stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
-            out.append(Extra("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
-        return (*out, *self.further)
+            out.append(Nuisance("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
+        return (*out, *self.nuisances)
 
     @property
     def start(self) -> Floats:
         """Boundary at its start values, all factors one."""
-        return np.concatenate([self.parameters.initial, [extra.mean for extra in self.extras]])
+        return np.concatenate([self.parameters.initial, [scalar.mean for scalar in self.scalars]])
 
     @property
     def bounds(self) -> Floats:
@@ -142,18 +138,18 @@ class FactorProblem:
         boundary = self.parameters.bounds
         if self.hold:
             boundary = np.repeat(self.parameters.initial[:, None], 2, axis=1)
-        return np.vstack([boundary, np.array([extra.bounds for extra in self.extras]).reshape(-1, 2)])
+        return np.vstack([boundary, np.array([scalar.bounds for scalar in self.scalars]).reshape(-1, 2)])
 
     def rows(self) -> Floats:
         """Rows of the penalty in standard deviations of the prior."""
         P, prior = self.parameters, self.statistics.calibration
         own = np.where(P.is_damping, 1.0 / prior.exponent_std, 1.0 / prior.boundary_std)
-        diagonal = np.concatenate([own, [1.0 / extra.std for extra in self.extras]])
+        diagonal = np.concatenate([own, [1.0 / scalar.std for scalar in self.scalars]])
         return np.diag(diagonal)
 
-    def frf(self, s: Complexes, responses: NDArray[np.int64] | None = None) -> ExtendedFrf:
+    def frf(self, s: Complexes, responses: Integers | None = None) -> ExtendedFrf:
         """FRFs on other lines, of other responses."""
-        return ExtendedFrf(self.model, s, self.parameters, self.extras, self.responses if responses is None else responses)
+        return ExtendedFrf(self.model, s, self.parameters, self.scalars, self.responses if responses is None else responses)
 
     def misfit(self, variance: float, soft: bool = False) -> Misfit:
         """Cost at the selected lines; ``soft`` bounds what single lines do, unless the options say so already."""
@@ -228,11 +224,11 @@ class FactorFit:
         return dict(zip(self.problem.names, std[: len(self.problem.names)].tolist(), strict=True))
 
     @property
-    def further(self) -> dict[str, tuple[float, float]]:
-        """Value and standard deviation of each of the further unknowns."""
+    def nuisances(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each nuisance parameter."""
         at = self.problem.parameters.size + len(self.problem.names)
         std = np.sqrt(np.maximum(np.diag(self.covariance)[at:], 0.0))
-        names = [extra.name for extra in self.problem.further]
+        names = [scalar.name for scalar in self.problem.nuisances]
         return {name: (float(value), float(s)) for name, value, s in zip(names, self.solution.theta[at:], std, strict=True)}
 
     def interval(self, name: str) -> tuple[float, float]:
@@ -244,7 +240,7 @@ class FactorFit:
         """Theta for the same state on a model that contains other factors."""
         size = problem.parameters.size
         shift = [np.log(self.problem.base.get(name, 1.0) / problem.base.get(name, 1.0)) for name in problem.names]
-        shift += [0.0] * len(problem.further)
+        shift += [0.0] * len(problem.nuisances)
         return np.concatenate([self.solution.theta[:size], self.solution.theta[size:] + shift])
 
 
@@ -302,61 +298,83 @@ def fit_factors(
         Its solution has the status ``failed`` where the cost is not finite at the start.
     """
     notes: list[str] = []
-    first, least = problem.statistics.calibration.first_sigma_db, problem.statistics.calibration.least_sigma_db
-    solution, stages = _fit(problem, problem.start if start is None else start, start is None, max_iterations)
     places = [problem.start if start is None else start]
+    solution, stages = _fit(problem, places[0], start is None, max_iterations)
     if start is None:
-        # Roughly first: an end far above the other is not worth more.
-        other, stage = _descend(problem, problem.misfit(first**2), problem.start, 0.0, 1e-2, max_iterations)
-        stages.append(stage)
-        if other.evaluation.total < 2.0 * solution.evaluation.total:
-            other, more = _fit(problem, other.theta, False, max_iterations)
-            stages += more
-        better = solution.status == "failed" or (
-            other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
-        )
-        if abs(other.evaluation.total / solution.evaluation.total - 1.0) > same:
-            notes.append(
-                f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
-                f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
-            )
+        solution, other = _nearer(problem, solution, stages, notes, max_iterations, same)
         places += [solution.theta, other.theta]
-        solution = other if better else solution
-    theta = solution.theta
-    noise = Noise(first, 1.0)
+    noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
     if solution.status != "failed":
-        misfit = problem.misfit(first**2, soft=True)
-        noise = noise_of(misfit, misfit(theta), problem.selected)
-        for _ in range(rounds):
-            before = max(noise.variance, least**2)
-            misfit = misfit.with_eta(before)
-            places.append(theta)
-            solution, stage = _descend(problem, misfit, theta, 0.0, tolerance, max_iterations)
-            stages.append(stage)
-            if solution.status == "failed":
-                break
-            theta = solution.theta
-            noise = noise_of(misfit, solution.evaluation, problem.selected)
-            if abs(noise.variance / before - 1.0) < change:
-                break
-        if solution.status != "failed":
-            solution = no_worse(
-                misfit,
-                solution,
-                places,
-                lambda theta: gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=max_iterations),
-            )
-            theta = solution.theta
-            noise = noise_of(misfit, solution.evaluation, problem.selected)
-        noise = Noise(max(noise.sigma, least), noise.factor)
+        solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
     J = solution.evaluation.jacobian
-    # What is held does not vary.
+    notes += [*_apart(problem, J, noise), *_remarks(problem, solution.theta)]
+    return FactorFit(problem, solution, noise, _covariance(problem, J, noise), tuple(stages), tuple(notes))
+
+
+def _weighed(
+    problem: FactorProblem,
+    solution: Solution,
+    places: list[Floats],
+    stages: list[Stage],
+    *,
+    descent: tuple[float, int],
+    change: float,
+    rounds: int,
+) -> tuple[Solution, Noise]:
+    """Descents in which the weight of the priors follows the noise."""
+    first, least = problem.statistics.calibration.first_sigma_db, problem.statistics.calibration.least_sigma_db
+    tolerance, limit = descent
+    misfit = problem.misfit(first**2, soft=True)
+    noise = noise_of(misfit, misfit(solution.theta), problem.selected)
+    for _ in range(rounds):
+        before = max(noise.variance, least**2)
+        misfit = misfit.with_eta(before)
+        places.append(solution.theta)
+        found, stage = _descend(problem, misfit, solution.theta, 0.0, tolerance, limit)
+        stages.append(stage)
+        if found.status == "failed":
+            return replace(found, theta=solution.theta), Noise(max(noise.sigma, least), noise.factor)
+        solution = found
+        noise = noise_of(misfit, solution.evaluation, problem.selected)
+        if abs(noise.variance / before - 1.0) < change:
+            break
+
+    def again(theta: Floats) -> Solution:
+        return gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
+
+    solution = no_worse(misfit, solution, places, again)
+    noise = noise_of(misfit, solution.evaluation, problem.selected)
+    return solution, Noise(max(noise.sigma, least), noise.factor)
+
+
+def _nearer(
+    problem: FactorProblem, solution: Solution, stages: list[Stage], notes: list[str], limit: int, same: float
+) -> tuple[Solution, Solution]:
+    """The lower of two ends, over smoothed spectra and from the start values, and the other one."""
+    # Roughly first: an end far above the other is not worth more.
+    first = problem.statistics.calibration.first_sigma_db
+    other, stage = _descend(problem, problem.misfit(first**2), problem.start, 0.0, 1e-2, limit)
+    stages.append(stage)
+    if other.evaluation.total < 2.0 * solution.evaluation.total:
+        other, more = _fit(problem, other.theta, False, limit)
+        stages += more
+    lower = other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
+    better = solution.status == "failed" or lower
+    if abs(other.evaluation.total / solution.evaluation.total - 1.0) > same:
+        notes.append(
+            f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
+            f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
+        )
+    return (other, solution) if better else (solution, other)
+
+
+def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:
+    """Of theta; what is held does not vary."""
     low, high = problem.bounds.T
     free = high > low
-    covariance = np.zeros((theta.size, theta.size))
+    covariance = np.zeros((low.size, low.size))
     covariance[np.ix_(free, free)] = noise.variance * np.linalg.inv(J[:, free].T @ J[:, free])
-    notes += [*_apart(problem, J, noise), *_remarks(problem, theta)]
-    return FactorFit(problem, replace(solution, theta=theta), noise, covariance, tuple(stages), tuple(notes))
+    return covariance
 
 
 def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
@@ -366,18 +384,18 @@ def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
     low, high = problem.bounds.T
     other = [i for i in range(low.size) if high[i] > low[i] and not size <= i < size + count]
     data = jacobian[: jacobian.shape[0] - rows.shape[0], [*range(size, size + count), *other]] / np.sqrt(noise.variance)
-    std = np.array([extra.std for extra in problem.extras[:count]])
+    std = np.array([scalar.std for scalar in problem.scalars[:count]])
     precision = rows[:, other].T @ rows[:, other]
     return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration))
 
 
 def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
     found = []
-    P, extras = problem.parameters, problem.extras
-    for extra, value in zip(extras, theta[P.size :], strict=True):
-        if not extra.bounds[0] < value < extra.bounds[1]:
-            shown = np.exp(value - extra.mean) if extra.kind == "factor" else value
-            found.append(f"{extra.name}: at its bound, {shown:.4g}: the measurement does not determine it")
+    P, scalars = problem.parameters, problem.scalars
+    for scalar, value in zip(scalars, theta[P.size :], strict=True):
+        if not scalar.bounds[0] < value < scalar.bounds[1]:
+            shown = np.exp(value - scalar.mean) if scalar.kind == "factor" else value
+            found.append(f"{scalar.name}: at its bound, {shown:.4g}: the measurement does not determine it")
     for group, (_, at) in zip(P.groups, P.slices, strict=True):
         if at is not None and group.damping is not None and not problem.hold:
             low, high = group.damping.bounds

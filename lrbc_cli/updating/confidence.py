@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.model.terms import LN10, ParameterGroup, Parameterisation
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 #: Two-sided 95 %.
 NORMAL_95 = float(ndtri(0.975))
@@ -64,9 +61,7 @@ def band(group: ParameterGroup, p: Floats, covariance: Floats, opens: tuple[Bool
     return Band(std, lower, upper)
 
 
-def open_sides(
-    data: Callable[[Floats], float], theta: Floats, patches: Floats, bounds: Floats, variance: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def open_sides(data: Callable[[Floats], float], theta: Floats, patches: Floats, bounds: Floats, variance: float) -> tuple[Bools, Bools]:
     """Where the data do not object to a stretch of the edge being free, or clamped.
 
     Parameters

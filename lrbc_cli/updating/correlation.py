@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A peak stands out of its spectrum by at least this [dB]; less is noise as often as a resonance.
 PROMINENCE_DB = 3.0
@@ -24,7 +20,7 @@ TOLERANCE = 0.05
 SIMILARITY = 0.5
 
 
-def measured_values(H: Complexes) -> NDArray[np.bool_]:
+def measured_values(H: Complexes) -> Bools:
     """Where a value was measured: finite and not zero."""
     return np.isfinite(H) & (np.abs(H) > 0)
 
@@ -120,7 +116,7 @@ class Peaks:
     """
 
     frequency_hz: Floats
-    line: NDArray[np.int64]
+    line: Integers
 
 
 def spectrum_peaks(frequency_hz: Floats, level_db: Floats, prominence_db: float = PROMINENCE_DB) -> Peaks:
@@ -157,7 +153,7 @@ def _vertex(x: Floats, y: Floats) -> float:
     return float(x[1] + np.clip(-slope / (2.0 * curvature), left, right))
 
 
-def mean_spectrum(H: Complexes, valid: NDArray[np.bool_]) -> Floats:
+def mean_spectrum(H: Complexes, valid: Bools) -> Floats:
     """(F,) level of the mean power over the responses, each scaled to the same power [dB]; NaN at lines where one of them is missing.
 
     A response without any value takes no part.
@@ -172,7 +168,7 @@ def mean_spectrum(H: Complexes, valid: NDArray[np.bool_]) -> Floats:
     return np.where(np.isfinite(level), level, np.nan)
 
 
-def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None, tolerance: float = TOLERANCE) -> NDArray[np.int64]:
+def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None = None, tolerance: float = TOLERANCE) -> Integers:
     """For each measured peak the peak of the model that is the same resonance.
 
     One to one; as many pairs as the limits allow, and among these the ones with the smallest sum of relative distance over tolerance and
@@ -251,7 +247,7 @@ class Correlation:
     frac_final: Floats
     peaks: tuple[PeakTable, ...]
     mean_peaks: PeakTable
-    lines: NDArray[np.int64]
+    lines: Integers
     fdac_initial: Floats
     fdac_final: Floats
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.verdicts import Edge, Joints, Spot, spots
+from lrbc_cli.updating.places import Edge, Joints, Spot, spots
 
 Floats = NDArray[np.float64]
 

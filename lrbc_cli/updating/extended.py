@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.misfit import DB
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-
 
 @dataclass(frozen=True)
-class Extra:
+class Nuisance:
     """A scalar unknown beside the boundary parameters.
 
     Attributes
@@ -43,14 +39,14 @@ class Extra:
 
 
 class ExtendedFrf:
-    """FRFs for theta = [boundary parameters, extras] by the reduced dynamic stiffness (28).
+    """FRFs for theta = [boundary parameters, nuisances] by the reduced dynamic stiffness (28).
 
     Parameters
     ----------
     model : AffineModel
     s : (F,) complex array
     parameters : Parameterisation
-    extras : sequence of Extra
+    nuisances : sequence of Nuisance
     responses : int array
         Those to compare.
     """
@@ -58,27 +54,27 @@ class ExtendedFrf:
     name = "reduced"
 
     def __init__(
-        self, model: AffineModel, s: Complexes, parameters: Parameterisation, extras: Sequence[Extra], responses: NDArray[np.int64]
+        self, model: AffineModel, s: Complexes, parameters: Parameterisation, nuisances: Sequence[Nuisance], responses: Integers
     ) -> None:
-        self.model, self.s, self.parameters, self.extras = model.restricted(responses), s, parameters, tuple(extras)
-        self._factors = [(parameters.size + i, e.name) for i, e in enumerate(extras) if e.kind == "factor"]
-        self._gains = [(parameters.size + i, e.index) for i, e in enumerate(extras) if e.kind == "gain"]
-        self._shifts = [(parameters.size + i, e.index) for i, e in enumerate(extras) if e.kind == "shift"]
+        self.model, self.s, self.parameters, self.nuisances = model.restricted(responses), s, parameters, tuple(nuisances)
+        self._factors = [(parameters.size + i, e.name) for i, e in enumerate(nuisances) if e.kind == "factor"]
+        self._gains = [(parameters.size + i, e.index) for i, e in enumerate(nuisances) if e.kind == "gain"]
+        self._shifts = [(parameters.size + i, e.index) for i, e in enumerate(nuisances) if e.kind == "shift"]
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.parameters.size + len(self.extras)
+        return self.parameters.size + len(self.nuisances)
 
     @property
     def initial(self) -> Floats:
-        """Start values: of the boundary, and the prior means of the extras."""
-        return np.concatenate([self.parameters.initial, [e.mean for e in self.extras]])
+        """Start values: of the boundary, and the prior means of the nuisances."""
+        return np.concatenate([self.parameters.initial, [e.mean for e in self.nuisances]])
 
     @property
     def bounds(self) -> Floats:
         """(size, 2) float array."""
-        return np.vstack([self.parameters.bounds, np.array([e.bounds for e in self.extras]).reshape(-1, 2)])
+        return np.vstack([self.parameters.bounds, np.array([e.bounds for e in self.nuisances]).reshape(-1, 2)])
 
     def factors(self, theta: Floats) -> dict[str, float]:
         """Values of the factors."""

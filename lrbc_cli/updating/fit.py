@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import ChangeError, Evaluation, Misfit, Sensitive
 from lrbc_cli.updating.noise import Noise, estimate_noise
 from lrbc_cli.updating.optimise import HistoryEntry, Objective, Solution
@@ -28,7 +28,7 @@ class Posterior:
     ----------
     shapes : Shapes
         The boundary unknowns z come first, ``extras`` after them.
-    extras : tuple of Extra
+    extras : tuple of Nuisance
     z, values : float arrays
         Optimum of both.
     covariance : (m + k, m + k) float array
@@ -44,7 +44,7 @@ class Posterior:
     """
 
     shapes: Shapes
-    extras: tuple[Extra, ...]
+    extras: tuple[Nuisance, ...]
     z: Floats
     values: Floats
     covariance: Floats
@@ -259,14 +259,14 @@ def follow_noise(
     return misfit, best, noise if best.theta is solution.theta else noise_of(misfit, best.evaluation, selected)
 
 
-def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Extra], variance: float) -> Misfit:
+def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Nuisance], variance: float) -> Misfit:
     """The same cost with further unknowns, each with its Gaussian prior.
 
     Parameters
     ----------
     misfit : Misfit
     model : ExtendedFrf
-    extras : sequence of Extra
+    extras : sequence of Nuisance
     variance : float
         Of the noise: a standard deviation of an extra costs as much as one of the data.
     """
@@ -280,7 +280,7 @@ def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Extra], v
     return misfit.with_model(model, prior, rows, eta)
 
 
-def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequence[Extra], noise: Noise, prior: Floats) -> Posterior:
+def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequence[Nuisance], noise: Noise, prior: Floats) -> Posterior:
     """Covariance at the optimum.
 
     Parameters
@@ -290,7 +290,7 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     solution : Solution
         Theta with the extras behind it; its Jacobian is to z and the extras.
     shapes : Shapes
-    extras : sequence of Extra
+    extras : sequence of Nuisance
     noise : Noise
     prior : (size,) float array
         Of theta.

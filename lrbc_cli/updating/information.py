@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.misfit import Sensitive
 from lrbc_cli.updating.residuals import DataResidual, ResidualOptions
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: Change of the log10 values by which a bolt is loosened, or tightened where all are free [decades]: less than a removed bolt changes.
 LOOSENING = 1.5
@@ -62,7 +60,7 @@ class Experiment:
     """
 
     prior: Floats
-    columns: Indices
+    columns: Integers
     change: Floats
     tangent: Floats
     secant: Floats
@@ -100,19 +98,45 @@ def fading(y: NDArray[np.complexfloating], quantity: Sequence[str]) -> Floats:
     return np.asarray(np.sqrt(np.divide(power, power + floor, out=np.zeros_like(power), where=power > 0)))
 
 
+@dataclass(frozen=True)
+class Unknowns:
+    """What measurements are to tell, of K unknowns and N bolts.
+
+    Attributes
+    ----------
+    T : (size, K) float array
+        ``theta + T u`` for the unknowns u, nuisances among them.
+    prior : (K, K) float array
+        Their precision.
+    columns : (N,) int array
+        See ``Experiment``.
+    bounds : (size, 2) float array
+        Of theta: a change stops there.
+    """
+
+    T: Floats
+    prior: Floats
+    columns: Integers
+    bounds: Floats
+
+    def changed(self, theta: Floats, bolt: int, change: float) -> tuple[Floats, float]:
+        """Theta with a bolt changed, as far as the bounds let it, and by how much its unknown has changed."""
+        shape = self.T[:, self.columns[bolt]]
+        there = np.clip(theta + change * shape, self.bounds[:, 0], self.bounds[:, 1])
+        # The bounds may stop some of the values: the mean of what is left, as the shape weighs them.
+        return there, float(shape @ (there - theta)) / float(shape @ shape)
+
+
 def experiment(
     model: Sensitive,
     theta: Floats,
-    T: Floats,
-    prior: Floats,
-    columns: Indices,
-    bounds: Floats,
+    unknowns: Unknowns,
     *,
     change: float,
     variance: float,
     options: ResidualOptions,
     quantity: Sequence[str],
-    planned: Indices,
+    planned: Integers,
 ) -> Experiment:
     """Evaluate the model about the state and about the state with each bolt changed.
 
@@ -121,15 +145,7 @@ def experiment(
     model : Sensitive
         FRFs of all responses at the lines that are to be compared.
     theta : (size,) float array
-        The state, inside the bounds.
-    T : (size, K) float array
-        ``theta + T u`` for the unknowns u, nuisances among them.
-    prior : (K, K) float array
-        Their precision.
-    columns : (N,) int array
-        See ``Experiment``.
-    bounds : (size, 2) float array
-        A change stops there.
+    unknowns : Unknowns
     change : float
         Of the unknown of a bolt [decades].
     variance : float
@@ -139,60 +155,57 @@ def experiment(
     quantity : sequence of str
         Of each response.
     planned : int array
-        The responses that an identification will use.
-
-    Returns
-    -------
-    Experiment
+        Responses that an identification will use.
     """
-    N, K = columns.size, T.shape[1]
+    N, K = unknowns.columns.size, unknowns.T.shape[1]
     y, J = _evaluate(model, theta, options)
-    R = y.shape[1]
-    weights = fading(y, quantity)
-    data = [_data(y[:, [r]], options) for r in range(R)]
-    weights = weights / np.sqrt(variance)
-
-    def parts(values: NDArray[np.complexfloating], slopes: Floats) -> list[tuple[Floats, Floats]]:
-        """Scaled residuals and Jacobian of each response."""
-        found = []
-        for r, residual in enumerate(data):
-            if residual is None:
-                found.append((np.zeros(0), np.zeros((0, K))))
-            else:
-                own, rows, _ = residual(values[:, [r]], slopes[:, [r]])
-                weight = np.tile(weights[:, [r]][residual.valid], own.size // int(residual.valid.sum()))
-                found.append((weight * own, weight[:, None] * rows @ T))
-        return found
-
-    tight = [rows for _, rows in parts(y, J)]
-    loosened, square = np.zeros((N, K, K)), np.zeros((N, R))
-    differences: list[list[Floats] | None] = [None] * N
-    moved = np.zeros(N)
-    for n, column in enumerate(columns):
-        if column < 0:
+    scaled = _Scaled(y, fading(y, quantity) / np.sqrt(variance), unknowns.T, options)
+    tight = [rows for _, rows in scaled(y, J)]
+    chords = [rows.copy() for rows in tight]
+    loosened, square, moved = np.zeros((N, K, K)), np.zeros((N, len(tight))), np.zeros(N)
+    differences: dict[int, list[Floats]] = {}
+    for n in np.flatnonzero(unknowns.columns >= 0).tolist():
+        there, by = unknowns.changed(theta, n, change)
+        if abs(by) < LEAST_CHANGE:
             continue
-        there = np.clip(theta + change * T[:, column], bounds[:, 0], bounds[:, 1])
-        # The bounds may stop some of the values: the mean of what is left, as the shape weighs them.
-        shape = T[:, column]
-        moved[n] = float(shape @ (there - theta)) / float(shape @ shape)
-        if abs(moved[n]) < LEAST_CHANGE:
-            moved[n] = 0.0
-            continue
-        found = parts(*_evaluate(model, there, options))
-        differences[n] = [d for d, _ in found]
+        found = scaled(*_evaluate(model, there, options))
+        moved[n], differences[n] = by, [d for d, _ in found]
         loosened[n] = sum(found[r][1].T @ found[r][1] for r in planned)
         square[n] = [d @ d for d, _ in found]
-    chords = [rows.copy() for rows in tight]
-    for n, d in enumerate(differences):
-        if d is not None:
-            for r in range(R):
-                chords[r][:, columns[n]] = d[r] / moved[n]
-    product = np.zeros((N, R, K))
-    for n, d in enumerate(differences):
-        if d is not None:
-            product[n] = [chords[r].T @ d[r] for r in range(R)]
-    information = np.array([rows.T @ rows for rows in tight])
-    return Experiment(prior, columns, moved, information, np.array([c.T @ c for c in chords]), loosened, product, square)
+        for rows, (d, _) in zip(chords, found, strict=True):
+            rows[:, unknowns.columns[n]] = d / by
+    product = np.zeros((N, len(tight), K))
+    for n, parts in differences.items():
+        product[n] = [rows.T @ d for rows, d in zip(chords, parts, strict=True)]
+    return Experiment(
+        prior=unknowns.prior,
+        columns=unknowns.columns,
+        change=moved,
+        tangent=np.array([rows.T @ rows for rows in tight]),
+        secant=np.array([rows.T @ rows for rows in chords]),
+        loosened=loosened,
+        product=product,
+        square=square,
+    )
+
+
+class _Scaled:
+    """Residuals against FRFs y, and their Jacobian to the unknowns, in standard deviations and one response each."""
+
+    def __init__(self, y: NDArray[np.complexfloating], weights: Floats, T: Floats, options: ResidualOptions) -> None:
+        self._residuals, self._weights, self._T = [_data(y[:, [r]], options) for r in range(y.shape[1])], weights, T
+
+    def __call__(self, values: NDArray[np.complexfloating], slopes: Floats) -> list[tuple[Floats, Floats]]:
+        """Of other FRFs with their slopes to theta."""
+        found = []
+        for r, residual in enumerate(self._residuals):
+            if residual is None:
+                found.append((np.zeros(0), np.zeros((0, self._T.shape[1]))))
+                continue
+            own, rows, _ = residual(values[:, [r]], slopes[:, [r]])
+            weight = np.tile(self._weights[:, [r]][residual.valid], own.size // int(residual.valid.sum()))
+            found.append((weight * own, weight[:, None] * rows @ self._T))
+        return found
 
 
 def _evaluate(model: Sensitive, theta: Floats, options: ResidualOptions) -> tuple[NDArray[np.complexfloating], Floats]:
@@ -257,7 +270,7 @@ def bits_of(distance: Floats) -> float:
     return float(0.5 * np.sum(np.log2(1.0 + distance**2)))
 
 
-def distances(of: Experiment, responses: Sequence[int] | Indices) -> Floats:
+def distances(of: Experiment, responses: Sequence[int] | Integers) -> Floats:
     """Give d' of every bolt for a set of responses: ``Outlook.distance``."""
     at = np.asarray(responses, dtype=np.int64)
     whole = of.prior + of.secant[at].sum(axis=0)
@@ -271,7 +284,7 @@ def distances(of: Experiment, responses: Sequence[int] | Indices) -> Floats:
     return found
 
 
-def outlook(of: Experiment, responses: Sequence[int] | Indices, confidence: float) -> Outlook:
+def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: float) -> Outlook:
     """Judge a set of responses.
 
     Parameters

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.levels import descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.peaks import peaks_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -113,42 +111,65 @@ def l_curve(
     """
     natural = natural_weight(misfit, start)
     etas = natural * np.logspace(-decades, decades, weights)
-    found: dict[int, Solution] = {}
-    evaluations = 1
-
-    def keep(i: int, solution: Solution) -> None:
-        nonlocal evaluations
-        evaluations += solution.evaluations
-        if i not in found or solution.evaluation.total < found[i].evaluation.total:
-            found[i] = solution
-
-    def attempt(i: int, theta: Floats) -> None:
-        keep(i, descend(misfit.with_eta(float(etas[i])), theta, bounds, tolerance=tolerance, max_iterations=iterations))
-
-    last = etas.size - 1
-    for i in range(last, -1, -1):
-        attempt(i, start)
-        if i < last:
-            attempt(i, found[i + 1].theta)
+    ends = _Ends(misfit, etas, bounds, tolerance, iterations)
+    for i in reversed(range(weights)):
+        ends.attempt(i, start)
+        if i + 1 < weights:
+            ends.attempt(i, ends.found[i + 1].theta)
     least = misfit.with_eta(float(etas[0]))
-    keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations))
+    ends.keep(0, gauss_newton_by_levels(least, start, bounds, tolerance=tolerance, max_iterations=4 * iterations))
     # Back upwards a valley is kept as long as it is one.
-    for i in range(1, etas.size):
-        attempt(i, found[i - 1].theta)
-    for _ in range(etas.size):
-        data = np.array([found[i].evaluation.data for i in range(etas.size)])
-        penalty = np.array([misfit.departures(found[i].theta) for i in range(etas.size)])
-        totals = data + etas[:, None] * penalty
-        cheapest = totals.argmin(axis=1)
-        worse = np.flatnonzero(totals.min(axis=1) < (1 - cheaper) * np.diag(totals))
-        if not worse.size:
-            break
-        thetas = [found[int(j)].theta for j in cheapest]
-        for at in worse:
-            attempt(int(at), thetas[at])
+    for i in range(1, weights):
+        ends.attempt(i, ends.found[i - 1].theta)
+    data, penalty = ends.level_out(cheaper)
     corner = find_corner(etas, data, penalty)
-    chosen = corner.eta if corner is not None else (natural if fallback is None else fallback)
-    return LCurve(etas, data, penalty, corner, chosen, evaluations, np.array([found[i].theta for i in range(etas.size)]))
+    return LCurve(
+        eta=etas,
+        data=data,
+        penalty=penalty,
+        corner=corner,
+        chosen=corner.eta if corner is not None else (natural if fallback is None else fallback),
+        evaluations=ends.evaluations,
+        theta=np.array([ends.found[i].theta for i in range(weights)]),
+    )
+
+
+class _Ends:
+    """The lowest end found at each weight."""
+
+    def __init__(self, misfit: Misfit, etas: Floats, bounds: Floats, tolerance: float, iterations: int) -> None:
+        self._misfit, self._etas, self._bounds, self._tolerance, self._iterations = misfit, etas, bounds, tolerance, iterations
+        self.found: dict[int, Solution] = {}
+        self.evaluations = 1
+
+    def keep(self, i: int, solution: Solution) -> None:
+        """At the i-th weight, where it is the lowest so far."""
+        self.evaluations += solution.evaluations
+        if i not in self.found or solution.evaluation.total < self.found[i].evaluation.total:
+            self.found[i] = solution
+
+    def attempt(self, i: int, theta: Floats) -> None:
+        """Descend at the i-th weight."""
+        misfit = self._misfit.with_eta(float(self._etas[i]))
+        self.keep(i, descend(misfit, theta, self._bounds, tolerance=self._tolerance, max_iterations=self._iterations))
+
+    def level_out(self, cheaper: float) -> tuple[Floats, Floats]:
+        """Descend at each weight from the end of another one that costs less there; the curve then."""
+        for _ in range(self._etas.size):
+            data, penalty = self.curve()
+            totals = data + self._etas[:, None] * penalty
+            worse = np.flatnonzero(totals.min(axis=1) < (1 - cheaper) * np.diag(totals))
+            if not worse.size:
+                break
+            thetas = [self.found[int(j)].theta for j in totals.argmin(axis=1)]
+            for at in worse:
+                self.attempt(int(at), thetas[at])
+        return data, penalty
+
+    def curve(self) -> tuple[Floats, Floats]:
+        """Sums of squares of data residuals and of departures at each weight."""
+        ends = [self.found[i] for i in range(self._etas.size)]
+        return np.array([end.evaluation.data for end in ends]), np.array([self._misfit.departures(end.theta) for end in ends])
 
 
 def curvature(eta: Floats, data: Floats, penalty: Floats, *, width: float = 0.2, between: int = 60) -> tuple[Floats, Floats]:

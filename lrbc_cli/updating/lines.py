@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.misfit import decibel
 from lrbc_cli.updating.peaks import peaks_of
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,9 +34,7 @@ class Resonances:
 RESONANCES = Resonances()
 
 
-def resonance_lines(
-    frequency_hz: Floats, measured: NDArray[np.complexfloating[Any, Any]], rule: Resonances = RESONANCES
-) -> NDArray[np.int64]:
+def resonance_lines(frequency_hz: Floats, measured: Complexes, rule: Resonances = RESONANCES) -> Integers:
     """Indices of the lines around the resonances of FRFs.
 
     Parameters
@@ -58,11 +53,11 @@ def resonance_lines(
     return chosen if chosen.size else np.arange(frequency_hz.size)
 
 
-def around_resonances(frequency_hz: Floats, H: NDArray[np.complexfloating[Any, Any]], rule: Resonances = RESONANCES) -> NDArray[np.bool_]:
+def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RESONANCES) -> Bools:
     """(F,) whether a line belongs to a resonance of these (F, R) FRFs."""
     valid = np.isfinite(H) & (np.abs(H) > 0)
     level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
-    keep: NDArray[np.bool_] = np.zeros(frequency_hz.size, dtype=bool)
+    keep: Bools = np.zeros(frequency_hz.size, dtype=bool)
     # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each. A mean of
     # decibels also takes in some lines between antiresonances; with the mean power instead, fewer rigs were identified well.
     spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]

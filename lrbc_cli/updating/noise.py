@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -33,9 +31,7 @@ class Noise:
         return self.sigma**2 * self.factor
 
 
-def correlation_factor(
-    residual: Floats, jacobian: Floats, line: NDArray[np.int64], response: NDArray[np.int64], errors: ErrorModel = ERRORS
-) -> float:
+def correlation_factor(residual: Floats, jacobian: Floats, line: Integers, response: Integers, errors: ErrorModel = ERRORS) -> float:
     """Inflation of the variance of the estimates by residuals that neighbouring lines share.
 
     ``1 + 2 sum_k rho_r(k) rho_J(k)`` over the lags k: residuals that are correlated harm where the sensitivities are correlated over
@@ -95,8 +91,8 @@ def estimate_noise(
     residual: Floats,
     jacobian: Floats,
     penalty: Floats,
-    line: NDArray[np.int64],
-    response: NDArray[np.int64],
+    line: Integers,
+    response: Integers,
     errors: ErrorModel = ERRORS,
 ) -> Noise:
     """Scatter of the data residuals at an optimum.

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.updating.misfit import decibel
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,9 +55,9 @@ class Saturation:
 
 
 def saturation(
-    values: Callable[[NDArray[np.complexfloating[Any, Any]]], NDArray[np.complexfloating[Any, Any]]],
-    D: NDArray[np.complexfloating[Any, Any]],
-    terms: NDArray[np.int64],
+    values: Callable[[Complexes], Complexes],
+    D: Complexes,
+    terms: Integers,
     scale: float,
     baseline: float = 0.0,
     limits: Limits = LIMITS,
@@ -85,11 +82,6 @@ def saturation(
     limits : Limits
     search, steps : (float, float), int
         Decades below and above the local stiffness between which limits are sought, and halvings of the range.
-
-    Returns
-    -------
-    Saturation
-        log10 values.
     """
 
     def level(value: float) -> Floats:
@@ -103,27 +95,19 @@ def saturation(
     def distance(p: float, limit: Floats) -> float:
         return float(np.mean(np.abs(level(10.0**p) - limit)))
 
-    middle = float(np.log10(scale))
-
     def crossing(limit: Floats, target: float, low: float, high: float, rising: bool) -> float:
         # Bisection on a curve that falls (towards clamped) or rises (from free) but for small ripples.
         for _ in range(steps):
             p = 0.5 * (low + high)
-            if (distance(p, limit) > target) == rising:
-                high = p
-            else:
-                low = p
+            low, high = (low, p) if (distance(p, limit) > target) == rising else (p, high)
         return 0.5 * (low + high)
 
+    middle = float(np.log10(scale))
     low, high = middle - search[0], middle + search[1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = [
-            distance(high, clamped) <= limits.bound_db,
-            distance(low, clamped) > limits.start_db,
-            distance(low, free) <= limits.bound_db,
-        ]
-    if not all(ends):
-        return Saturation(middle + limits.fallback[1], middle + limits.fallback[0], middle + limits.fallback[2], found=False)
+        reached = distance(high, clamped) <= limits.bound_db and distance(low, free) <= limits.bound_db
+        if not (reached and distance(low, clamped) > limits.start_db):
+            return Saturation(middle + limits.fallback[1], middle + limits.fallback[0], middle + limits.fallback[2], found=False)
     start = crossing(clamped, limits.start_db, low, high, rising=False)
     upper = crossing(clamped, limits.bound_db, start, high, rising=False)
     lower = crossing(free, limits.bound_db, low, start, rising=True)

@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
+from lrbc_cli.arrays import Complexes, Floats
 
 #: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
 PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365

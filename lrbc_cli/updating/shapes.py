@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.places import Edge, places
 from lrbc_cli.updating.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
-from lrbc_cli.updating.verdicts import Edge, places
 
 Floats = NDArray[np.float64]
 

@@ -11,6 +11,22 @@ from lrbc_cli.updating.saturation import LIMITS, Limits
 
 
 @dataclass(frozen=True)
+class ValidationChannels:
+    """Which responses that were not fitted can show whether the model explains a measurement: without one no job is validated.
+
+    Attributes
+    ----------
+    least_lines : float
+        Share of the lines on which such a response has values. A choice.
+    copied : float
+        Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+    """
+
+    least_lines: float = 0.8
+    copied: float = 1e-6
+
+
+@dataclass(frozen=True)
 class StatisticalModel:
     """Passed from the campaign's ``Method`` down to where each part is used, and part of what a result rests on.
 
@@ -24,6 +40,7 @@ class StatisticalModel:
     limits : Limits
         Where FRFs count as free or clamped.
     calibration : CalibrationPrior
+    validation : ValidationChannels
     """
 
     errors: ErrorModel = ERRORS
@@ -32,6 +49,7 @@ class StatisticalModel:
     resonances: Resonances = RESONANCES
     limits: Limits = LIMITS
     calibration: CalibrationPrior = CALIBRATION_PRIOR
+    validation: ValidationChannels = ValidationChannels()
 
 
 #: The defaults, for those who call a part alone.

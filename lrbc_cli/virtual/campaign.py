@@ -126,10 +126,7 @@ def rehearse(
         Where a reduced model does not reach its tolerance.
     """
     files = {job: out / "frf" / f"{job}.uff" for job in jobs}
-    for file in (out / FILE, out / RECORD, *files.values()):
-        require_no_input(file, inputs.campaign, "--out")
-        if not replace:
-            require_new(file, "--out", "--force")
+    _require_targets(inputs, [out / FILE, out / RECORD, *files.values()], replace)
     require_in_band(lines, inputs.campaign.reduction.band, hint="change reduction.band")
     settings = settings or Settings(scatter=declared_scatter(inputs))
     structure = VirtualStructure(inputs, settings, seed, cache, lines, progress)
@@ -155,3 +152,10 @@ def rehearse(
         raise ConfigError(f"the folder cannot be written ({error.strerror or error})", file=out, place="--out") from error
     write_json(out / RECORD, record)
     return record
+
+
+def _require_targets(inputs: Inputs, files: Sequence[Path], replace: bool) -> None:
+    for file in files:
+        require_no_input(file, inputs.campaign, "--out")
+        if not replace:
+            require_new(file, "--out", "--force")

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from lrbc_cli.arrays import Floats
 
 #: Temperature at which the design's air has its properties [K].
 ROOM = 293.15

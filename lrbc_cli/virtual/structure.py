@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import options_of
@@ -23,12 +23,9 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.verdicts import Edge, foot, pitch_of
+from lrbc_cli.updating.places import Edge, foot, pitch_of
 from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Drift, Scatter
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,7 @@ class StateScore:
     cost: float | None = None
     evaluations: int = 0
     seconds: float | None = None
+    reason: str = ""
 
     @property
     def design(self) -> str:
@@ -133,7 +134,7 @@ def score_state(
         joints.append(JointScore(name, lost, change, value, *interval, bolt.get("probability_loose"), verdict, seen.get(name, True)))
     known = reference["misfit_db"]["final"]
     if failed:
-        return StateScore(campaign, tree["job"], "failed", role, tuple(joints), known)
+        return StateScore(campaign, tree["job"], "failed", role, tuple(joints), known, reason=tree["reason"])
     misfit, cost = tree["misfit_db"], tree["cost"]
     return StateScore(
         campaign,
@@ -228,7 +229,7 @@ def job_table(states: Sequence[StateScore]) -> str:
         cells += [", ".join(f"{j.joint} {j.verdict} {shown(j.probability)}" for j in s.joints if j.wrong) if s.role == "judged" else ""]
         known = [j.covered for j in s.joints if j.covered is not None]
         lines.append("| " + " | ".join([*cells, f"{sum(known)} of {len(known)}", str(s.evaluations), shown(s.seconds)]) + " |")
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"\n{s.campaign}, {s.job}: {s.reason}" for s in states if s.reason)])
 
 
 def exact_costs(task: Task, seed: int, count: int) -> list[dict[str, Any]]:

@@ -4,9 +4,9 @@
         [--rows optimiser|start|job] [--markdown FILE] [--json FILE]
 
 For every job of the campaigns (both samples where none is given) and every start: Gauss-Newton by levels (the default; it brings its own
-starts, so it is run once a job), plain Gauss-Newton, the BFGS of the paper with its stop rule, and L-BFGS-B and trust-region reflective
-least squares of SciPy with their default stop rules. An evaluation is cost and derivatives together. Prints one row a sample and
-optimiser, over all jobs and starts.
+starts, so it is run once a job), plain Gauss-Newton, the BFGS of the paper with its stop rule, and L-BFGS-B and the bounded least squares
+(trf, dogbox) of SciPy with their default stop rules. An evaluation is cost and derivatives together. Prints one row a sample and
+optimiser, over all jobs and starts. The cost is that of ``update.approach: paper`` with a number as its weight, 0.04 unless overridden.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from lrbc_cli.campaign.identification.records import read_measurement
-from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
+import lrbc_cli as lrbc
+from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma
-from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
-from lrbc_cli.config import load_campaign
 from lrbc_cli.updating.levels import gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import bfgs, gauss_newton
@@ -38,6 +36,9 @@ Floats = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = (ROOT / "configs" / "frame.yaml", ROOT / "configs" / "soundbox.yaml")
+
+#: The cost that all minimise, unless an override says otherwise.
+COST = ("update.approach=paper", "update.regularisation=0.04")
 
 #: Iterations of every optimiser at the most, and seeds of the random starts.
 ITERATIONS, SEEDS = 200, (1, 2, 3)
@@ -103,15 +104,15 @@ def l_bfgs_b(cost: Shared, misfit: Misfit, start: Floats, bounds: Floats) -> Flo
     return np.asarray(minimize(function, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": ITERATIONS}).x)
 
 
-def trf(cost: Shared, misfit: Misfit, start: Floats, bounds: Floats) -> Floats:
-    """SciPy's trust-region reflective least squares; it has to start inside the bounds."""
+def of_scipy(method: str, cost: Shared, misfit: Misfit, start: Floats, bounds: Floats) -> Floats:
+    """SciPy's bounded least squares; they have to start inside the bounds."""
     inside = np.clip(start, bounds[:, 0] + 1e-6, bounds[:, 1] - 1e-6)
     found = least_squares(
         lambda theta: cost(theta).residual,
         inside,
         lambda theta: cost(theta).jacobian,
         bounds=(bounds[:, 0], bounds[:, 1]),
-        method="trf",
+        method=method,
         max_nfev=ITERATIONS,
     )
     return np.asarray(found.x)
@@ -122,7 +123,8 @@ OPTIMISERS: dict[str, Callable[[Shared, Misfit, Floats, Floats], Floats]] = {
     "Gauss-Newton": plain,
     "BFGS (paper)": of_the_paper,
     "L-BFGS-B": l_bfgs_b,
-    "least_squares trf": trf,
+    "least_squares trf": partial(of_scipy, "trf"),
+    "least_squares dogbox": partial(of_scipy, "dogbox"),
 }
 
 
@@ -137,25 +139,22 @@ def starts(misfit: Misfit, initial: Floats, bounds: Floats) -> Iterator[tuple[st
         yield f"random {seed}", low + np.random.default_rng(seed).uniform(size=initial.size) * width
 
 
-def misfit_of(inputs: Inputs, source: FrfSource, name: str) -> tuple[Misfit, Floats, Floats]:
+def misfit_of(study: lrbc.Study, name: str) -> tuple[Misfit, Floats, Floats]:
     """The cost of a job as `lrbc update` forms it, start and bounds."""
-    job = inputs.campaign.jobs[name]
-    measurement = read_measurement(inputs, job, name)
-    s = 2j * np.pi * measurement.frequency_hz
-    parameters, _ = parameterise(inputs, source, s)
+    inputs, measurement = study.inputs, study.read(name)
+    method = inputs.method
+    assert method.approach == "paper"
+    assert isinstance(method.regularisation, float)
+    parameters = study.parameters(measurement.frequency_hz)
     selected = select_lines(inputs, measurement, name)
-    weight = inputs.method.regularisation
-    assert inputs.method.approach == "paper"
-    assert isinstance(weight, float)
-    sigma, _ = line_sigma(inputs, measurement, job, selected)
+    sigma, _ = line_sigma(inputs, measurement, inputs.campaign.jobs[name], selected)
     misfit = Misfit(
-        source.model(s, parameters, selected, inputs.used),
-        measurement.values[np.ix_(selected, inputs.used)],
-        parameters.initial,
-        weight,
-        None,
-        inputs.method.residual,
-        sigma,
+        model=study.source.model(2j * np.pi * measurement.frequency_hz, parameters, selected, inputs.used),
+        measured=measurement.values[np.ix_(selected, inputs.used)],
+        prior=parameters.initial,
+        eta=method.regularisation,
+        options=method.residual,
+        sigma=sigma,
     )
     return misfit, parameters.initial, parameters.bounds
 
@@ -217,12 +216,10 @@ def main() -> None:
     runs: list[Run] = []
     with tempfile.TemporaryDirectory(prefix="lrbc-optimisers-") as scratch:
         for config in arguments.config or CONFIGS:
-            inputs = read_as_exported(load_campaign(config, arguments.override))
-            stage = obtain_reduction(inputs, arguments.cache or Path(scratch), accept=False, progress=lambda _: None)
-            source = frf_source(inputs, stage)
-            for job in inputs.campaign.jobs:
+            study = lrbc.load(config, overrides=[*COST, *arguments.override], calibration=False, cache=arguments.cache or scratch)
+            for job in study.jobs:
                 if not arguments.job or job in arguments.job:
-                    runs += runs_of(config.stem, job, *misfit_of(inputs, source, job))
+                    runs += runs_of(config.stem, job, *misfit_of(study, job))
     text = table(runs, arguments.rows)
     print(text)
     if arguments.markdown:

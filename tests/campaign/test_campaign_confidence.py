@@ -16,7 +16,7 @@ from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
 from lrbc_cli.updating.error_model import ERRORS
-from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.shapes import bolt_shapes
 from lrbc_cli.updating.statistics import STATISTICS
 
@@ -123,7 +123,7 @@ NUISANCES = ("update.nuisances.temperature=2.0", "update.nuisances.gain=0.3", "u
 def drifted(made: Made, theta: np.ndarray, kelvin: float, gains: np.ndarray, offset: float) -> np.ndarray:
     """FRFs with warmer air, gains [dB] and a hammer beside its node."""
     every = np.arange(len(made.study.responses))
-    extras = [Extra("factor", "sound_speed", 0, 0.0, 0.1, (-1.0, 1.0)), Extra("shift", "hammer", 0, 0.0, 0.1, (-1.0, 1.0))]
+    extras = [Nuisance("factor", "sound_speed", 0, 0.0, 0.1, (-1.0, 1.0)), Nuisance("shift", "hammer", 0, 0.0, 0.1, (-1.0, 1.0))]
     affine = affine_model(made.study.inputs, made.study.stage)
     model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, extras, every)
     speed = 0.5 * np.log1p(kelvin / 293.15)

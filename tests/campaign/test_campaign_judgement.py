@@ -15,6 +15,7 @@ from campaigns import Folder, box, finished
 from lrbc_cli.campaign.jobs.evidence import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.updating.statistics import ValidationChannels
 
 BEYOND = ("B0", "B7")
 NUMBERS = ("log10_stiffness", "change", "change_std", "threshold", "probability_loose", "probability_changed")
@@ -129,20 +130,22 @@ def test_validation_channels(tmp_path: Path) -> None:
 
 
 def test_what_can_validate() -> None:
-    """Values on most lines, and a sensor of its own: the rest of the held-out responses test nothing."""
+    """Values on most lines, and a sensor of its own: the rest of the unused responses test nothing."""
     rng = np.random.default_rng(0)
     values = rng.normal(size=(50, 4)) + 1j * rng.normal(size=(50, 4))
-    used, held_out = np.array([0, 1]), np.array([2, 3])
-    assert validation_channels(values, used, held_out) == (pytest.approx([2, 3]), "")
+    used, unused, limits = np.array([0, 1]), np.array([2, 3]), ValidationChannels()
+    assert validation_channels(values, used, unused, limits) == (pytest.approx([2, 3]), "")
     values[2:, 3] = np.nan
-    assert validation_channels(values, used, held_out) == (pytest.approx([2]), "")
+    assert validation_channels(values, used, unused, ValidationChannels(least_lines=0.03)) == (pytest.approx([2, 3]), "")
+    assert validation_channels(values, used, unused, limits) == (pytest.approx([2]), "")
     # The record of the first response in other units, and noise of a millionth's tenth.
     values[:, 2] = -9.81 * values[:, 0] * (1 + 1e-8 * rng.normal(size=50))
-    found, why = validation_channels(values, used, held_out)
+    found, why = validation_channels(values, used, unused, limits)
     assert found.size == 0
     assert why == "the validation channels are records that were fitted too"
-    assert validation_channels(values, used, held_out[1:])[1] == "the validation channels have values on 4% of the lines only"
-    assert validation_channels(values, used, held_out[:0])[1] == "there are no validation channels"
+    assert validation_channels(values, used, unused, ValidationChannels(copied=1e-9))[0] == pytest.approx([2])
+    assert validation_channels(values, used, unused[1:], limits)[1] == "the validation channels have values on 4% of the lines only"
+    assert validation_channels(values, used, unused[:0], limits)[1] == "there are no validation channels"
 
 
 def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from matrix_files import write_matrix_hdf5
 from scipy.sparse import csc_array
 
 from lrbc_cli.errors import DataError
@@ -26,7 +27,7 @@ from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.io.hdf5 import reader_process
 from lrbc_cli.io.hdf5 import tools as hdf5_tools
 from lrbc_cli.io.matrices import matrix_market
-from lrbc_cli.io.matrices.read import read_vectors, write_matrix_hdf5
+from lrbc_cli.io.matrices.read import read_vectors
 from lrbc_cli.io.uff import datasets as uff_datasets
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
@@ -135,18 +136,14 @@ def test_without_a_second_process_files_are_still_read(tmp_path, monkeypatch, ca
     assert [record.message.partition(":")[0] for record in caplog.records] == ["HDF5 files are read without a deadline"]
 
 
-@pytest.mark.parametrize("kind", ["matrix", "frf"])
-def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch, kind):
+def test_own_files_are_checked_before_they_are_opened(tmp_path, monkeypatch):
     path = tmp_path / "own.h5"
-    if kind == "matrix":
-        write_matrix_hdf5(path, {"K": csc_array(np.eye(3))})
-    else:
-        write_frf(path, FrfSet("x", (FrfRecord("mic", np.array([1.0, 2.0]), np.array([1 + 1j, 2j]), "pressure"),)))
+    write_frf(path, FrfSet("x", (FrfRecord("mic", np.array([1.0, 2.0]), np.array([1 + 1j, 2j]), "pressure"),)))
 
     def read():
-        return read_vectors(path, "K").matrix.nnz if kind == "matrix" else len(read_frf(path).records)
+        return len(read_frf(path).records)
 
-    expected = 3 if kind == "matrix" else 1
+    expected = 1
     monkeypatch.setattr(reader_process, "_running", lambda: pytest.fail("another process for a file of our own"))
     assert read() == expected
     content = path.read_bytes()

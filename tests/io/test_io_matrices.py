@@ -13,12 +13,13 @@ import pytest
 import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matrix_files import write_matrix_hdf5
 from scipy.sparse import coo_array, csc_array, csr_array, random_array, save_npz
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.hdf5.tools import SEAL
 from lrbc_cli.io.matrices import matrix_market
-from lrbc_cli.io.matrices.read import FORMATS, detect_format, read_matrix, read_vectors, split_reference, write_matrix_hdf5
+from lrbc_cli.io.matrices.read import FORMATS, detect_format, read_matrix, read_vectors
 from lrbc_cli.io.sparse import stored_triangle
 
 DATA = Path(__file__).parents[1] / "data"
@@ -449,13 +450,6 @@ def test_npz_of_dense_arrays(tmp_path):
         read_vectors(path)
     with pytest.raises(DataError, match="left, right"):
         read_vectors(path, "middle")
-
-
-def test_references():
-    assert split_reference("model.h5#K") == ("model.h5", "K")
-    assert split_reference("model.h5#a/K") == ("model.h5", "a/K")
-    assert split_reference("k.mtx") == ("k.mtx", None)
-    assert split_reference("k.mtx#") == ("k.mtx", None)
 
 
 def test_detection(tmp_path):

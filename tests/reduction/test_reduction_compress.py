@@ -13,7 +13,7 @@ from lrbc_cli.reduction import problem
 from lrbc_cli.reduction.build import COMPRESSION, Reducer, ReductionOptions, reduce_model
 from lrbc_cli.reduction.certify import port_errors, residual_errors
 from lrbc_cli.reduction.compress import ELSEWHERE, Compressor, Modes
-from lrbc_cli.reduction.sweep import Solver
+from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.unseen import distance, tolerance_factor, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
 
@@ -62,7 +62,7 @@ def test_the_sweep_solves_the_reduced_system(name):
     """With the air condensed out or not: the same as the dense system, in the coordinates of the basis."""
     R = rich(MODELS[name]())
     P, operators = R.basis, R.basis.operators
-    solver = Solver(operators, R.problem.structure_of(R.basis), P.inputs, P.dual, symmetric=R.problem.Z.symmetric)
+    solver = ReducedSolver(operators, R.problem.structure_of(R.basis), P.inputs, P.dual, symmetric=R.problem.Z.symmetric)
     assert solver.condensed == ("box" in name)
     s = 2j * np.pi * np.array([17.0, 111.0, 390.0])
     X, Y = solver.solve(s)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.results.fields import Document, Record
+from lrbc_cli.results.fields import Record, StoredRecord
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.store import read, write
@@ -20,7 +20,7 @@ COUNTS = (0, 4, 6, 10, 12, 15, 17)
 MODES = np.array([47.0, 62.0, 88.0, 121.0, 139.0, 163.0, 171.0, 204.0, 228.0, 251.0, 287.0, 302.0, 341.0, 366.0, 389.0])
 
 
-def _write(file: Path, kind: type[Document], document: dict) -> None:
+def _write(file: Path, kind: type[StoredRecord], document: dict) -> None:
     write(file, kind.checked(document))
 
 

@@ -13,7 +13,7 @@ from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 
 S = 2j * np.pi * np.linspace(20.0, 380.0, 23)
 STRUCTURE, AIR = (60.0, 2e-5), (40.0, 1e-6)
@@ -71,10 +71,10 @@ class System:
         return direct_frf(model, S, self.parameters.dynamic(theta, S), self.input_of)
 
 
-def extras(system: System) -> list[Extra]:
-    found = [Extra("factor", name, 0, 0.0, 0.1, (-1.0, 1.0)) for name in system.recipe.names]
-    found += [Extra("gain", f"r{i}", i, 0.0, 0.3, (-5.0, 5.0)) for i in range(system.input_of.size)]
-    found += [Extra("shift", f"h{k // 2}", k, 0.0, 0.003, (-1.0, 1.0)) for k in range(4)]
+def extras(system: System) -> list[Nuisance]:
+    found = [Nuisance("factor", name, 0, 0.0, 0.1, (-1.0, 1.0)) for name in system.recipe.names]
+    found += [Nuisance("gain", f"r{i}", i, 0.0, 0.3, (-5.0, 5.0)) for i in range(system.input_of.size)]
+    found += [Nuisance("shift", f"h{k // 2}", k, 0.0, 0.003, (-1.0, 1.0)) for k in range(4)]
     return found
 
 
@@ -90,7 +90,7 @@ def point(model: ExtendedFrf, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     theta = model.initial
     theta[: model.parameters.size] = [4.2, 3.6, 4.5, 0.7, -2.1]
-    theta[model.parameters.size :] = 0.1 * rng.normal(size=len(model.extras))
+    theta[model.parameters.size :] = 0.1 * rng.normal(size=len(model.nuisances))
     return theta
 
 
@@ -113,7 +113,7 @@ def test_it_is_the_full_model(system: System) -> None:
     factors = model.factors(theta)
     offset = model.offset(theta)
     assert offset is not None
-    gains = np.array([theta[model.parameters.size + i] for i, e in enumerate(model.extras) if e.kind == "gain"])
+    gains = np.array([theta[model.parameters.size + i] for i, e in enumerate(model.nuisances) if e.kind == "gain"])
     expected = system.direct(theta[: model.parameters.size], factors, offset) * 10.0 ** (gains / 20.0)
     np.testing.assert_allclose(model.frf(theta), expected, rtol=1e-8)
 
@@ -146,7 +146,7 @@ def test_derivatives_to_every_unknown(system: System) -> None:
 def test_taylor_remainders(system: System, kind: str) -> None:
     model = build(system)
     theta = point(model)
-    own = np.array(["boundary"] * model.parameters.size + [e.kind for e in model.extras])
+    own = np.array(["boundary"] * model.parameters.size + [e.kind for e in model.nuisances])
     direction = np.where((own == kind) | (kind == "all"), np.random.default_rng(2).normal(size=model.size), 0.0)
     _, J = model.derivatives(theta)
     scale = 1.0 / np.abs(model.frf(theta)).mean(axis=0)
@@ -165,7 +165,7 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
 
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
-    few = [e for e in extras(system) if e.kind != "gain"] + [Extra("gain", "r2", 1, 0.0, 0.3, (-5.0, 5.0))]
+    few = [e for e in extras(system) if e.kind != "gain"] + [Nuisance("gain", "r2", 1, 0.0, 0.3, (-5.0, 5.0))]
     model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
     theta = point(model)
     y, J = model.derivatives(theta)

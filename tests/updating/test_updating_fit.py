@@ -9,7 +9,7 @@ import pytest
 from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.extended import Extra
+from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
 from lrbc_cli.updating.levels import Level, descend
 from lrbc_cli.updating.misfit import Evaluation, Misfit
@@ -151,7 +151,7 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     case = Case(8, strength=0.2)
     misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta)
     variance = SIGMA**2
-    extras = tuple(Extra("gain", f"r{i}", i, mean, 0.3, (-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2)))
+    extras = tuple(Nuisance("gain", f"r{i}", i, mean, 0.3, (-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2)))
     model = _WithGain(case.model, (0, 1))
     extended = extended_misfit(misfit, model, extras, variance)
     size, m = case.parameters.size, case.shapes.T.shape[1]

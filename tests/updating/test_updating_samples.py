@@ -129,7 +129,9 @@ class TestSoundBoxMisfit:
     def test_the_reference_of_the_ports_does_not_matter(self):
         misfit, parameters, _ = problem("soundbox", (0.3, 0.5))
         inputs, model = sample("soundbox"), reduced_sample("soundbox").model
-        moved = model.with_reference(10.0 * model.reference).ports(misfit.model.s).select(np.arange(misfit.lines), inputs.used)
+        moved = (
+            dataclasses.replace(model, reference=10.0 * model.reference).ports(misfit.model.s).select(np.arange(misfit.lines), inputs.used)
+        )
         other = Misfit(port_model(moved, parameters), 10.0 ** (misfit.target / 20), misfit.prior, 1e-2)
         theta = parameters.initial + np.random.default_rng(0).uniform(-1.5, 0.3, size=parameters.size)
         assert misfit(theta).total == pytest.approx(other(theta).total, rel=1e-8)

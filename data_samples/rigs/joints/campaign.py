@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.config.structure import SelectConfig
 from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Scatter
 from rigs.campaign import nuisances_text
@@ -77,17 +76,11 @@ def measure_campaign(design: JointDesign, seed: int, folder: Path, *, retorque: 
     return states
 
 
-def _select(model: str, group: str) -> str:
-    if "bushings" in SelectConfig.model_fields:
-        return f"{{bushings: {model}/bushings-{group}.csv}}"
-    return f"{{vectors: {model}/model.h5#{group}, positions: {model}/places-{group}.csv}}"
-
-
 def _group_lines(design: JointDesign, model: str, group: str) -> list[str]:
     return [
         f"  {group}:                                # log10 of the stiffness over that of the table",
         "    kind: stiffness",
-        f"    select: {_select(model, group)}",
+        f"    select: {{bushings: {model}/bushings-{group}.csv}}",
         "    initial: 0.0",
         "    bounds: [-4.0, 1.5]",
         f"    damping: {{initial: 0.0, bounds: [-3.0, 4.0], beta: {design.proportional[1]:.4g}}}",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import h5py
-import numpy as np
-import scipy.sparse as sp
 
 from rigs.joints.design import JointDesign
 from rigs.joints.system import System
@@ -39,7 +37,7 @@ def bushing_table(design: JointDesign, system: System, group: str) -> str:
 
 
 def write(design: JointDesign, folder: Path) -> None:
-    """Write ``model.h5`` with K, M, the share of each part after the first and the vectors of each kind, and the tables."""
+    """Write ``model.h5`` with K, M, and the share of each part after the first, and the tables."""
     system = design.system(None)
     folder.mkdir(parents=True, exist_ok=True)
     with h5py.File(folder / "model.h5", "w", track_order=False) as file:
@@ -47,19 +45,12 @@ def write(design: JointDesign, folder: Path) -> None:
         write_csr(file, "M", system.mass)
         for part in range(1, design.parts):
             write_csr(file, f"K_{part + 1}", system.share(part))
-        for group in groups(design):
-            springs = [s for s in design.springs if s.group == group]
-            columns = np.stack([np.sqrt(s.stiffness) * design.vector(system, s) for s in springs], axis=1)
-            write_csr(file, group, sp.csr_array(columns))
     lines = ["dof,node,component,x,y,z"]
     for dof, (node, component, xyz) in enumerate(zip(system.node, system.component, system.xyz, strict=True)):
         lines.append(f"{dof},{node},{component}," + ",".join(map(_number, xyz)))
     texts = {"dofs": "\n".join(lines) + "\n", "bolts": bolt_table(design)}
     for group in groups(design):
         texts[f"bushings-{group}"] = bushing_table(design, system, group)
-        rows = [f"{','.join(map(_number, design.bolts[s.joint]))},{s.joint}" for s in design.springs if s.group == group]
-        # A bolt has one value of each kind.
-        texts[f"places-{group}"] = "\n".join(["x,y,z,parameter", *rows]) + "\n"
     for name, text in texts.items():
         (folder / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
 

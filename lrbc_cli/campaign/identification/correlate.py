@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.correlation import Correlation, PeakTable, correlate
-
-Floats = NDArray[np.float64]
 
 FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
 
@@ -26,12 +24,12 @@ def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
 def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
     """The key ``correlation`` of ``result.json``; means of FRAC are over the responses that the updating uses, and over the others."""
     initial, final = found.mean_peaks.shifts_percent()
-    used, held_out = inputs.used, inputs.held_out
+    used, validation = inputs.used, inputs.validation
     return {
         "frac_initial": _mean(found.frac_initial[used]),
         "frac_final": _mean(found.frac_final[used]),
-        "frac_held_out_initial": _mean(found.frac_initial[held_out]),
-        "frac_held_out_final": _mean(found.frac_final[held_out]),
+        "frac_held_out_initial": _mean(found.frac_initial[validation]),
+        "frac_held_out_final": _mean(found.frac_final[validation]),
         "fdac_diagonal_initial": _mean(np.diag(found.fdac_initial)),
         "fdac_diagonal_final": _mean(np.diag(found.fdac_final)),
         "peak_shift_percent_initial": initial,

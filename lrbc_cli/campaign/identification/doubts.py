@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -16,9 +15,6 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.residuals import coherence_sigma
 from lrbc_cli.updating.scale import MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0
@@ -149,7 +145,7 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
     return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
 
 
-def noise_level(measurement: Measurement, job: JobConfig, responses: NDArray[np.int64]) -> float | None:
+def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
     """Mean absolute error of the measured levels by repeats, else by coherence [dB]; None where nothing is known of it."""
     sigma, averages = measurement.sigma_db, job.averages * measurement.files
     if sigma is None or not np.isfinite(sigma).any():

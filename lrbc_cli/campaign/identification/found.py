@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.fit import Posterior
@@ -15,9 +12,6 @@ from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.saturation import Saturation
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -67,14 +61,14 @@ class Identification:
     parameters: Parameterisation
     saturations: dict[str, Saturation]
     measurement: Measurement = field(repr=False)
-    selected: NDArray[np.int64] = field(repr=False)
+    selected: Integers = field(repr=False)
     initial: Complexes = field(repr=False)
     updated: Complexes = field(repr=False)
     misfit_initial: Floats = field(repr=False)
     misfit_final: Floats = field(repr=False)
     notes: tuple[str, ...]
     posterior: Posterior = field(repr=False)
-    opens: tuple[NDArray[np.bool_], NDArray[np.bool_]] = field(repr=False)
+    opens: tuple[Bools, Bools] = field(repr=False)
     prior: Floats = field(repr=False)
     against_reference: bool = False
     relative: bool = False

@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.identification.weights import line_sigma
-from lrbc_cli.campaign.reading.drift import drift_extras, stored_offsets
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.ports import single_threaded
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.confidence import open_values
-from lrbc_cli.updating.extended import ExtendedFrf, Extra
+from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.places import pitch_of
 from lrbc_cli.updating.search import search
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
-from lrbc_cli.updating.verdicts import pitch_of
 
 log = logging.getLogger(__name__)
 
@@ -220,16 +220,16 @@ class _Job:
             return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
         return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
 
-    def _extras(self) -> tuple[Extra, ...]:
+    def _extras(self) -> tuple[Nuisance, ...]:
         """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
-        found = drift_extras(self.inputs, self.inputs.campaign.update.nuisances)
+        found = nuisances_of(self.inputs, self.inputs.campaign.update.nuisances)
         if self.against_reference:
             return found
         return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.inputs.campaign.update.reference else ()
 
     def _tight_frf(self) -> Complexes:
         """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
-        extras = tuple(extra for extra in drift_extras(self.inputs, self.inputs.campaign.update.nuisances) if extra.kind == "shift")
+        extras = tuple(extra for extra in nuisances_of(self.inputs, self.inputs.campaign.update.nuisances) if extra.kind == "shift")
         if not extras or self.source.stage is None or not self.tight_offsets:
             return self.model.frf(self.prior)
         affine = affine_model(self.inputs, self.source.stage)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import PrivateAttr
 
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import RecordRef
@@ -19,11 +17,8 @@ from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.residuals import DB
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: Shares of the band that the lines should cover, and of the lines on which a response that enters the cost should have values.
-MIN_BAND, MIN_LINES = 0.9, 0.8
+#: Share of the band that the lines should cover.
+MIN_BAND = 0.9
 
 
 @dataclass(frozen=True)
@@ -69,22 +64,10 @@ class Measurement:
         return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz{outside}"
 
 
-class GivenJob(JobConfig):
-    """A job whose measurement is at hand and in no file: ``GivenJob.of(measurement)``."""
-
-    _given: Measurement | None = PrivateAttr(default=None)
-
-    @classmethod
-    def of(cls, measurement: Measurement) -> GivenJob:
-        """The job; its path is only a name for messages."""
-        job = cls.model_construct(frf=Path("given"))
-        job._given = measurement
-        return job
-
-    @property
-    def given(self) -> Measurement | None:
-        """Its measurement."""
-        return self._given
+def with_job(inputs: Inputs, name: str) -> Inputs:
+    """The inputs with a job that has no file: whoever identifies it hands over its measurement."""
+    job = JobConfig.model_construct(frf=Path(name))
+    return replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, name: job}}))
 
 
 def _describe(record: FrfRecord) -> str:
@@ -168,8 +151,6 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     DataError
         Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
     """
-    if isinstance(job, GivenJob) and job.given is not None:
-        return job.given
     first = _read(inputs, job, name)
     if not job.repeats:
         return first
@@ -219,7 +200,6 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
 
 
 def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    campaign = inputs.campaign
     layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
     frf = read_frf(job.frf, layout)
     hashes = {job.frf.as_posix(): file_hash(job.frf)}
@@ -227,38 +207,11 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     if job.coherence is not None:
         coherences = read_coherence(job.coherence)
         hashes[job.coherence.as_posix()] = file_hash(job.coherence)
-    used = set(inputs.used.tolist())
-    records: list[FrfRecord | None] = []
+    records = _matched(inputs, job, name, frf)
+    missing = [response.name for response, record in zip(inputs.responses, records, strict=True) if record is None]
     notes, warnings = list(frf.notes), [f"{job.frf.name}: {warning}" for warning in frf.warnings]
-    unstated: list[str] = []
-    for i, response in enumerate(inputs.responses):
-        wanted = job.records.get(response.name, campaign.responses[response.name].record)
-        record = match_record(response, wanted, frf, inputs)
-        if record is None and i in used:
-            raise DataError(
-                f"no record of response {response.name}",
-                file=job.frf,
-                place=f"job {name}",
-                expected=(f"name {wanted}" if isinstance(wanted, str) else f"node {wanted.node} direction {wanted.direction}")
-                if wanted is not None
-                else f"a record named {response.name}" + _place_text(response),
-                found="; ".join(_describe(r) for r in frf.records[:12]) + (" ..." if len(frf.records) > 12 else ""),
-                hint=f"say which one in responses.{response.name}.record or in the job's records",
-            )
-        if record is None:
-            warnings.append(f"{job.frf.name}: no record of response {response.name}, which is only reported")
-        elif record.quantity is None:
-            unstated.append(response.name)
-        elif record.quantity != response.quantity:
-            raise DataError(
-                f"the record of response {response.name} has another quantity",
-                file=job.frf,
-                place=record.place,
-                expected=response.quantity,
-                found=record.quantity,
-                hint=f"set responses.{response.name}.quantity, or correct the record",
-            )
-        records.append(record)
+    warnings += [f"{job.frf.name}: no record of response {response}, which is only reported" for response in missing]
+    unstated = [r.name for r, record in zip(inputs.responses, records, strict=True) if record is not None and record.quantity is None]
     if unstated:
         notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
     axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
@@ -269,16 +222,15 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             continue
         at, found = _indices(record.frequency_hz, axis)
         values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
-        own = record.coherence
-        if own is not None:
-            coherence[found, i] = own[at[found]]
+        if record.coherence is not None:
+            coherence[found, i] = record.coherence[at[found]]
         for key in (inputs.responses[i].name, record.name, (record.response_node, record.response_direction)):
             if key in coherences:
                 lines, table = coherences[key]
                 at, found = _indices(lines, axis)
                 coherence[found, i] = table[at[found]]
                 break
-    for i in sorted(used):
+    for i in inputs.used:
         if not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(
                 f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values"
@@ -297,6 +249,36 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     )
 
 
+def _matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfRecord | None]:
+    """The record of each response, of its quantity; None where a response that is only reported has none."""
+    records: list[FrfRecord | None] = []
+    for i, response in enumerate(inputs.responses):
+        wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
+        record = match_record(response, wanted, frf, inputs)
+        if record is None and i in inputs.used:
+            raise DataError(
+                f"no record of response {response.name}",
+                file=job.frf,
+                place=f"job {name}",
+                expected=(f"name {wanted}" if isinstance(wanted, str) else f"node {wanted.node} direction {wanted.direction}")
+                if wanted is not None
+                else f"a record named {response.name}" + _place_text(response),
+                found="; ".join(_describe(r) for r in frf.records[:12]) + (" ..." if len(frf.records) > 12 else ""),
+                hint=f"say which one in responses.{response.name}.record or in the job's records",
+            )
+        if record is not None and record.quantity not in (None, response.quantity):
+            raise DataError(
+                f"the record of response {response.name} has another quantity",
+                file=job.frf,
+                place=record.place,
+                expected=response.quantity,
+                found=record.quantity,
+                hint=f"set responses.{response.name}.quantity, or correct the record",
+            )
+        records.append(record)
+    return records
+
+
 def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
     """Warn of a measurement that is much smaller than the band: it may have been cut off on its way here."""
     found = []
@@ -311,7 +293,7 @@ def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> li
     # Validation channels too: what they do not hold they cannot test.
     for i in range(values.shape[1]):
         finite = np.isfinite(values[:, i])
-        if finite.any() and finite.mean() < MIN_LINES:
+        if finite.any() and finite.mean() < inputs.statistics.validation.least_lines:
             own = axis[finite]
             found.append(
                 f"{job.frf.name}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
@@ -341,12 +323,9 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
     return axis, low, high
 
 
-def _indices(lines: Floats, axis: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _indices(lines: Floats, axis: Floats) -> tuple[Integers, Bools]:
     """For each line of the axis the nearest of ``lines``, and whether it is the same line."""
     at = np.clip(np.searchsorted(lines, axis), 1, max(lines.size - 1, 1)) if lines.size > 1 else np.zeros(axis.size, dtype=np.int64)
     if lines.size > 1:
         at = np.where(np.abs(lines[at - 1] - axis) <= np.abs(lines[at] - axis), at - 1, at)
     return at, np.abs(lines[at] - axis) <= 1e-5 * axis
-
-
-__all__ = ["Measurement", "match_record", "read_measurement"]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import FrfSource
@@ -17,9 +15,6 @@ from lrbc_cli.reduction.vectors import band_omega, local_scale
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.saturation import Saturation, saturation
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
@@ -130,7 +125,7 @@ def stored_covariance(parameters: Parameterisation, record: JobRecord | None) ->
     return np.zeros(size) if stored is None or stored.shape != size else stored
 
 
-def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> NDArray[np.int64]:
+def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integers:
     """Indices of the lines that enter the cost.
 
     Raises

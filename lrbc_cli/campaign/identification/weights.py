@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method import noise_source
 from lrbc_cli.updating.residuals import coherence_sigma
 
-Floats = NDArray[np.float64]
 
-
-def line_sigma(
-    inputs: Inputs, measurement: Measurement, job: JobConfig, selected: NDArray[np.int64]
-) -> tuple[Floats | None, tuple[str, ...]]:
+def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[Floats | None, tuple[str, ...]]:
     """Standard deviation of the measured magnitudes on the selected lines of the responses used.
 
     Returns

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.records import MIN_LINES
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import LN10, ParameterGroup
@@ -22,13 +21,11 @@ from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts
 from lrbc_cli.updating.levels import near_tie
-from lrbc_cli.updating.verdicts import Edge, Joints, Spot
+from lrbc_cli.updating.places import Edge, Joints, Spot
+from lrbc_cli.updating.statistics import ValidationChannels
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-#: Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
-COPIED = 1e-6
 
 #: What is stored of an identification so that it can be judged by another rule.
 FILE = "evidence.json"
@@ -111,7 +108,7 @@ def read_evidence(folder: Path) -> Evidence:
 
 def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:
     """The channels that tell whether the model explains the measurement, their mean misfit, and why they are no validation channels."""
-    independent, why = validation_channels(result.measurement.values, inputs.used, inputs.held_out)
+    independent, why = validation_channels(result.measurement.values, inputs.used, inputs.validation, inputs.statistics.validation)
     for at, compared in ((independent, VALIDATION), (inputs.used, USED)):
         misfit = mean_of(result.misfit_final[at])
         if misfit is not None:
@@ -128,27 +125,30 @@ def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None
     return f"{job.frf.name} holds the measurement of {reference.job} once more; was another file meant?"
 
 
-def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+def validation_channels(
+    values: Complexes, used: NDArray[np.int64], unused: NDArray[np.int64], limits: ValidationChannels
+) -> tuple[NDArray[np.int64], str]:
     """Responses that can test an identification which did not see them, and why there is none.
 
     Parameters
     ----------
     values : (F, R) complex array
         As measured; NaN where there is no value.
-    used, held_out : int arrays
+    used, unused : int arrays
+    limits : ValidationChannels
 
     Returns
     -------
     int array, str
-        Those of the held-out ones with values on most lines that are no copy of a response used.
+        Those of the unused ones with values on most lines that are no copy of a response used.
     """
-    if not held_out.size:
-        return held_out, "there are no validation channels"
+    if not unused.size:
+        return unused, "there are no validation channels"
     finite = np.isfinite(values)
-    share = finite[:, held_out].mean(axis=0)
+    share = finite[:, unused].mean(axis=0)
     if not share.any():
-        return held_out[:0], "the validation channels have no values"
-    told = held_out[share >= MIN_LINES]
+        return unused[:0], "the validation channels have no values"
+    told = unused[share >= limits.least_lines]
     if not told.size:
         return told, f"the validation channels have values on {share.max():.0%} of the lines only"
 
@@ -158,7 +158,7 @@ def validation_channels(values: Complexes, used: NDArray[np.int64], held_out: ND
         if not both.any():
             return False
         ratio = values[both, i] / values[both, j]
-        return bool(np.all(np.abs(ratio - ratio[0]) <= COPIED * abs(ratio[0])))
+        return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
 
     own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
     return own, "" if own.size else "the validation channels are records that were fitted too"

@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lrbc_cli import __version__
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, mean_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
-from lrbc_cli.campaign.reading.drift import drift_tree
+from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import DataError
@@ -32,9 +33,6 @@ from lrbc_cli.updating.misfit import decibel
 
 #: What of a result judging writes.
 JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", "warnings", "notes")
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
@@ -66,7 +64,6 @@ def write_result(
     reference: JobRecord | None,
     baselines: Mapping[str, JobRecord],
     identities: tuple[Identity, Identity],
-    rests: RestsOn,
 ) -> JobRecord:
     """Judge what was identified and write profile.csv, frf.csv, fdac.csv, evidence.json, and result.json with hashes of these.
 
@@ -78,8 +75,6 @@ def write_result(
         Stored results of the baselines, by name.
     identities : pair of Identity
         Of the identification, and of its judgement.
-    rests : RestsOn
-        The contents of these tight states, see ``standing``.
 
     Returns
     -------
@@ -99,7 +94,7 @@ def write_result(
         "evidence.json": write_evidence(folder, evidence),
     }
     own, judgement = identities
-    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests, "files": files}
+    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests_on(reference, baselines), "files": files}
     return _written(folder, tree)
 
 
@@ -140,22 +135,63 @@ def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identifi
 
 def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
     """What of ``result.json`` identification writes."""
-    campaign, solution = inputs.campaign, result.solution
-    parameters: dict[str, Any] = {}
-    confidence = bands(result)
+    campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
+    return {
+        "parameters": parameter_trees(inputs, result, reference),
+        "covariance": knowledge.boundary,
+        "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
+        "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
+        "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
+        "prior": {
+            "of": campaign.update.reference if result.against_reference else "initial",
+            "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
+            "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
+            "shape": "normal" if result.changes is None else "mixture",
+            "comparison": "relative" if result.relative else "direct",
+        },
+        "method": inputs.method.tree(),
+        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
+        "iterations": solution.iterations,
+        "evaluations": solution.evaluations,
+        "line_evaluations": result.line_evaluations,
+        "history": [
+            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted}
+            for entry in solution.history
+        ],
+        "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
+        "optimiser": {
+            "method": inputs.method.optimiser,
+            "regularisation": result.regularisation,
+            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * inputs.used.size, 1),
+            "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
+        },
+        "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
+        "seconds": result.seconds,
+        "provenance": {
+            "versions": versions(),
+            "inputs": inputs.hashes | result.measurement.hashes,
+            "calibration": calibration_tree(inputs),
+            **({} if stage is None else {"certificate": certificate_tree(stage)}),
+        },
+    }
+
+
+def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+    """``parameters`` of ``result.json``."""
+    theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
+    confidence, out = bands(result), {}
     for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
-        p = solution.theta[values]
+        p, length, band = theta[values], tributary(group), confidence[group.name]
         before = None if reference is None else reference.parameters.get(group.name)
-        length = tributary(group)
         entry: dict[str, Any] = {
             "kind": group.kind,
             "unit": unit_of(inputs, terms),
             "log10": p,
             "log10_effective": effective(group, p),
             "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
-            "std": confidence[group.name].std,
-            "lower95": _open(confidence[group.name].lower),
-            "upper95": _open(confidence[group.name].upper),
+            "std": band.std,
+            "lower95": _open(band.lower),
+            "upper95": _open(band.upper),
             "initial": group.initial,
             "initial_effective": effective(group, group.initial),
             "reference_log10_effective": None if before is None else before.log10_effective,
@@ -168,70 +204,40 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             limits = result.saturations[group.name]
             entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
         if at is not None and group.damping is not None:
-            entry["damping_exponent"] = solution.theta[at]
-            entry["damping_exponent_std"] = float(np.sqrt(max(result.posterior.boundary[at, at], 0.0)))
-            entry["damping_factor"] = 10.0 ** solution.theta[at]
-            entry["damping_beta"] = group.damping.beta
-            entry["damping_bounds"] = group.damping.bounds
-        parameters[group.name] = entry
-    used, held_out = inputs.used, inputs.held_out
-    names = [r.name for r in inputs.responses]
-    misfit = mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])
-    knowledge = result.posterior
-    provenance: dict[str, Any] = {
-        "versions": versions(),
-        "inputs": inputs.hashes | result.measurement.hashes,
-        "calibration": calibration_tree(inputs),
-    }
-    if stage is not None:
-        provenance["certificate"] = {
-            "key": stage.decision.key,
-            "size": stage.reduction.model.size,
-            "tolerance": stage.reduction.options.tolerance,
-            "worst": stage.reduction.worst,
-            "reached": stage.reduction.reached,
-        }
+            entry |= {
+                "damping_exponent": theta[at],
+                "damping_exponent_std": float(np.sqrt(max(variance[at], 0.0))),
+                "damping_factor": 10.0 ** theta[at],
+                "damping_beta": group.damping.beta,
+                "damping_bounds": group.damping.bounds,
+            }
+        out[group.name] = entry
+    return out
+
+
+def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]:
+    """``misfit_db`` of a result: from the mean misfits of all responses before and after [dB]."""
+    used, validation = inputs.used, inputs.validation
     return {
-        "parameters": parameters,
-        "covariance": result.posterior.boundary,
-        "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
-        "misfit_db": {
-            "initial": misfit[0],
-            "final": misfit[1],
-            "held_out_initial": mean_of(result.misfit_initial[held_out]),
-            "held_out_final": mean_of(result.misfit_final[held_out]),
-            "responses": {
-                name: {"initial": result.misfit_initial[i], "final": result.misfit_final[i], "used": bool(i in used)}
-                for i, name in enumerate(names)
-            },
+        "initial": mean_of(before[used]),
+        "final": mean_of(after[used]),
+        "held_out_initial": mean_of(before[validation]),
+        "held_out_final": mean_of(after[validation]),
+        "responses": {
+            response.name: {"initial": before[i], "final": after[i], "used": bool(i in used)} for i, response in enumerate(inputs.responses)
         },
-        "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
-        "prior": {
-            "of": campaign.update.reference if result.against_reference else "initial",
-            "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
-            "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
-            "shape": "normal" if result.changes is None else "mixture",
-            "comparison": "relative" if result.relative else "direct",
-        },
-        "method": inputs.method.tree(),
-        "nuisances": drift_tree(campaign.update.nuisances, knowledge),
-        "iterations": solution.iterations,
-        "evaluations": solution.evaluations,
-        "line_evaluations": result.line_evaluations,
-        "history": [
-            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted}
-            for entry in solution.history
-        ],
-        "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
-        "optimiser": {
-            "method": inputs.method.optimiser,
-            "regularisation": result.regularisation,
-            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * used.size, 1),
-            "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
-        },
-        "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
-        "seconds": result.seconds,
-        "provenance": provenance,
+    }
+
+
+def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
+    """What a result says of the reduced model it rests on."""
+    reduction = stage.reduction
+    return {
+        "key": stage.decision.key,
+        "size": reduction.model.size,
+        "tolerance": reduction.options.tolerance,
+        "worst": reduction.worst,
+        "reached": reduction.reached,
     }
 
 
@@ -273,45 +279,27 @@ def _typical(stds: Floats) -> float | None:
     return float(np.median(finite)) if finite.size else None
 
 
+#: Columns of ``profile.csv`` beside group, term and position, and what of a parameter group they hold.
+PROFILE = {
+    "arc_length_m": "arc_length",
+    "log10_initial": "initial_effective",
+    "log10": "log10",
+    "log10_effective": "log10_effective",
+    "log10_per_metre": "log10_per_metre",
+    "log10_reference": "reference_log10_effective",
+    "bolt": "bolts",
+}
+
+
 def profile_rows(tree: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
     """Header and rows of ``profile.csv``."""
-    header = [
-        "group",
-        "term",
-        "x",
-        "y",
-        "z",
-        "arc_length_m",
-        "log10_initial",
-        "log10",
-        "log10_effective",
-        "log10_per_metre",
-        "log10_reference",
-        "bolt",
-    ]
     rows = []
     for name, group in tree["parameters"].items():
+        places, columns = group["positions"], [group[key] for key in PROFILE.values()]
         for k in range(len(group["log10"])):
-
-            def pick(key: str, k: int = k, group: Mapping[str, Any] = group) -> Any:
-                return None if group[key] is None else group[key][k]
-
-            position = [None] * 3 if group["positions"] is None else list(group["positions"][k])
-            rows.append(
-                [
-                    name,
-                    k,
-                    *position,
-                    pick("arc_length"),
-                    pick("initial_effective"),
-                    pick("log10"),
-                    pick("log10_effective"),
-                    pick("log10_per_metre"),
-                    pick("reference_log10_effective"),
-                    pick("bolts"),
-                ]
-            )
-    return header, rows
+            position = [None] * 3 if places is None else list(places[k])
+            rows.append([name, k, *position, *(None if column is None else column[k] for column in columns)])
+    return ["group", "term", "x", "y", "z", *PROFILE], rows
 
 
 class Compared(Protocol):
@@ -322,7 +310,7 @@ class Compared(Protocol):
         """What was measured."""
 
     @property
-    def selected(self) -> NDArray[np.int64]:
+    def selected(self) -> Integers:
         """Lines that entered the cost."""
 
     @property

@@ -175,8 +175,7 @@ class _Run:
     def _identified(self, source: FrfSource, name: str) -> JobRecord:
         before, baselines = self._tight_states(name)
         p, result = self.plans[name], identify(self.inputs, source, name, before)
-        identities, now = (p.identity, p.judgement), rests_on(before, baselines)
-        return write_result(self.output, self.inputs, self.stage, result, before, baselines, identities, now)
+        return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
         try:

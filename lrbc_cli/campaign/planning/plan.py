@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
 from lrbc_cli.campaign.jobs.results import calibration_tree
 from lrbc_cli.campaign.planning.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
 from lrbc_cli.campaign.planning.worth import Target, judged
-from lrbc_cli.campaign.reading.drift import drift_extras
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values, parse_lines
@@ -26,20 +27,62 @@ from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read_job, versions, write
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.extended import ExtendedFrf, Extra
-from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_DB, distance_for, experiment
+from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_DB, Experiment, Unknowns, distance_for, experiment
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.places import Edge, foot
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, joints_of, node_shapes
-from lrbc_cli.updating.verdicts import Edge, foot
-
-Floats = NDArray[np.float64]
-
-STATES = ("initial", "clamped", "free")
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
 LINES = (200, 2000)
+
+
+@dataclass(frozen=True)
+class PlanState:
+    """About which state is asked: ``initial``, ``clamped``, ``free``, or with the name of a job what was identified from it."""
+
+    kind: Literal["initial", "clamped", "free", "job"]
+    job: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> PlanState:
+        """As the command line writes it: ``job:NAME`` for a job.
+
+        Raises
+        ------
+        ConfigError
+            Where there is no such state.
+        """
+        for kind in ("initial", "clamped", "free"):
+            if text == kind:
+                return cls(kind)
+        name, colon, job = text.partition(":")
+        if name != "job" or not colon:
+            raise ConfigError("no such state", place=f"--state {text}", expected="initial, clamped, free or job:NAME", found=text)
+        return cls("job", job)
+
+    @property
+    def text(self) -> str:
+        """As the command line writes it."""
+        return self.kind if self.job is None else f"job:{self.job}"
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        known = {"initial": "the start values of the campaign", "clamped": "the upper bounds", "free": "the lower bounds"}
+        return known[self.kind] if self.job is None else f"the result of job {self.job}"
+
+
+@dataclass(frozen=True)
+class About:
+    """The state about which is asked: theta, the noise of a line there, and where that is from."""
+
+    state: PlanState
+    theta: Floats
+    noise: Noise
+    origin: str
 
 
 @dataclass(frozen=True)
@@ -92,78 +135,127 @@ def make_plan(
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     ready = time.perf_counter()
-    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
-    update = inputs.campaign.update
-    grid = _grid(inputs)
-    s = 2j * np.pi * grid
-    parameters, _ = parameterise(inputs, source, s)
-    state, theta, noise, origin = _state(inputs, parameters, request)
+    source, grid = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), _grid(inputs)
+    parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
+    about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
-    targets = _targets(inputs, parameters, shapes, by)
-    selected = _lines(inputs, grid, source.model(s, parameters, responses=inputs.used).frf(theta))
-    every = np.arange(len(inputs.responses))
-    extras = drift_extras(inputs, update.nuisances, every)
-    model: Sensitive
-    if extras:
-        model = ExtendedFrf(affine_model(inputs, stage), s[selected], parameters, extras, every)
-    else:
-        model = source.model(s, parameters, selected)
-    T, prior, bounds = _unknowns(inputs, parameters, shapes, extras, by)
-    change = LOOSENING if state == "free" else -LOOSENING
-    found = experiment(
-        model,
-        np.concatenate([theta, np.zeros(len(extras))]),
-        T,
-        prior,
-        np.array([target.column for target in targets], dtype=np.int64),
-        bounds,
-        change=change,
-        variance=noise.variance,
-        options=inputs.method.residual,
-        quantity=[response.quantity for response in inputs.responses],
-        planned=inputs.used,
-    )
-    wanted = [(n, target.column) for n, target in enumerate(targets) if found.change[n]]
+    question = _Question(source, parameters, grid, about, shapes, tuple(_targets(inputs, parameters, shapes, by)))
+    found = question.experiment()
     draws: dict[int, list[Draw]] = {}
-    if by == "bolts" and change < 0 and request.draws > 0 and wanted:
-        measured = reference_measurement(inputs)
-        lines = grid if measured is None else measured.frequency_hz
-        rehearsal = Rehearsal(inputs, source, lines, Setting(theta, noise, shapes, change, measured))
-        draws = rehearse(rehearsal, wanted, request.draws, progress)
-        assumes = [f"tight state: {_words(state)}", *assumptions(rehearsal, request.draws, origin)]
-    else:
-        assumes = [f"state: {_words(state)}", *_linearised(inputs, by, change, request.draws)]
-    tree = {
-        "campaign": inputs.campaign.name,
-        "state": state,
-        "noise": {"sigma_db": noise.sigma, "correlation_factor": noise.factor, "source": origin},
-        "change": change,
+    assumes = [f"state: {about.state.words}", *_linearised(inputs, by, question.change, request.draws)]
+    rehearsal = question.rehearsal() if by == "bolts" and question.change < 0 and request.draws > 0 and found.change.any() else None
+    if rehearsal is not None:
+        draws = rehearse(rehearsal, [(int(n), int(found.columns[n])) for n in np.flatnonzero(found.change)], request.draws, progress)
+        assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, request.draws, about.origin)]
+    tree = _settings(inputs, about) | {
+        "change": question.change,
         "unknowns": by,
-        "prior_std": inputs.statistics.values.std,
-        "confidence": update.confidence,
-        "loose_change": threshold(inputs),
         "method": "rehearsed" if draws else "linearised",
         "draws": request.draws if draws else 0,
         "assumes": assumes,
+        "lines": {"count": int(question.selected.size), "frequency_hz": grid[question.selected]},
+        "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in question.nuisances],
+        **judged(inputs, found, question.targets, draws),
+        "notes": ["no bolts: every value along the edges stands for itself"] if by == "values" else [],
+        "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
+    }
+    tree["provenance"]["certificate"] = {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst}
+    return PlanRecord.checked(tree)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What the responses can tell of the targets about a state."""
+
+    source: FrfSource
+    parameters: Parameterisation
+    grid: Floats
+    about: About
+    shapes: Shapes
+    targets: tuple[Target, ...]
+
+    @property
+    def change(self) -> float:
+        """Of one target at a time [decades]."""
+        return LOOSENING if self.about.state.kind == "free" else -LOOSENING
+
+    @cached_property
+    def selected(self) -> Integers:
+        """Lines that an identification would use."""
+        inputs = self.source.inputs
+        model = self.source.model(2j * np.pi * self.grid, self.parameters, responses=inputs.used)
+        return _lines(inputs, self.grid, model.frf(self.about.theta))
+
+    @cached_property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Of all responses."""
+        inputs = self.source.inputs
+        return nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
+
+    def experiment(self) -> Experiment:
+        """FRFs about the state and with each target changed."""
+        inputs, s = self.source.inputs, 2j * np.pi * self.grid
+        model: Sensitive = self.source.model(s, self.parameters, self.selected)
+        if self.nuisances and self.source.stage is not None:
+            affine, every = affine_model(inputs, self.source.stage), np.arange(len(inputs.responses))
+            model = ExtendedFrf(affine, s[self.selected], self.parameters, self.nuisances, every)
+        return experiment(
+            model,
+            np.concatenate([self.about.theta, np.zeros(len(self.nuisances))]),
+            self._unknowns(),
+            change=self.change,
+            variance=self.about.noise.variance,
+            options=inputs.method.residual,
+            quantity=[response.quantity for response in inputs.responses],
+            planned=inputs.used,
+        )
+
+    def rehearsal(self) -> Rehearsal:
+        """Measurements of the tight state, and with bolts loosened."""
+        measured = reference_measurement(self.source.inputs)
+        lines = self.grid if measured is None else measured.frequency_hz
+        setting = Setting(self.about.theta, self.about.noise, self.shapes, self.change, measured)
+        return Rehearsal(self.source.inputs, self.source, lines, setting)
+
+    def _unknowns(self) -> Unknowns:
+        parameters, shapes, nuisances = self.parameters, self.shapes, self.nuisances
+        size, m, k = parameters.size, shapes.T.shape[1], len(nuisances)
+        T = np.zeros((size + k, m + k))
+        T[:size, :m], T[size:, m:] = shapes.T, np.eye(k)
+        prior = np.zeros((m + k, m + k))
+        if shapes.by_bolt:
+            prior[:m, :m] = np.diag(1.0 / shapes.std**2)
+        else:
+            rows = penalty_rows(parameters) / self.source.inputs.statistics.values.std
+            prior[:m, :m] = rows.T @ rows
+        prior[m:, m:] = np.diag([1.0 / nuisance.std**2 for nuisance in nuisances])
+        bounds = np.vstack([parameters.bounds, np.array([nuisance.bounds for nuisance in nuisances]).reshape(-1, 2)])
+        return Unknowns(T, prior, np.array([target.column for target in self.targets], dtype=np.int64), bounds)
+
+
+def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
+    """What of ``plan.json`` stands before anything is computed."""
+    update = inputs.campaign.update
+    return {
+        "campaign": inputs.campaign.name,
+        "state": about.state.text,
+        "state_job": about.state.job,
+        "noise": {"sigma_db": about.noise.sigma, "correlation_factor": about.noise.factor, "source": about.origin},
+        "prior_std": inputs.statistics.values.std,
+        "confidence": update.confidence,
+        "loose_change": threshold(inputs),
         "identification": inputs.resolved(True).tree(),
         "limits": {
             word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
             for word, value in (("seen", SEEN), ("blind", BLIND))
         },
-        "lines": {"count": int(selected.size), "frequency_hz": grid[selected]},
-        "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in extras],
-        **judged(inputs, found, targets, draws),
-        "notes": _notes(by),
-        "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
         "provenance": {
             "versions": versions(),
             "inputs": inputs.hashes,
             "configuration": inputs.campaign.resolved(),
             "calibration": calibration_tree(inputs),
-            "certificate": {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst},
         },
     }
-    return PlanRecord.checked(tree)
 
 
 def _grid(inputs: Inputs) -> Floats:
@@ -188,7 +280,7 @@ def _grid(inputs: Inputs) -> Floats:
     return np.linspace(*band, int(np.clip(width, *LINES)))
 
 
-def _lines(inputs: Inputs, grid: Floats, y: NDArray[np.complexfloating[Any, Any]]) -> NDArray[np.int64]:
+def _lines(inputs: Inputs, grid: Floats, y: Complexes) -> Integers:
     """Those of the grid that an identification would use; resonances are the model's own."""
     lines = inputs.campaign.update.lines
     if isinstance(lines, EveryLine):
@@ -198,46 +290,40 @@ def _lines(inputs: Inputs, grid: Floats, y: NDArray[np.complexfloating[Any, Any]
     )
 
 
-def _state(inputs: Inputs, parameters: Parameterisation, request: Request) -> tuple[str, Floats, Noise, str]:
-    """Name and theta of the state about which is asked; the noise, and where it is from."""
-    campaign = inputs.campaign
+def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> About:
+    """The state about which is asked; without a wish the reference job's result where there is one, else the start values."""
+    campaign, bounds = inputs.campaign, parameters.bounds
     reference = campaign.update.reference
-    job = request.state.removeprefix("job:") if request.state is not None and request.state.startswith("job:") else None
+    state = None if request.state is None else PlanState.parse(request.state)
     theta = parameters.initial
-    bounds = parameters.bounds
     record: Job | None = None
-    if job is not None:
-        theta = job_values(inputs, job, parameters)
-        record = read_job(campaign.output, job)
-        state = f"job:{job}"
-    elif request.state is None or request.state in STATES:
-        record = read_job(campaign.output, reference) if reference is not None else None
+    if state is not None and state.job is not None:
+        theta = job_values(inputs, state.job, parameters)
+        record, source = read_job(campaign.output, state.job), state.job
+    elif reference is not None:
+        record, source = read_job(campaign.output, reference), reference
         known = stored_theta(parameters, record if isinstance(record, JobRecord) else None)
-        record = None if known is None else record
-        state = request.state or ("initial" if known is None else f"job:{reference}")
-        if request.state is None and known is not None:
-            theta = known
-        job = reference
-    else:
-        raise ConfigError(
-            "no such state", place=f"--state {request.state}", expected="initial, clamped, free or job:NAME", found=request.state
-        )
-    if state in ("clamped", "free"):
+        if known is None:
+            record = None
+        elif state is None:
+            state, theta = PlanState("job", reference), known
+    state = state or PlanState("initial")
+    if state.kind in ("clamped", "free"):
         for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
             if group.kind == "stiffness":
-                theta[values] = bounds[values, 1 if state == "clamped" else 0]
+                theta[values] = bounds[values, 1 if state.kind == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
-    if record is not None and reference is not None and job != reference:
+    if record is not None and reference is not None and source != reference:
         # A job that is compared states what its changes leave, which is far less than the model discrepancy.
-        job, record = reference, read_job(campaign.output, reference)
+        record, source = read_job(campaign.output, reference), reference
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
-        noise, origin = Noise(record.noise.sigma_db, record.noise.correlation_factor), f"job {job}"
+        noise, origin = Noise(record.noise.sigma_db, record.noise.correlation_factor), f"job {source}"
     if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
     if request.noise is not None:
         noise, origin = Noise(request.noise, noise.factor), "--noise"
-    return state, theta, noise, origin
+    return About(state, theta, noise, origin)
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:
@@ -291,28 +377,6 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
     return targets
 
 
-def _unknowns(
-    inputs: Inputs, parameters: Parameterisation, shapes: Shapes, extras: tuple[Extra, ...], by: str
-) -> tuple[Floats, Floats, Floats]:
-    """Map from the unknowns to theta, their precision beforehand, and the bounds of theta."""
-    size, m, k = parameters.size, shapes.T.shape[1], len(extras)
-    T = np.zeros((size + k, m + k))
-    T[:size, :m], T[size:, m:] = shapes.T, np.eye(k)
-    prior = np.zeros((m + k, m + k))
-    if by == "bolts":
-        prior[:m, :m] = np.diag(1.0 / shapes.std**2)
-    else:
-        rows = penalty_rows(parameters) / inputs.statistics.values.std
-        prior[:m, :m] = rows.T @ rows
-    prior[m:, m:] = np.diag([1.0 / extra.std**2 for extra in extras])
-    return T, prior, np.vstack([parameters.bounds, np.array([extra.bounds for extra in extras]).reshape(-1, 2)])
-
-
-def _words(state: str) -> str:
-    known = {"initial": "the start values of the campaign", "clamped": "the upper bounds", "free": "the lower bounds"}
-    return known.get(state, f"the result of job {state.removeprefix('job:')}")
-
-
 def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]:
     """What figures assume that no rehearsal stands behind."""
     update, std = inputs.campaign.update, inputs.statistics.values.std
@@ -327,13 +391,6 @@ def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]
         f"normal prior of {std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
         "the model is right but for the noise, and nothing drifts but what update.nuisances names",
     ]
-
-
-def _notes(by: str) -> list[str]:
-    notes = []
-    if by == "values":
-        notes.append("no bolts: every value along the edges stands for itself")
-    return notes
 
 
 COLUMNS = (

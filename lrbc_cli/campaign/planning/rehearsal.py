@@ -11,21 +11,21 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.identify import identify
-from lrbc_cli.campaign.identification.records import GivenJob, Measurement, read_measurement
+from lrbc_cli.campaign.identification.nuisances import nuisances_of
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.jobs.results import result_record
-from lrbc_cli.campaign.reading.drift import drift_extras
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
+from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.results.job import JobRecord
@@ -37,9 +37,6 @@ from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.residuals import DB, coherence_sigma, decibel
 from lrbc_cli.updating.shapes import Shapes
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: Draws a bolt: with three, all right is an estimate of 0.875 and none 0.125 (see ``promised``), so that both words can be had.
 DRAWS = 3
@@ -119,6 +116,16 @@ class Setting:
     measured: Measurement | None = field(default=None, repr=False)
 
 
+@dataclass(frozen=True)
+class TightState:
+    """A rehearsal of the reference job: its campaign, by which share frequencies are off, its measurement and its result."""
+
+    inputs: Inputs
+    detuned: float
+    measurement: Measurement
+    record: JobRecord
+
+
 def reference_measurement(inputs: Inputs) -> Measurement | None:
     """That of the reference job; None where there is none that can be read."""
     name = inputs.campaign.update.reference
@@ -155,7 +162,7 @@ class Rehearsal:
         nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
         # How wrong it may be is known with the result of the tight state.
         self._error = ChangeError(0.0, self.model.frf, nearby.frf, grid, step, self.parameters.size, inputs.statistics.errors)
-        self.extras = drift_extras(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
+        self.nuisances = nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
         self._tight = self.model.frf(self.theta)
         self._floor = self._noise_floor()
         self.detuned = self._detuning()
@@ -182,7 +189,7 @@ class Rehearsal:
         if drift is None:
             return reduced_model(self.source.stage.reduction.model, s, self.parameters, every).frf(theta)
         affine = affine_model(self.inputs, self.source.stage)
-        return ExtendedFrf(affine, s, self.parameters, self.extras, every).frf(np.concatenate([theta, drift]))
+        return ExtendedFrf(affine, s, self.parameters, self.nuisances, every).frf(np.concatenate([theta, drift]))
 
     def _detuning(self) -> float:
         """Share by which the structure's frequencies differ from the model's so that the FRFs about resonances differ by the noise (rms).
@@ -205,33 +212,35 @@ class Rehearsal:
         """With the noise of the measuring chain, which the coherence tells."""
         draw = (rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)) / np.sqrt(2.0)
         values = y + self._floor * draw
-        averages = GivenJob.model_fields["averages"].default
+        averages = JobConfig.model_fields["averages"].default
         with np.errstate(divide="ignore", invalid="ignore"):
             relative = np.square(self._floor / np.abs(y))
             # The inverse of ``coherence_sigma``.
             coherence = 1.0 / (1.0 + averages * relative)
         sigma = DB * np.sqrt(0.5 * relative)
-        return Measurement(self.frequency, values, coherence, (), (), (), {}, sigma)
+        return Measurement(
+            frequency_hz=self.frequency, values=values, coherence=coherence, notes=(), warnings=(), records=(), hashes={}, sigma_db=sigma
+        )
 
-    def tight(self, draw: int) -> tuple[Inputs, float, JobRecord]:
-        """Measure and identify the tight state; by how much its frequencies are off, and its result."""
+    def tight(self, draw: int) -> TightState:
+        """Measure and identify the tight state."""
         rng = np.random.default_rng([SEED, draw])
         # Higher and lower by turns.
         detuned = self.detuned * (-1.0) ** draw
         measurement = self._measure(self._true(self.theta, detuned), rng)
         campaign = self.inputs.campaign
         update = campaign.update.model_copy(update={"reference": TIGHT, "baselines": ()})
-        campaign = campaign.model_copy(update={"jobs": {TIGHT: GivenJob.of(measurement)}, "update": update})
-        inputs = replace(self.inputs, campaign=campaign)
-        return inputs, detuned, result_record(inputs, self.source.stage, identify(inputs, self.source, TIGHT), None)
+        inputs = with_job(replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {}, "update": update})), TIGHT)
+        result = identify(inputs, self.source, TIGHT, measurements={TIGHT: measurement})
+        return TightState(inputs, detuned, measurement, result_record(inputs, self.source.stage, result, None))
 
-    def loosened(self, column: int, bolt: int, draw: int, tight: tuple[Inputs, float, JobRecord]) -> Draw:
+    def loosened(self, column: int, bolt: int, draw: int, tight: TightState) -> Draw:
         """Loosen one bolt, measure, identify and judge.
 
         The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
         the change is another than the model predicts by errors as of ``ChangeError``, whose levels neighbouring lines share.
         """
-        inputs, detuned, reference = tight
+        inputs, reference = with_job(tight.inputs, LOOSENED), tight.record
         rng = np.random.default_rng([SEED, draw, bolt + 1])
         shapes = self.setting.shapes
         z = np.zeros(shapes.T.shape[1])
@@ -239,19 +248,17 @@ class Rehearsal:
         z[bolts] = inputs.statistics.bolts.tight_std * rng.standard_normal(bolts.size)
         z[column] = self.setting.change
         theta = np.clip(self.theta + shapes.T @ z, *self.parameters.bounds.T)
-        drift = np.array([extra.std * rng.standard_normal() for extra in self.extras]) if self.extras else None
-        y = self._true(theta, detuned, drift)
+        drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
+        y = self._true(theta, tight.detuned, drift)
         # The reference job explains itself so well: a change can be no more wrong than two states are.
         most = np.sqrt(2.0) * max(reference.noise.sigma_db, reference.misfit_db.final)
         change, patterns = replace(self._error, most=most)(self.theta, theta)
         wrong = inputs.statistics.errors.change_error * np.abs(change)
         wrong = np.divide(wrong * most, np.hypot(wrong, most), out=np.zeros_like(wrong), where=wrong > 0)
         error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
-        job = GivenJob.of(self._measure(y * np.exp(error / DB), rng))
-        campaign = inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, LOOSENED: job}})
-        inputs = replace(inputs, campaign=campaign)
+        measured = {TIGHT: tight.measurement, LOOSENED: self._measure(y * np.exp(error / DB), rng)}
         try:
-            result = identify(inputs, self.source, LOOSENED, reference)
+            result = identify(inputs, self.source, LOOSENED, reference, measured)
         except NumericalError:
             return Draw("undecided", float("nan"), float("nan"), ())
         update = inputs.campaign.update
@@ -315,7 +322,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
-    drifts = ", ".join(dict.fromkeys(kinds[extra.kind] for extra in rehearsal.extras))
+    drifts = ", ".join(dict.fromkeys(kinds[nuisance.kind] for nuisance in rehearsal.nuisances))
     mixture, std = mixes(rehearsal.inputs), rehearsal.inputs.statistics.values.std
     reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [

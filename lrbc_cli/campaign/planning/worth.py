@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.planning.rehearsal import Draw, promised, threshold
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.information import Experiment, Outlook, bits_of, distances, expectation, greedy, outlook, verdict
-
-Floats = NDArray[np.float64]
 
 #: Why nothing can be said of a bolt.
 _NOT_FELT = "no identified spring near this bolt: it lies beyond the ends of the edge"
@@ -32,7 +30,7 @@ class Target:
     column: int
 
 
-def judged(inputs: Inputs, found: Experiment, targets: list[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
+def judged(inputs: Inputs, found: Experiment, targets: Sequence[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
     """Bolts, responses and excitations of ``plan.json``.
 
     What an identification would say of a bolt is counted where it was rehearsed, else linearised.
@@ -110,12 +108,12 @@ def _counted(draws: Sequence[Draw]) -> dict[str, Any]:
     }
 
 
-def _sum(what: Outlook, words: Sequence[str], seen: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any]:
+def _sum(what: Outlook, words: Sequence[str], seen: Bools, targets: Sequence[Target]) -> dict[str, Any]:
     counts = {word: words.count(word) for word in ("seen", "weak", "blind")}
     return counts | {"bits": what.bits, "worst": _worst(what.distance, seen, targets)}
 
 
-def _worst(distance: Floats, among: NDArray[np.bool_], targets: list[Target]) -> dict[str, Any] | None:
+def _worst(distance: Floats, among: Bools, targets: Sequence[Target]) -> dict[str, Any] | None:
     at = np.flatnonzero(among)
     if not at.size:
         return None
@@ -123,7 +121,7 @@ def _worst(distance: Floats, among: NDArray[np.bool_], targets: list[Target]) ->
     return {"bolt": targets[n].name, "d_prime": distance[n]}
 
 
-def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: NDArray[np.bool_], targets: list[Target]) -> list[dict[str, Any]]:
+def _responses(inputs: Inputs, found: Experiment, now: Outlook, seen: Bools, targets: Sequence[Target]) -> list[dict[str, Any]]:
     """What each response adds to the planned ones, or what they lose without it; candidates and planned ones each by that."""
     used = inputs.used
     rows = []
@@ -148,10 +146,10 @@ def _set(
     inputs: Inputs,
     found: Experiment,
     now: Outlook,
-    seen: NDArray[np.bool_],
-    targets: list[Target],
+    seen: Bools,
+    targets: Sequence[Target],
     name: str,
-    members: NDArray[np.int64],
+    members: Integers,
 ) -> dict[str, Any]:
     """What the planned responses of one excitation tell alone, and what is lost without them."""
     used = inputs.used

@@ -1,26 +1,13 @@
-"""What may drift between the reference job and another: as unknowns with priors, and as results."""
+"""What may drift between the reference job and another, as the campaign file says it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
-
+from lrbc_cli.arrays import Floats
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.method import Facts, resolve
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.model.shifts import load_shifts
-from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.extended import Extra
-from lrbc_cli.updating.fit import Posterior
-
-if TYPE_CHECKING:
-    from lrbc_cli.campaign.reading.inputs import Inputs
-
-Floats = NDArray[np.float64]
 
 KELVIN = 273.15
 
@@ -58,28 +45,6 @@ def check_drift(campaign: Campaign, acoustic: bool) -> None:
             )
 
 
-def drift_extras(inputs: Inputs, nuisances: NuisanceConfig, responses: NDArray[np.int64] | None = None) -> tuple[Extra, ...]:
-    """The unknowns that the settings ask for, for these responses (those used where None)."""
-    found: list[Extra] = []
-    reach = inputs.statistics.values.nuisance_reach
-
-    def add(kind: str, name: str, index: int, std: float) -> None:
-        found.append(Extra(kind, name, index, 0.0, std, (-reach * std, reach * std)))
-
-    speed = speed_std(nuisances)
-    if speed is not None and SOUND_SPEED in inputs.recipe.names:
-        add("factor", SOUND_SPEED, 0, speed)
-    if nuisances.gain is not None:
-        for i, response in enumerate(inputs.used if responses is None else responses):
-            add("gain", inputs.responses[response].name, i, nuisances.gain)
-    if nuisances.hammer is not None and inputs.shifts is not None:
-        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
-            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
-            for direction in range(2):
-                add("shift", f"{name} {along[direction]}", 2 * load + direction, nuisances.hammer)
-    return tuple(found)
-
-
 def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -> Floats:
     """(n, 2) derivatives of an excitation to a shift along the surface; dof is negative where it is a vector.
 
@@ -99,25 +64,3 @@ def load_shift(campaign: Campaign, dofs: DofTable | None, dof: int, name: str) -
             hint="remove nuisances.hammer, or excite at a node",
         )
     return found[0]
-
-
-def stored_offsets(record: JobRecord | None) -> dict[str, float]:
-    """Where the hammer hit in a stored result [m], by excitation and direction."""
-    return {} if record is None else {name: 1e-3 * entry.value for name, entry in record.nuisances.hammer_offset_mm.items()}
-
-
-def drift_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``."""
-    tree: dict[str, Any] = {}
-    stds = knowledge.std[knowledge.z.size :]
-    for extra, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
-        if extra.kind == "gain":
-            tree.setdefault("gain_db", {})[extra.name] = {"value": float(value), "std": float(std)}
-        elif extra.kind == "shift":
-            tree.setdefault("hammer_offset_mm", {})[extra.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
-        else:
-            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
-            if nuisances.temperature is not None:
-                kelvin = 2.0 * (nuisances.room + KELVIN)
-                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
-    return tree

@@ -3,40 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import GroupConfig
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import JUMP, jumps
 
-Floats = NDArray[np.float64]
 
-
-class Group(Protocol):
-    """Places of one parameter group."""
-
-    @property
-    def name(self) -> str:
-        """Of the group."""
-
-    @property
-    def config(self) -> GroupConfig:
-        """What the campaign file says."""
-
-    @property
-    def xyz(self) -> Floats | None:
-        """(k, 3) place of each parameter [m]."""
-
-    @property
-    def arc_length(self) -> Floats | None:
-        """(k,) length from the first of them [m]."""
-
-
-def require_edges(campaign: Campaign, groups: Sequence[Group], bolts: PointTable | None) -> list[str]:
+def require_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> list[str]:
     """Refuse groups of several edges, or in no order, whose neighbours are tied across the jumps.
 
     Returns
@@ -80,7 +57,7 @@ def require_edges(campaign: Campaign, groups: Sequence[Group], bolts: PointTable
     return notes
 
 
-def _tied(campaign: Campaign, group: Group, at: NDArray[np.int64], bolts: PointTable | None) -> str | None:
+def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:
     """What ties values on both sides of a jump, in words."""
     smoothing = group.config.smoothing
     if smoothing is not None and any(weight > 0 for i, weight in enumerate(smoothing) if i != len(smoothing) // 2):

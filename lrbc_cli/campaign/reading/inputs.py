@@ -35,7 +35,7 @@ from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
 
-UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s²/N"}
+UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ class Response:
 
     Attributes
     ----------
-    name, quantity, unit : str
+    name, quantity, own_unit : str
+        Name, quantity and its unit.
     input : int
         Index of its excitation.
     node, direction : int or None
@@ -55,11 +56,16 @@ class Response:
 
     name: str
     quantity: str
-    unit: str
+    own_unit: str
     input: int
     node: int | None
     direction: int | None
     text: str
+
+    @property
+    def unit(self) -> str:
+        """Of its FRF."""
+        return f"{self.own_unit}/N"
 
 
 @dataclass(frozen=True)
@@ -137,7 +143,7 @@ class Inputs:
         return np.array([i for i, r in enumerate(self.responses) if names is None or r.name in names], dtype=np.int64)
 
     @property
-    def held_out(self) -> NDArray[np.int64]:
+    def validation(self) -> NDArray[np.int64]:
         """Indices of the others."""
         return np.setdiff1d(np.arange(len(self.responses)), self.used)
 

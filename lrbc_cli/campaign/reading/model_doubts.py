@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lrbc_cli.config.structure import GroupConfig
+from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.model.fem import FeModel
 
 
-class Group(Protocol):
-    """Terms of one parameter group."""
-
-    @property
-    def name(self) -> str:
-        """Of the group."""
-
-    @property
-    def config(self) -> GroupConfig:
-        """What the campaign file says."""
-
-    @property
-    def terms(self) -> NDArray[np.int64]:
-        """Columns of the model's terms."""
-
-
-def doubts(model: FeModel, groups: Iterable[Group]) -> list[str]:
+def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
     """Warnings about the matrices and the terms, in words."""
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import DofTable
-
-Floats = NDArray[np.float64]
 
 #: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
 #: that of the material. A thousand times the speed in air, or in a thin plate, lies above.

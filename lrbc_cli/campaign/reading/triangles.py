@@ -63,11 +63,7 @@ def whole(
                 hint="export the whole matrix: the coupling of pressures and displacements lies on one side in K and on the other in M",
             )
     if stored_triangle(matrix):
-        diagonal = sp.diags_array(matrix.diagonal(), format="csc")
-        completed = sp.csc_array(matrix + matrix.T - diagonal)
-        completed.eliminate_zeros()
-        completed.sort_indices()
-        return completed, f"{what}: the other triangle was filled in (symmetric: true)"
+        return _completed(matrix), f"{what}: the other triangle was filled in (symmetric: true)"
     if asymmetry(matrix) > ROUNDING:
         raise DataError(
             f"the {what} matrix is not symmetric",
@@ -78,6 +74,13 @@ def whole(
             hint="export it again, or remove symmetric: true",
         )
     return matrix, None
+
+
+def _completed(matrix: sp.csc_array) -> sp.csc_array:
+    whole = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal(), format="csc"))
+    whole.eliminate_zeros()
+    whole.sort_indices()
+    return whole
 
 
 def _of_field(acoustic: NDArray[np.bool_] | None) -> str:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
@@ -29,8 +29,6 @@ log = logging.getLogger(__name__)
 
 #: A bound of the error at lines that were not solved is warned of from so many tolerances.
 FAR_ABOVE = 10.0
-
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -100,32 +98,42 @@ def obtain_reduction(
     elif decision.path.is_file():
         log.warning("the cached reduced model is built anew (%s: %s)", decision.path, decision.reason)
     if reduction is None:
-        settings = inputs.campaign.reduction
-        cache.require_writable(decision)
-        require_memory(inputs)
-        reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
-        reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+        reduction = _built(inputs, decision, progress)
         cache.store(decision, parts, reduction)
-        if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
-            log.warning(
-                "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
-                "reduction.tolerance or raise reduction.held_out",
-                reduction.options.tolerance,
-                reduction.unseen,
-            )
     stage = ReductionStage(reduction, decision, time.perf_counter() - start)
     if not reduction.reached and not accept:
         missed(stage)
-        raise NumericalError(
-            "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
-            expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
-            found=f"{reduction.worst:.1e} with {reduction.model.size} DOFs; it is kept in {decision.path}",
-            hint="what is left is rounding where the responses are silent: choose others, or accept it with --accept-tolerance"
-            if reduction.model.size >= inputs.model.size
-            else ("raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else ""))
-            + ", or accept it with --accept-tolerance",
-        )
+        raise _missed(inputs, stage)
     return stage
+
+
+def _built(inputs: Inputs, decision: cache.CacheDecision, progress: Callable[[str], None]) -> Reduction:
+    settings = inputs.campaign.reduction
+    cache.require_writable(decision)
+    require_memory(inputs)
+    reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
+    if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
+        log.warning(
+            "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
+            "reduction.tolerance or raise reduction.held_out",
+            reduction.options.tolerance,
+            reduction.unseen,
+        )
+    return replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+
+
+def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:
+    reduction, size = stage.reduction, stage.reduction.model.size
+    hint = "raise reduction.tolerance" + (" or reduction.max_size" if "max_size" in reduction.stopped else "")
+    hint += ", or accept it with --accept-tolerance"
+    if size >= inputs.model.size:
+        hint = "what is left is rounding where the responses are silent: choose others, or accept it with --accept-tolerance"
+    return NumericalError(
+        "the reduced model does not reach its tolerance" + (f" (stopped by: {reduction.stopped})" if reduction.stopped else ""),
+        expected=f"a measured error of at most {reduction.options.tolerance:.1e}",
+        found=f"{reduction.worst:.1e} with {size} DOFs; it is kept in {stage.decision.path}",
+        hint=hint,
+    )
 
 
 def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
@@ -201,7 +209,7 @@ class FrfSource:
         return ports
 
     def model(
-        self, s: Complexes, parameters: Parameterisation, lines: NDArray[np.int64] | None = None, responses: NDArray[np.int64] | None = None
+        self, s: Complexes, parameters: Parameterisation, lines: Integers | None = None, responses: Integers | None = None
     ) -> FrfModel:
         """FRFs as a function of theta on some of the lines, for some of the responses (all where None)."""
         rows = np.arange(len(self.inputs.responses)) if responses is None else responses

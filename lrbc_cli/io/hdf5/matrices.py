@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import h5py
 import numpy as np
-from scipy.sparse import csr_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.hdf5.tools import hdf5_image, load, lookup, open_hdf5, read_safely, sealed, shape_attribute, text_attribute
+from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
 ENCODING_VERSION = "0.1.0"
@@ -64,36 +61,6 @@ def _read(path: Path, group: str | None) -> MatrixFile:
             ) from None
         matrix = _read_node(node, group, path, matlab, notes)
     return MatrixFile(matrix, "mat-v7.3" if matlab else "hdf5", tuple(notes))
-
-
-def write_matrix_hdf5(path: Path, matrices: Mapping[str, Any], *, compression: str | None = "gzip") -> None:
-    """Write matrices as CSR groups, the layout that the tool reads as ``file#name``.
-
-    Parameters
-    ----------
-    path
-        The file, replaced as a whole.
-    matrices
-        Name to sparse or dense matrix, real or complex.
-    compression
-        An HDF5 filter, or None.
-    """
-
-    def fill(file: h5py.File) -> None:
-        for name, matrix in matrices.items():
-            rows = csr_array(matrix)
-            rows.sum_duplicates()
-            node = file.create_group(name)
-            node.attrs["encoding-type"] = "csr_matrix"
-            node.attrs["encoding-version"] = ENCODING_VERSION
-            node.attrs["shape"] = np.asarray(rows.shape, dtype=np.int64)
-            for key in ("data", "indices", "indptr"):
-                values = getattr(rows, key)
-                packed = {"compression": compression, "shuffle": True} if compression and values.size else {}
-                node.create_dataset(key, data=values, track_times=False, **packed)
-
-    with atomic_write(path, "wb") as stream:
-        stream.write(sealed(hdf5_image(fill)))
 
 
 def _is_matlab(file: h5py.File, path: Path) -> bool:

@@ -47,7 +47,7 @@ lrbc_cli.io.hdf5.reader_process.serve()
 """
 
 
-class _Reader:
+class _ReaderProcess:
     """The other process."""
 
     def __init__(self) -> None:
@@ -105,7 +105,7 @@ class _Reader:
 
 
 _lock = threading.Lock()
-_reader: _Reader | None = None
+_reader: _ReaderProcess | None = None
 _told: list[str] = []
 
 
@@ -165,14 +165,14 @@ def _unreadable(path: Path, problem: str, expected: str, found: str) -> DataErro
     return DataError(problem, file=path, expected=expected, found=found, hint="the file is damaged; export it again")
 
 
-def _running() -> _Reader | None:
+def _running() -> _ReaderProcess | None:
     """The process, started where there is none; None where none can be started, which is told once."""
     global _reader
     if _reader is not None and (_reader.owner != os.getpid() or _reader.process.poll() is not None):
         _stop()
     if _reader is None:
         try:
-            _reader = _Reader()
+            _reader = _ReaderProcess()
             if _reader.reply(START_SECONDS) is None:
                 raise OSError(f"it ends with exit code {_stop()}")
         except (OSError, TypeError, TimeoutError) as error:

@@ -9,15 +9,13 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix, write_matrix_hdf5
+from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
 from lrbc_cli.io.matrices.matrix_market import explain_text, is_matrix_market, read_matrix_market
 from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.matrices.npz import read_npz_matrix
 from lrbc_cli.io.sparse import MatrixFile, require_square
-
-__all__ = ["FORMATS", "MatrixFile", "detect_format", "read_matrix", "read_vectors", "split_reference", "write_matrix_hdf5"]
 
 
 def _matrix_market(path: Path, group: str | None) -> MatrixFile:
@@ -34,12 +32,6 @@ FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "mat-v5": read_mat5_matrix,
     "npz": read_npz_matrix,
 }
-
-
-def split_reference(reference: str) -> tuple[str, str | None]:
-    """Split ``file#group`` at the last ``#``; the group is None where none is named."""
-    name, mark, group = reference.rpartition("#")
-    return (name, group or None) if mark else (reference, None)
 
 
 def detect_format(path: Path) -> str:

@@ -4,6 +4,9 @@ The layout follows the descriptions of datasets 58, 58b and 164 by the Structura
 University of Cincinnati. Real files differ from it, so the reader takes fields by column and, where that fails, by
 words; trusts the byte count of a binary dataset, and where that leads nowhere the number of values; and takes
 line ends of any kind.
+
+Why not pyuff (2.5): of a file that is truncated in a record it drops that record in silence, where this reader names record, line and both
+counts; units (dataset 164), digits of the axis and pairs of FRF and coherence would have to be added to it all the same.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ _DIGITS = 18
 
 
 @dataclass(frozen=True)
-class Axis:
+class UffAxis:
     """Records 8 to 10 of a function: specific data type, exponents of (length, force), label and unit."""
 
     kind: int
@@ -82,9 +85,9 @@ class UffFunction:
     reference_direction: int
     abscissa: NDArray[np.float64]
     values: NDArray[Any]
-    abscissa_axis: Axis
-    numerator: Axis
-    denominator: Axis
+    abscissa_axis: UffAxis
+    numerator: UffAxis
+    denominator: UffAxis
     notes: tuple[str, ...] = ()
     point_lines: NDArray[np.int64] | None = None
 
@@ -243,7 +246,8 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
         line = f", line {lines_of_points[bad // per_point]}" if lines_of_points is not None else ""
         found = repr(tokens[bad].decode("latin-1")[:30])
         raise _refuse(path, f"{place}{line}", "a value is not a number", "a number", found) from error
-    return _build(form, lines, numbers.reshape(form.count, per_point), path, place, record, lines_of_points)
+    values = numbers.reshape(form.count, per_point)
+    return _build(form, lines, values, path=path, place=place, record=record, point_lines=lines_of_points)
 
 
 def _is_number(token: bytes) -> bool:
@@ -304,7 +308,7 @@ def _binary_function(dataset: _Dataset, content: bytes, path: Path, record: int)
     raw = np.frombuffer(content, dtype=np.dtype(kinds), count=form.count, offset=start)
     columns = ([raw["x"][:, None]] if sizes[needed] else []) + [raw["y"]]
     numbers = np.concatenate([np.asarray(column, dtype=np.float64) for column in columns], axis=1)
-    return _build(form, lines, numbers, path, place, record, None, notes), after
+    return _build(form, lines, numbers, path=path, place=place, record=record, notes=notes), after
 
 
 def _closing(content: bytes, end: int) -> int | None:
@@ -321,6 +325,7 @@ def _build(
     form: DataForm,
     lines: list[str],
     numbers: NDArray[np.float64],
+    *,
     path: Path,
     place: str,
     record: int,
@@ -338,13 +343,23 @@ def _build(
         notes = (*notes, note) if note else notes
     else:
         abscissa = numbers[:, 0].copy()
-    dof = _identification(lines[5], path, place)
-    axes = [_axis(line, path, place) for line in lines[7:10]]
-    id_lines = tuple(line.rstrip() for line in lines[:5])
-    return UffFunction(record, place, id_lines, *dof, abscissa, values, axes[0], axes[1], axes[2], notes, point_lines)
+    abscissa_axis, numerator, denominator = (_axis(line, path, place) for line in lines[7:10])
+    return UffFunction(
+        record=record,
+        place=place,
+        id_lines=tuple(line.rstrip() for line in lines[:5]),
+        **_identification(lines[5], path, place),
+        abscissa=abscissa,
+        values=values,
+        abscissa_axis=abscissa_axis,
+        numerator=numerator,
+        denominator=denominator,
+        notes=notes,
+        point_lines=point_lines,
+    )
 
 
-def _identification(line: str, path: Path, place: str) -> tuple[int, str, int, int, str, int, int]:
+def _identification(line: str, path: Path, place: str) -> dict[str, Any]:
     """Record 6: function type, response and reference (name, node, direction)."""
     cells = [line[a:b] for a, b in ((0, 5), (31, 41), (41, 51), (51, 55), (56, 66), (66, 76), (76, 80))]
     try:
@@ -361,7 +376,15 @@ def _identification(line: str, path: Path, place: str) -> tuple[int, str, int, i
         found = f"{numbers[2]} and {numbers[4]}"
         raise _refuse(path, place, "a direction in record 6 of a function is wrong", "-6 to 6", found)
     names = ["" if name.upper() == "NONE" else name for name in names]
-    return numbers[0], names[0], numbers[1], numbers[2], names[1], numbers[3], numbers[4]
+    return {
+        "function_type": numbers[0],
+        "response_name": names[0],
+        "response_node": numbers[1],
+        "response_direction": numbers[2],
+        "reference_name": names[1],
+        "reference_node": numbers[3],
+        "reference_direction": numbers[4],
+    }
 
 
 def _free_identification(words: list[str]) -> tuple[list[int], list[str]] | None:
@@ -392,10 +415,10 @@ def _is_whole(word: str) -> bool:
     return word.removeprefix("-").isdecimal() and len(word) <= _DIGITS
 
 
-def _axis(line: str, path: Path, place: str) -> Axis:
+def _axis(line: str, path: Path, place: str) -> UffAxis:
     """Read one of records 8 to 10; a blank line stands for zeros."""
     if not line.strip():
-        return Axis(0, 0, 0, "", "")
+        return UffAxis(0, 0, 0, "", "")
     try:
         kind, length, force = (int(line[a:b]) for a, b in ((0, 10), (10, 15), (15, 20)))
         texts = [line[26:46], line[47:67]]
@@ -408,4 +431,4 @@ def _axis(line: str, path: Path, place: str) -> Axis:
         kind, length, force = int(match.group(1)), int(match.group(2) or 0), int(match.group(3) or 0)
         texts = [*re.split(r"\s{2,}", match.group(5).strip()), "", ""][:2]
     label, unit = ("" if text.strip().upper() == "NONE" else text.strip() for text in texts)
-    return Axis(kind, length, force, label, unit)
+    return UffAxis(kind, length, force, label, unit)

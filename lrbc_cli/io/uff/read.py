@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.uff.datasets import Axis, UffFunction, UffUnits, read_datasets
+from lrbc_cli.io.uff.datasets import UffAxis, UffFunction, UffUnits, read_datasets
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
@@ -260,7 +260,7 @@ def _require_force(function: UffFunction, path: Path, notes: Notes) -> None:
         )
 
 
-def _exponents(axis: Axis, direction: int, quantity: str | None) -> tuple[int, int]:
+def _exponents(axis: UffAxis, direction: int, quantity: str | None) -> tuple[int, int]:
     """Exponents of length and force of an ordinate (dataset 58, Addendum A)."""
     rotation = abs(direction) >= 4
     if (axis.kind == _GENERAL or (direction == 0 and axis.kind != _UNKNOWN)) and (axis.length, axis.force) != (0, 0):

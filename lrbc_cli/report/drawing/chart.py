@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.results.fields import Floats
+from lrbc_cli.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Level:
+class LevelLine:
     """A horizontal line over the whole width."""
 
     role: str
@@ -106,7 +106,10 @@ class Word:
     anchor: str = "middle"
 
 
-Item = Curve | Area | Span | Level | Marks | Note | Tiles | Word
+#: Words for the items that have labels, in the order of a legend.
+KINDS: dict[type[Item], str] = {Curve: "curve", Area: "area", Tiles: "tiles", Marks: "marks", LevelLine: "level", Span: "span"}
+
+Item = Curve | Area | Span | LevelLine | Marks | Note | Tiles | Word
 
 
 @dataclass(frozen=True)
@@ -158,8 +161,8 @@ class Chart:
             for item in panel.items:
                 label = "" if isinstance(item, Note | Word) else item.label
                 if label and label not in found:
-                    found[label] = (item.role, type(item).__name__.lower(), label)
-        order = ("curve", "area", "tiles", "marks", "level", "span")
+                    found[label] = (item.role, KINDS[type(item)], label)
+        order = list(KINDS.values())
         return sorted(found.values(), key=lambda entry: order.index(entry[1]))
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.report.drawing.chart import Area, Axis, Chart, Curve, Item, Level, Marks, Note, Panel, Span, Tiles, Word
-from lrbc_cli.results.fields import Floats
+from lrbc_cli.arrays import Floats
+from lrbc_cli.report.drawing.chart import Area, Axis, Chart, Curve, Item, LevelLine, Marks, Note, Panel, Span, Tiles, Word
 
 RIGHT, TOP, BOTTOM, GAP, TITLE = 10.0, 8.0, 36.0, 12.0, 14.0
 SMALL, NORMAL, LARGE = 9.0, 10.0, 12.5
@@ -133,7 +133,7 @@ def _boxes(chart: Chart, offset: float) -> list[tuple[Panel, tuple[float, float,
 
 
 def _depth(item: Item) -> int:
-    return (Span, Tiles, Area, Level, Curve, Marks, Note, Word).index(type(item))
+    return (Span, Tiles, Area, LevelLine, Curve, Marks, Note, Word).index(type(item))
 
 
 def _header(chart: Chart, shapes: list[Shape]) -> float:
@@ -220,7 +220,7 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
         case Span():
             edges = across(item.edges)
             return [Fill(item.role, np.array([[a, top], [b, top], [b, bottom], [a, bottom]])) for a, b in edges]
-        case Level():
+        case LevelLine():
             y = float(up(np.array(item.y)))
             return [Line(item.role, np.array([[left, y], [right, y]]))]
         case Marks():

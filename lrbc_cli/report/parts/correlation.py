@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Chart, Curve, Item, Panel, Tiles, linear_axis
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, TITLE, TOP
 from lrbc_cli.report.drawing.style import COSINES
 from lrbc_cli.report.drawing.svg import legend, svg
 from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
-from lrbc_cli.results.fields import Floats
 from lrbc_cli.results.job import CorrelationRecord, JobRecord, Peak
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.tables import Fdac

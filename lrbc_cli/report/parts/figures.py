@@ -7,13 +7,14 @@ from dataclasses import replace as changed
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing.chart import (
     Area,
     Axis,
     Chart,
     Curve,
     Item,
-    Level,
+    LevelLine,
     Marks,
     Note,
     Panel,
@@ -26,7 +27,6 @@ from lrbc_cli.report.drawing.chart import (
 from lrbc_cli.report.drawing.style import SERIES, STEPS
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.report.places import bolts_of
-from lrbc_cli.results.fields import Floats
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
 from lrbc_cli.results.model import ReductionRecord, ResponseRecord
 from lrbc_cli.results.tables import Frf
@@ -330,7 +330,7 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
     if not held_out:
         return None
     kinds = list(dict.fromkeys(kind for line in held_out for kind in line.errors))
-    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
     for index, kind in enumerate(kinds):
         lines = [line for line in held_out if kind in line.errors]
         x = np.array([line.frequency_hz for line in lines])
@@ -352,7 +352,7 @@ def trace_chart(reduction: ReductionRecord) -> Chart | None:
     steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
     if not steps:
         return None
-    items: list[Item] = [Level("tolerance", _log10(reduction.tolerance), "tolerance")]
+    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
     curves: list[Curve] = []
     expanded = {point.frequency_hz for point in reduction.expansion_points}
     for index, step in enumerate(steps):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.drawing.chart import Axis, Chart, Item, Level, Marks, Panel, Tiles, Word, linear_axis, number
+from lrbc_cli.report.drawing.chart import Axis, Chart, Item, LevelLine, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, SMALL, TOP
 from lrbc_cli.report.drawing.svg import legend, own_size, svg
 from lrbc_cli.report.html import Cell, Markup, figure, table, tag
@@ -57,7 +57,7 @@ def plan_chart(plan: PlanRecord) -> Chart:
     panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
     counts = f"{plan.planned.seen} detectable, {plan.planned.weak} marginal, {plan.planned.blind} not detectable"
     planned = sum(entry.planned for entry in plan.responses)
-    subtitle = f"{_state(plan.state)} · {number(plan.noise.sigma_db, 3)} dB a line · {counts} with {planned} planned responses"
+    subtitle = f"{_state(plan)} · {number(plan.noise.sigma_db, 3)} dB a line · {counts} with {planned} planned responses"
     alt = " ".join(f"{WORDS[word]}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
     return Chart(f"Detectable loosening · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
 
@@ -66,9 +66,11 @@ def _cut(name: str, limit: int = 24) -> str:
     return name if len(name) <= limit else name[: limit - 1] + "…"
 
 
-def _state(state: str) -> str:
+def _state(plan: PlanRecord) -> str:
+    if plan.state_job is not None:
+        return f"about the result of {plan.state_job}"
     words = {"initial": "about the start values", "clamped": "about the upper bounds", "free": "about the lower bounds"}
-    return words.get(state, f"about the result of {state.removeprefix('job:')}")
+    return words.get(plan.state, f"about {plan.state}")
 
 
 def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
@@ -119,7 +121,7 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
     ]
     # What is rehearsed does not follow from d': there are no limits to draw.
     drawn = [] if plan.rehearsed else [(limit.d_prime, limit.probability) for limit in (plan.limits.seen, plan.limits.blind)]
-    items += [Level("plan-limit", limit) for limit, _ in drawn]
+    items += [LevelLine("plan-limit", limit) for limit, _ in drawn]
     room = _LABEL / cell
     # What the lines stand for, beyond the last bolt where nothing covers it.
     words += [
@@ -175,7 +177,7 @@ def plan_text(output: Path) -> str:
     planned = [entry.name for entry in plan.responses if entry.planned]
     moved = "loosened" if plan.change < 0 else "tightened"
     lines = [
-        f"{_state(plan.state)}, {plan.lines.count} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
+        f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
         f"noise {plan.noise.sigma_db:.2g} dB a line, correlation factor {plan.noise.correlation_factor:.2g} ({plan.noise.source})",
         "",
     ]
@@ -269,7 +271,7 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
     chart = plan_chart(plan)
     text = (
-        f"From the model alone, {_state(plan.state)}, with {number(plan.noise.sigma_db, 3)} dB of noise a line (correlation factor "
+        f"From the model alone, {_state(plan)}, with {number(plan.noise.sigma_db, 3)} dB of noise a line (correlation factor "
         f"{number(plan.noise.correlation_factor, 3)}, {plan.noise.source}) on {plan.lines.count} lines: each bolt in turn is "
         f"{'loosened' if plan.change < 0 else 'tightened'} by {number(abs(plan.change), 3)} decades. d' tells how many standard "
         "deviations the FRFs then lie from what the other unknowns can imitate. A verdict with "

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, Marks, Panel, Tiles, Word, linear_axis
 from lrbc_cli.report.drawing.layout import RIGHT, SMALL, TOP
 from lrbc_cli.report.drawing.style import PROBABILITIES
 from lrbc_cli.report.parts.tables import NOT_COVERED, loose_of, names_of, sentence
 from lrbc_cli.report.places import along_the_edges
-from lrbc_cli.results.fields import Floats
 from lrbc_cli.results.job import Bolt, JobRecord
 from lrbc_cli.results.model import CampaignRecord
 

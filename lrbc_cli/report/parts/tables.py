@@ -87,20 +87,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
         if isinstance(job, FailedJob):
             rows.append([*row, Cell(job.reason or "no reason given", class_="reason", span=len(head) - 2)])
             continue
-        if bolts and not job.explained:
-            row += [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
-        elif bolts:
-            loose, undecided = job.names("loose"), job.names("undecided")
-            row.append(
-                Cell(names_of(loose, campaign.bolt_names), _certainty(job), class_="names loose" if loose else "names none")
-                if job.bolts
-                else Cell(fmt.MISSING)
-            )
-            row.append(
-                Cell(names_of(undecided, campaign.bolt_names), class_="names" if undecided else "names none")
-                if job.bolts
-                else Cell(fmt.MISSING)
-            )
+        row += _loose_cells(campaign, job) if bolts else []
         if outside:
             beyond = job.names("outside")
             row.append(Cell(names_of(beyond, campaign.bolt_names), class_="names none"))
@@ -116,7 +103,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
             row.append(", ".join(pairs) or fmt.MISSING)
         row += [
             fmt.change(job.misfit_db.initial, job.misfit_db.final),
-            held_out_misfit(job),
+            validation_misfit(job),
             fmt.count(job.evaluations),
             fmt.seconds(job.seconds["total"]),
         ]
@@ -126,13 +113,26 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
     return table(caption, head, rows, class_="verdicts", text_columns=words)
 
 
+def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
+    """Judged loose, and undecided."""
+    if not job.explained:
+        return [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
+    if not job.bolts:
+        return [fmt.MISSING, fmt.MISSING]
+    loose, undecided = job.names("loose"), job.names("undecided")
+    return [
+        Cell(names_of(loose, campaign.bolt_names), _certainty(job), class_="names loose" if loose else "names none"),
+        Cell(names_of(undecided, campaign.bolt_names), class_="names" if undecided else "names none"),
+    ]
+
+
 def _certainty(job: JobRecord) -> Markup | None:
     """Say how probable the least probable of the loose bolts is."""
     known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
     return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
 
 
-def held_out_misfit(job: JobRecord) -> str:
+def validation_misfit(job: JobRecord) -> str:
     """Return the mean misfit over responses that the updating did not see, before → after."""
     unseen = [entry for entry in job.misfit_db.responses.values() if not entry.used and math.isfinite(entry.initial + entry.final)]
     if not unseen:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.selection import JUMP
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,11 +50,11 @@ class Joints:
     log10: Floats
     cap: float
     reference: Floats | None
-    bolt: NDArray[np.int64]
+    bolt: Integers
 
 
 #: The values that speak for a bolt: those of one edge, or of one or more groups of joints, by the number of the group.
-Spot = tuple[tuple[int, NDArray[np.int64]], ...]
+Spot = tuple[tuple[int, Integers], ...]
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ class Place:
 
     edge: int
     at: float
-    near: NDArray[np.int64]
+    near: Integers
     away: float
     aside: float | None
 
@@ -195,7 +193,7 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
     return found
 
 
-def _between(arc_length: Floats, at: float) -> NDArray[np.int64]:
+def _between(arc_length: Floats, at: float) -> Integers:
     """The terms on both sides of a place between them, which feel it whatever the pitch; none beyond the ends or in a gap of the edge."""
     after = int(np.searchsorted(arc_length, at))
     if not 0 < after < arc_length.size:

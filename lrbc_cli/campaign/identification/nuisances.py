@@ -1,0 +1,60 @@
+"""Nuisance parameters of a job: as unknowns with priors, and as results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.arrays import Integers
+from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.settings import NuisanceConfig
+from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.extended import Nuisance
+from lrbc_cli.updating.fit import Posterior
+
+
+def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
+    """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
+    found: list[Nuisance] = []
+    reach = inputs.statistics.values.nuisance_reach
+
+    def add(kind: str, name: str, index: int, std: float) -> None:
+        found.append(Nuisance(kind, name, index, 0.0, std, (-reach * std, reach * std)))
+
+    speed = speed_std(nuisances)
+    if speed is not None and SOUND_SPEED in inputs.recipe.names:
+        add("factor", SOUND_SPEED, 0, speed)
+    if nuisances.gain is not None:
+        for i, response in enumerate(inputs.used if responses is None else responses):
+            add("gain", inputs.responses[response].name, i, nuisances.gain)
+    if nuisances.hammer is not None and inputs.shifts is not None:
+        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
+            for direction in range(2):
+                add("shift", f"{name} {along[direction]}", 2 * load + direction, nuisances.hammer)
+    return tuple(found)
+
+
+def stored_offsets(record: JobRecord | None) -> dict[str, float]:
+    """Where the hammer hit in a stored result [m], by excitation and direction."""
+    return {} if record is None else {name: 1e-3 * entry.value for name, entry in record.nuisances.hammer_offset_mm.items()}
+
+
+def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``."""
+    tree: dict[str, Any] = {}
+    stds = knowledge.std[knowledge.z.size :]
+    for nuisance, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
+        if nuisance.kind == "gain":
+            tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
+        elif nuisance.kind == "shift":
+            tree.setdefault("hammer_offset_mm", {})[nuisance.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
+        else:
+            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
+            if nuisances.temperature is not None:
+                kelvin = 2.0 * (nuisances.room + KELVIN)
+                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
+    return tree
