@@ -25,7 +25,8 @@ class BoltPrior:
     alone_mean, alone_std : float
         The same between tight neighbours, which hold part of what it held. By trial on virtual rigs.
     joint_tight_std : float
-        Of the change of a tight joint, a bolt that owns its terms: retorquing scatters by 30 %, and nothing smears it.
+        Of the change of a tight joint, a bolt that owns its terms: retorquing scatters by 30 %, a seat that is lifted and put down again
+        by more, and nothing smears it. 0.1 to 0.2 on virtual rigs.
     joint_loose_mean, joint_loose_std : float
         Of a loose joint's change: nothing beside it holds what it held, so that 0.3 decades (half) to 3 (finger-tight, and free) are
         within one and a half to two standard deviations. A choice.
@@ -44,7 +45,7 @@ class BoltPrior:
     loose_std: float = 0.3
     alone_mean: float = -0.5
     alone_std: float = 0.2
-    joint_tight_std: float = 0.11
+    joint_tight_std: float = 0.15
     joint_loose_mean: float = -1.5
     joint_loose_std: float = 0.8
     deviation_std: float = 0.15

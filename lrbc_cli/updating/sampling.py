@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 from scipy.special import expit, logsumexp
 
 from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
@@ -40,11 +41,12 @@ def beyond(
     prior: BoltPrior,
     state: State,
     *,
-    doubt: float = -4.0,
+    doubt: float = -3.5,
     wide: float = 0.12,
     gain: float = 0.01,
     rounds: int = 3,
     stop: Stop = (1e-3, 5),
+    held: Stop = (1e-2, 3),
 ) -> tuple[State, Beyond]:
     """Descend with the other kind of each joint that is loose or could be.
 
@@ -59,8 +61,8 @@ def beyond(
         Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
     gain, rounds : float, int
         Where the other kind gains so much log evidence, all begins anew there, at most so many times.
-    stop : (float, int)
-        Of the descents.
+    stop, held : (float, int)
+        Of the descents, and of those with a change held, each from the end of the one before.
 
     Returns
     -------
@@ -80,8 +82,8 @@ def beyond(
             best = max(best, other, key=lambda one: one.evidence)
             tight, loose = (state, other) if kinds[i] else (other, state)
             evidence = loose.evidence
-            if stds[i, 1] > wide:
-                evidence, *found.loose[i] = profile(problem, prior, loose, i, stop)
+            if stds[i, 1] > wide and problem.bounds[problem.bolts[i], 0] < -wide:
+                evidence, *found.loose[i] = profile(problem, prior, loose, i, held, float(stds[i, 1]))
             found.further[i] = evidence - tight.evidence - (gains[i] if kinds[i] else -gains[i])
         if best.evidence <= state.evidence + gain or turn == rounds - 1:
             break
@@ -90,7 +92,16 @@ def beyond(
 
 
 def profile(
-    problem: MixtureProblem, prior: BoltPrior, state: State, i: int, stop: Stop, *, points: int = 10, reach: float = 3.0, fine: int = 400
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    state: State,
+    i: int,
+    stop: Stop,
+    width: float,
+    *,
+    points: int = 8,
+    reach: float = 3.0,
+    fine: int = 400,
 ) -> tuple[float, float, float]:
     """Log evidence of a loose joint, and mean and standard deviation of its change, from descents with that change held.
 
@@ -102,17 +113,21 @@ def profile(
         Which of the bolts.
     stop : (float, int)
         Of the descents.
+    width : float
+        Standard deviation of the change by the linear problem [decades]: values are held there on both sides, too.
     points, reach : int, float
         Values from no change to so many standard deviations of the prior below its mean, or to the bound.
     fine : int
         Values between which the log evidence is interpolated.
     """
     low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
-    at = np.linspace(min(low, prior.joint_loose_mean), 0.0, points)
-    evidence = np.zeros(points)
+    own = min(float(state.z[problem.bolts[i]]), 0.0)
+    low = min(low, own)
+    at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
+    evidence = np.zeros(at.size)
     # From the state outwards, each from the one before.
-    begin = int(np.argmin(np.abs(at - state.z[problem.bolts[i]])))
-    for order in (range(begin, points), range(begin - 1, -1, -1)):
+    begin = int(np.argmin(np.abs(at - own)))
+    for order in (range(begin, at.size), range(begin - 1, -1, -1)):
         z = state.z
         for k in order:
             z = z.copy()
@@ -120,7 +135,7 @@ def profile(
             held = settle(problem, prior, state.kinds, z, stop, held=(i, float(at[k])), rounds=1)
             evidence[k], z = held.evidence, held.z
     t = np.linspace(at[0], at[-1], fine)
-    log = np.interp(t, at, evidence) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
+    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
     return float(logsumexp(log) + np.log(t[1] - t[0])), mean, float(np.sqrt(weight @ (t - mean) ** 2))

@@ -50,12 +50,14 @@ def test_springs_add_up_to_the_element(tmp_path: Path, other: int | None, angles
     assert not places.any()
 
 
-def test_nodes_apart_are_told(tmp_path: Path) -> None:
+def test_springs_that_hold_rigid_rotations_are_told(tmp_path: Path) -> None:
     file = tmp_path / "b.csv"
-    file.write_text("bolt,node_a,node_b,component,stiffness\nB1,1,2,UZ,1\nB1,1,3,UZ,1\n")
+    rows = "B1,1,2,UX,1\nB1,1,3,UZ,1\nB1,1,3,ROTX,1\nB1,1,3,UX,1\n"
+    file.write_text(f"bolt,node_a,node_b,component,stiffness\n{rows}")
     table = read_bushings(file)
+    # Along the line that joins the nodes, and for rotations, a rigid piece turns freely.
     assert apart(table, TABLE) == (1, pytest.approx(0.01))
-    np.testing.assert_allclose(bushing_vectors(table, TABLE)[1], [[0, 0, 0], [0, 0, 0.005]])
+    np.testing.assert_allclose(bushing_vectors(table, TABLE)[1], [[0, 0, 0], *[[0, 0, 0.005]] * 3])
 
 
 @pytest.mark.parametrize(
@@ -212,4 +214,4 @@ class TestOwnership:
     def test_nodes_that_lie_apart_are_told(self, folder: Folder) -> None:
         (folder.data / "t.csv").write_text(f"bolt,node_a,node_b,component,stiffness\nA,{node(0, 0)},{node(1, 0)},UZ,1e5\n")
         with_groups(folder, {"t": {"select": {"bushings": "data/t.csv"}}})
-        assert any("the nodes of 1 spring lie up to 100 mm apart" in warning for warning in folder.inputs().warnings)
+        assert any("the nodes of 1 spring lie up to 100 mm aside" in warning for warning in folder.inputs().warnings)

@@ -188,8 +188,8 @@ class GroupReader(ModelReader):
         count, gap = apart(table, self.dofs)
         if count:
             self.warn(
-                f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm apart; it holds their "
-                "difference, also where both turn as one rigid piece: join nodes at one place, or export rigid arms to it"
+                f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm aside of its axis: it "
+                "holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
             )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None

@@ -136,13 +136,15 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
 
 
 def apart(table: BushingTable, dofs: DofTable) -> tuple[int, float]:
-    """Number of springs whose nodes lie apart, and the largest distance [m]."""
+    """Number of springs that hold their nodes where both turn as one rigid piece, and the longest arm of their axes about a node [m]."""
     place = {int(node): dofs.xyz[at] for at, node in enumerate(dofs.node.tolist()) if not dofs.is_acoustic[at]}
-    gaps = [
-        float(np.linalg.norm(place[int(a)] - place[b])) for a, b in zip(table.node_a.tolist(), table.node_b, strict=True) if b is not None
-    ]
+    arms = []
+    for k, (a, b) in enumerate(zip(table.node_a.tolist(), table.node_b, strict=True)):
+        family, axis = divmod(COMPONENTS.index(table.component[k]), 3)
+        if b is not None and family == 0:
+            arms.append(float(np.linalg.norm(np.cross(place[b] - place[a], table.axes[k, axis]))))
     least = 1e-6 * float(np.ptp(dofs.xyz, axis=0).max())
-    far = [gap for gap in gaps if gap > least]
+    far = [arm for arm in arms if arm > least]
     return len(far), max(far, default=0.0)
 
 
