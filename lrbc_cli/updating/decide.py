@@ -349,7 +349,8 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
     within = misfit <= limit
-    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {'within' if within else 'above'} the limit of {limit:.3g} dB{beside}"
+    side = "within" if within else "above"
+    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
     passed: bool | None = within
     if within and evidence.repeats is not None:
         passed, reason = None, f"not validated: {evidence.repeats}"
