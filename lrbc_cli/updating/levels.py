@@ -144,6 +144,7 @@ def gauss_newton_by_levels(
     knots: Sequence[int] = (1, 3, 5, 9),
     coarse_tolerance: float = 1e-3,
     coarse_iterations: int = 25,
+    first_iterations: int = 8,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -163,6 +164,8 @@ def gauss_newton_by_levels(
         Values along an edge at each level before the full one.
     coarse_tolerance, coarse_iterations
         Stop rule of these levels.
+    first_iterations : int
+        Of each descent where there is a span: only the best of them goes on to its end.
 
     Returns
     -------
@@ -197,8 +200,10 @@ def gauss_newton_by_levels(
             nearest, least_db = (place, found.misfit_db) if found.misfit_db < least_db else (nearest, least_db)
         further = {"the uniform value found by smaller steps": nearest} | dict(further or {})
 
+    limit = max_iterations if span is None else min(first_iterations, max_iterations)
+
     def finish(description: str, theta: Floats) -> int:
-        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations)
+        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=limit)
         note(last.history)
         ends.append((description, last))
         return last.iterations
@@ -223,6 +228,13 @@ def gauss_newton_by_levels(
     least = min(end.evaluation.total for _, end in ends)
     if seen.theta is not None and seen.evaluation is not None and not seen.evaluation.total >= (1 - ROUND_OFF) * least:
         iterations += finish("the best place seen on the way", seen.theta)
+    at = int(np.argmin([end.evaluation.total for _, end in ends]))
+    description, end = ends[at]
+    if limit < max_iterations and end.status == "stopped":
+        last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations - end.iterations)
+        note(last.history)
+        iterations += last.iterations
+        ends[at] = description, last
     # The first of equals, also where a cost is not finite.
     kept = 0
     for i, (_, end) in enumerate(ends):

@@ -190,8 +190,11 @@ class _Job:
         else:
             if span is not None:
                 further, sought = search(misfit, self.shapes, bounds, self._pairs())
+            # Coarse profiles are for values in a row.
+            knots = () if span is not None and self.shapes.joint.all() else (1, 3, 5, 9)
+            tolerance, most = method.tolerance, method.max_iterations
             solution = gauss_newton_by_levels(
-                misfit, begin, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations, further=further, span=span
+                misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
             )
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
@@ -380,7 +383,7 @@ def _identify(
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
-    ends = [start.theta for start in solution.starts]
+    ends = [start.theta for start in sorted(solution.starts, key=lambda start: start.total)[:2]]
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     opens = job.opens(fit)
     optimised = time.perf_counter()
