@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.places import Edge, Joints, Spot, spots
-
-Floats = NDArray[np.float64]
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"

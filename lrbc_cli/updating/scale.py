@@ -94,9 +94,9 @@ class Offset:
     known: tuple[Known, ...]
     before: float
     after: float
-    named: bool
-    reversed: bool
-    conjugate: bool
+    named: bool = False
+    reversed: bool = False
+    conjugate: bool = False
 
     @property
     def unit(self) -> Known | None:
@@ -229,18 +229,7 @@ def offset_of(
                 # A constant that no unit explains may be a gain; a power of the frequency with such a constant is nothing.
                 if not known:
                     continue
-            offset = Offset(
-                response=response,
-                db=centre,
-                half=half,
-                power=b,
-                known=known,
-                before=before,
-                after=left,
-                named=False,
-                reversed=False,
-                conjugate=False,
-            )
+            offset = Offset(response=response, db=centre, half=half, power=b, known=known, before=before, after=left)
             found.append((left / BETTER if b else left, offset, x * 1j ** (-b), y))
     if not found:
         return None
