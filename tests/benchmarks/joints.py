@@ -1,6 +1,6 @@
 """Are loose joints found on structures of other kinds? Verdicts, intervals, fits and times on rigs whose truth is known.
 
-    python tests/benchmarks/joints.py [--virtual DESIGN:SEEDS]... [--plan] [--override KEY.PATH=VALUE]... [--workers N]
+    python tests/benchmarks/joints.py [--virtual DESIGN:SEEDS]... [--plan [DRAWS]] [--override KEY.PATH=VALUE]... [--workers N]
         [--out DIR] [--resume] [--json FILE] [--markdown FILE]
     python tests/benchmarks/joints.py --exact [--virtual DESIGN:SEEDS]... [--states N]
 
@@ -152,12 +152,12 @@ def score_state(
     )
 
 
-def run_campaign(task: Task, plan: bool) -> tuple[list[StateScore], float | None]:
+def run_campaign(task: Task, draws: int | None) -> tuple[list[StateScore], float | None]:
     """Run a campaign and compare it with its truth; and the misfit of its calibration [dB]."""
     found = results_of(task)
     seen = {}
-    if plan:
-        seen = {bolt.name: bolt.verdict == "seen" for bolt in make_plan(found.inputs, task.cache, Request()).bolts}
+    if draws is not None:
+        seen = {bolt.name: bolt.verdict == "seen" for bolt in make_plan(found.inputs, task.cache, Request(draws=draws)).bolts}
     before = found.trees[found.reference]
     scores = [score_state(task.name, tree, before, found.truth[job], found.roles[job], seen) for job, tree in found.trees.items()]
     return scores, None if found.calibration is None else found.calibration.misfit
@@ -335,7 +335,7 @@ def main() -> int:
     parser.add_argument("--virtual", type=designs, action="append", metavar="DESIGN:SEEDS", help="as cover:1-5 (seed 1 of every design)")
     parser.add_argument("--exact", action="store_true", help="states of the nominal models themselves, without noise")
     parser.add_argument("--states", type=int, default=75, metavar="N", help="of each campaign, with --exact (75)")
-    parser.add_argument("--plan", action="store_true", help="detectable is what `lrbc plan` calls seen")
+    parser.add_argument("--plan", type=int, nargs="?", const=0, metavar="DRAWS", help="detectable is what `lrbc plan` calls seen (0 draws)")
     parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
     parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
