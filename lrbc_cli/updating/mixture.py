@@ -267,7 +267,7 @@ def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int,
 
 
 @dataclass(frozen=True)
-class State:
+class KindState:
     """Optimum for given kinds, its log evidence (Laplace), and the linear problem of the bolts about it."""
 
     kinds: Bools
@@ -285,7 +285,7 @@ def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Fl
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> State:
+def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> KindState:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
     if held is not None:
@@ -313,7 +313,7 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
     share = np.linalg.solve(
         A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
     )
-    return State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
+    return KindState(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
 
 
 def settle(
@@ -325,7 +325,7 @@ def settle(
     *,
     held: tuple[int, float] | None = None,
     rounds: int = 2,
-) -> State:
+) -> KindState:
     """Descend for given kinds, with the covariance of the residuals where that ended: a state answers for its own errors only.
 
     With ``held`` the change of one of the bolts, by its position, stays at a value, and the evidence is that of the data there.
@@ -349,7 +349,7 @@ def best_state(
     moves: int = 3,
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
-) -> State:
+) -> KindState:
     """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z.
 
     Parameters
@@ -365,7 +365,7 @@ def best_state(
         Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
         few thousand; a tenth matters.
     """
-    best: State | None = None
+    best: KindState | None = None
     for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < large, z)):
         seen: set[bytes] = set()
         for _ in range(rounds):

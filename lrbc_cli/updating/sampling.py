@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import expit, logsumexp
 from scipy.stats import norm
 
-from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_state, settle
+from lrbc_cli.updating.mixture import ChangeSamples, KindScore, KindState, MixtureProblem, Stop, along_edges, best_state, settle
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Beyond:
 def beyond(
     problem: MixtureProblem,
     prior: BoltPrior,
-    state: State,
+    state: KindState,
     *,
     doubt: float = -3.5,
     wide: float = 0.12,
@@ -47,14 +47,14 @@ def beyond(
     rounds: int = 3,
     stop: Stop = (1e-3, 5),
     held: Stop = (1e-2, 3),
-) -> tuple[State, Beyond]:
+) -> tuple[KindState, Beyond]:
     """Descend with the other kind of each joint that is loose or could be.
 
     Parameters
     ----------
     problem : MixtureProblem
     prior : BoltPrior
-    state : State
+    state : KindState
     doubt : float
         A tight joint could be loose where the linear problem gives that so much log evidence.
     wide : float
@@ -66,7 +66,7 @@ def beyond(
 
     Returns
     -------
-    State, Beyond
+    KindState, Beyond
         The best state seen.
     """
     for turn in range(rounds):
@@ -94,7 +94,7 @@ def beyond(
 def profile(
     problem: MixtureProblem,
     prior: BoltPrior,
-    state: State,
+    state: KindState,
     i: int,
     stop: Stop,
     width: float,
