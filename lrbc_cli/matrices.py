@@ -69,7 +69,17 @@ class TermModel:
             own = np.flatnonzero(terms.power == power)
             if own.size:
                 bounds = np.tile([-np.inf, np.inf], (own.size, 1))
-                groups.append(ParameterGroup(kind, kind, own, np.arange(own.size), p[own], bounds, np.eye(own.size)))
+                groups.append(
+                    ParameterGroup(
+                        name=kind,
+                        kind=kind,
+                        terms=own,
+                        parameter=np.arange(own.size),
+                        initial=p[own],
+                        bounds=bounds,
+                        smoothing=np.eye(own.size),
+                    )
+                )
         order = np.concatenate([group.terms for group in groups])
         y, J = port_model(self._table(s), Parameterisation(tuple(groups))).sensitivities(p[order])
         return y, np.asarray(J.real[:, :, np.argsort(order)])

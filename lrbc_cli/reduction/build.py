@@ -203,7 +203,17 @@ class Reducer:
         self._changed()
         self.clock.lap("compression")
         sweep = self._sweep()
-        self.trace.append(Step(float("nan"), self.basis.size, 0, 0, None, self.estimator.grid.lines_hz, sweep.estimate))
+        self.trace.append(
+            Step(
+                frequency_hz=float("nan"),
+                size=self.basis.size,
+                order=0,
+                added=0,
+                measured_error=None,
+                grid_hz=self.estimator.grid.lines_hz,
+                estimate=sweep.estimate,
+            )
+        )
         progress(f"   compressed  r = {self.basis.size:4d}  from {size}")
         return _Candidate(rich, sweep, full)
 
@@ -318,7 +328,17 @@ class Reducer:
 
     def _record(self, frequency: float, order: int, added: int, error: float | None, progress: Callable[[str], None]) -> None:
         grid = self.estimator.grid.lines_hz
-        self.trace.append(Step(frequency, self.basis.size, order, added, error, grid, np.full(grid.size, np.nan)))
+        self.trace.append(
+            Step(
+                frequency_hz=frequency,
+                size=self.basis.size,
+                order=order,
+                added=added,
+                measured_error=error,
+                grid_hz=grid,
+                estimate=np.full(grid.size, np.nan),
+            )
+        )
         missed = "" if error is None else f"measured error {error:.1e}  "
         done = f"expansion point, +{added}" if order else "held out"
         progress(f"{frequency:8.2f} Hz  r = {self.basis.size:4d}  {missed}{done}")

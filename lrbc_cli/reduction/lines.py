@@ -191,7 +191,14 @@ class FullLines:
             Z = factorisation.owner
             slope = (2 * s * Z.M + Z.C).tocsr()
             blocks += [_by_columns(factorisation.solve, slope, blocks[0]), _by_columns(factorisation.solve_transposed, slope.T, blocks[1])]
-        return FullLine(line.frequency_hz, factorisation, line.X, line.exact, tuple(blocks), self.order)
+        return FullLine(
+            frequency_hz=line.frequency_hz,
+            factorisation=factorisation,
+            X=line.X,
+            exact=line.exact,
+            snapshots=tuple(blocks),
+            order=self.order,
+        )
 
     @cached_property
     def order(self) -> int:

@@ -121,14 +121,14 @@ class PortFrf:
     def select(self, lines: Integers, responses: Integers) -> PortFrf:
         """The same for some lines and responses."""
         return PortFrf(
-            self.s[lines],
-            self.H00[np.ix_(lines, responses)],
-            self.H0p[np.ix_(lines, responses)],
-            self.Hp0[lines],
-            self.Hpp[lines],
-            self.D_ref[lines],
-            self.input_of[responses],
-            self.symmetric,
+            s=self.s[lines],
+            H00=self.H00[np.ix_(lines, responses)],
+            H0p=self.H0p[np.ix_(lines, responses)],
+            Hp0=self.Hp0[lines],
+            Hpp=self.Hpp[lines],
+            D_ref=self.D_ref[lines],
+            input_of=self.input_of[responses],
+            symmetric=self.symmetric,
         )
 
     def evaluate(self, D: Complexes) -> Complexes:
@@ -290,7 +290,16 @@ def port_frf(
     symmetric = bool(np.abs(Hpp - Hpp.transpose(0, 2, 1)).max() <= SYMMETRY * scale) if Hpp.size else True
     if symmetric:
         Hpp = 0.5 * (Hpp + Hpp.transpose(0, 2, 1))
-    return PortFrf(s, H00, H0p, np.ascontiguousarray(H[:, R:, :n_in]), np.ascontiguousarray(Hpp), D_ref, input_of, symmetric)
+    return PortFrf(
+        s=s,
+        H00=H00,
+        H0p=H0p,
+        Hp0=np.ascontiguousarray(H[:, R:, :n_in]),
+        Hpp=np.ascontiguousarray(Hpp),
+        D_ref=D_ref,
+        input_of=input_of,
+        symmetric=symmetric,
+    )
 
 
 @cache

@@ -214,6 +214,13 @@ class Optimiser(Record):
     starts: Many[StartRecord] = ()
 
 
+class Alternative(Record):
+    """Bolts that are loose in one of several states of nearly equal posterior probability; the verdicts are over all of them."""
+
+    loose: Many[str]
+    probability: float
+
+
 class CornerRecord(Record):
     """Corner of an L-curve."""
 
@@ -349,6 +356,7 @@ class JobRecord(_JobBase):
     cost: BeforeAfter
     misfit_db: MisfitRecord
     bolts: Many[Bolt]
+    alternatives: Many[Alternative] = ()
     taken_as_tight: TakenAsTight | None = None
     validity: ValidityRecord | None = None
     noise: NoiseRecord

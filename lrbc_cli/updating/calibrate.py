@@ -124,7 +124,7 @@ class FactorProblem:
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
-            out.append(Nuisance("factor", name, 0, -shift, std, (-bound - shift, bound - shift)))
+            out.append(Nuisance(kind="factor", name=name, index=0, mean=-shift, std=std, bounds=(-bound - shift, bound - shift)))
         return (*out, *self.nuisances)
 
     @property
@@ -157,7 +157,16 @@ class FactorProblem:
         options = ResidualOptions() if self.options is None else self.options
         if soft and options.loss_scale is None:
             options = replace(options, loss_scale=self.statistics.calibration.soft_scale_db)
-        return Misfit(model, self.measured[self.selected], self.start, variance, self.rows(), options, self.sigma, self.statistics.errors)
+        return Misfit(
+            model=model,
+            measured=self.measured[self.selected],
+            prior=self.start,
+            eta=variance,
+            penalty=self.rows(),
+            options=options,
+            sigma=self.sigma,
+            errors=self.statistics.errors,
+        )
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
         """Cost between smoothed spectra; None where the lines lie too far apart for that."""
@@ -308,7 +317,9 @@ def fit_factors(
         solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
     J = solution.evaluation.jacobian
     notes += [*_apart(problem, J, noise), *_remarks(problem, solution.theta)]
-    return FactorFit(problem, solution, noise, _covariance(problem, J, noise), tuple(stages), tuple(notes))
+    return FactorFit(
+        problem=problem, solution=solution, noise=noise, covariance=_covariance(problem, J, noise), stages=tuple(stages), notes=tuple(notes)
+    )
 
 
 def _weighed(

@@ -11,7 +11,7 @@ FINISHED = ("converged", "stopped")
 #: Names at most in one list of a sentence.
 MOST_NAMES = 8
 
-NOT_VALIDATED = "not validated: no response was held out that could show whether the model explains the measurement"
+NOT_VALIDATED = "not validated: no validation channel shows whether the model explains the measurement"
 
 
 @dataclass(frozen=True)

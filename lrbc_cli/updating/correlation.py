@@ -300,11 +300,11 @@ def correlate(
 
     lines = np.unique(np.linspace(0, frequency_hz.size - 1, min(grid, frequency_hz.size)).round().astype(np.int64))
     return Correlation(
-        frac(measured, initial),
-        frac(measured, updated),
-        tuple(table([decibels(H, r) for H in (measured, initial, updated)]) for r in range(measured.shape[1])),
-        table([mean_spectrum(H, valid) for H in (measured, initial, updated)]),
-        lines,
-        fdac(measured[lines], initial[lines], weights),
-        fdac(measured[lines], updated[lines], weights),
+        frac_initial=frac(measured, initial),
+        frac_final=frac(measured, updated),
+        peaks=tuple(table([decibels(H, r) for H in (measured, initial, updated)]) for r in range(measured.shape[1])),
+        mean_peaks=table([mean_spectrum(H, valid) for H in (measured, initial, updated)]),
+        lines=lines,
+        fdac_initial=fdac(measured[lines], initial[lines], weights),
+        fdac_final=fdac(measured[lines], updated[lines], weights),
     )

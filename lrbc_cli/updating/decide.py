@@ -40,6 +40,9 @@ class DecisionRule:
         Posterior probability that a verdict, loose or tight, needs.
     largest_misfit : float
         Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB].
+    misfit_margin : float
+        Mean misfit above that of the reference job, over the same channels, from which on the state is not explained either [dB]. A choice:
+        states of the samples lie within 0.3 of their reference.
     scatter_margin : float
         Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
         lies beyond four.
@@ -54,6 +57,7 @@ class DecisionRule:
     mixture_change: float = -0.35
     confidence: float = 0.95
     largest_misfit: float = 3.0
+    misfit_margin: float = 1.0
     scatter_margin: float = 4.0
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
@@ -184,6 +188,8 @@ class Evidence:
         The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
     misfit_db : float or None
         Their mean misfit.
+    reference_misfit_db : float or None
+        The same of the reference job.
     unvalidated : str
         Why none of them is a validation channel.
     repeats : str or None
@@ -209,6 +215,7 @@ class Evidence:
     data_warnings: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    reference_misfit_db: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,16 +337,20 @@ def at_bolts(
 
 
 def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
-    """Compare the misfit of the validation channels with ``rule.largest_misfit``.
+    """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
 
     Where there are none, the channels used must stay below it, which is necessary and shows nothing: they were fitted. Nor does a
     measurement that was not exchanged tell anything of the bolts.
     """
-    limit, misfit = rule.largest_misfit, evidence.misfit_db
+    limit, misfit, before = rule.largest_misfit, evidence.misfit_db, evidence.reference_misfit_db
+    beside = ""
+    if before is not None and before + rule.misfit_margin < limit:
+        limit, beside = before + rule.misfit_margin, f", {rule.misfit_margin:g} dB above the reference job"
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
     within = misfit <= limit
-    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {'within' if within else 'above'} the limit of {limit:g} dB"
+    side = "within" if within else "above"
+    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
     passed: bool | None = within
     if within and evidence.repeats is not None:
         passed, reason = None, f"not validated: {evidence.repeats}"

@@ -78,10 +78,12 @@ class ChangeSamples:
     means, stds : (s, b, 2) float arrays
         Of the change [decades], tight and loose.
     kinds : (b,) bool array
-        Loose bolts of the most probable state about which all was linearised.
+        Loose bolts of the most probable state about which most was linearised.
     neighbours : sequence of (int, int)
         Pairs of positions that lie side by side along an edge.
     prior : BoltPrior
+    alternatives : sequence of ((b,) bool array, float)
+        Loose bolts of each state about which it was linearised, and its share of the samples: its posterior probability among them.
     """
 
     bolts: NDArray[np.int64]
@@ -91,6 +93,7 @@ class ChangeSamples:
     kinds: Bools
     neighbours: Sequence[tuple[int, int]] = ()
     prior: BoltPrior = BOLT_PRIOR
+    alternatives: Sequence[tuple[Bools, float]] = ()
 
     @property
     def inclusion(self) -> Floats:
@@ -267,7 +270,7 @@ def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int,
 
 
 @dataclass(frozen=True)
-class KindState:
+class State:
     """Optimum for given kinds, its log evidence (Laplace), and the linear problem of the bolts about it."""
 
     kinds: Bools
@@ -285,7 +288,7 @@ def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Fl
     return precision, mean
 
 
-def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> KindState:
+def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> State:
     """Descend for given kinds, and linearise."""
     precision, mean = _priors(problem, prior, kinds)
     if held is not None:
@@ -313,7 +316,7 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
     share = np.linalg.solve(
         A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
     )
-    return KindState(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
+    return State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
 
 
 def settle(
@@ -325,7 +328,7 @@ def settle(
     *,
     held: tuple[int, float] | None = None,
     rounds: int = 2,
-) -> KindState:
+) -> State:
     """Descend for given kinds, with the covariance of the residuals where that ended: a state answers for its own errors only.
 
     With ``held`` the change of one of the bolts, by its position, stays at a value, and the evidence is that of the data there.
@@ -339,39 +342,52 @@ def settle(
     return replace(state, evidence=state.evidence + offset)
 
 
-def best_state(
+def best_states(
     problem: MixtureProblem,
-    z: Floats,
+    starts: Sequence[Floats],
     prior: BoltPrior,
     *,
     large: float = -0.4,
     rounds: int = 8,
     moves: int = 3,
+    near: float = 5.0,
     search: Stop = (1e-3, 5),
     last: Stop = (1e-4, 12),
-) -> KindState:
-    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of z.
+) -> list[State]:
+    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of each start.
 
     Parameters
     ----------
     problem : MixtureProblem
-    z : (m,) float array
+    starts : sequence of (m,) float array
     prior : BoltPrior
     large : float
-        Changes below it make a bolt loose at the second start [decades].
+        Changes below it make a bolt loose at a start [decades].
     rounds, moves : int
         The linearisation follows the kinds at most so many times, by at most so many changes each.
+    near : float
+        States that lack so much log evidence are no alternative: 1 in 150.
     search, last : (float, int)
         Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
         few thousand; a tenth matters.
+
+    Returns
+    -------
+    list of State
+        The best one first; the others are ends of searches with other kinds of nearly the same evidence.
     """
-    best: KindState | None = None
-    for kinds, start in ((np.zeros(problem.bolts.size, dtype=bool), np.zeros(z.size)), (z[problem.bolts] < large, z)):
+    tight = np.zeros(problem.bolts.size, dtype=bool)
+    # Descents that ended alike are one start.
+    apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
+    begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
+    ends: dict[bytes, State] = {}
+    for kinds, start in begun:
+        end: State | None = None
         seen: set[bytes] = set()
         for _ in range(rounds):
             state = settle(problem, prior, kinds, start, search)
-            if best is None or state.evidence > best.evidence:
-                best = state
+            if end is None or state.evidence > end.evidence:
+                end = state
             seen.add(kinds.tobytes())
             score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
             # Few moves at a time: a linearisation does not carry far.
@@ -379,5 +395,10 @@ def best_state(
             if score.loose.tobytes() in seen:
                 break
             kinds, start = score.loose.copy(), state.z
-    assert best is not None
-    return settle(problem, prior, best.kinds, best.z, last)
+        assert end is not None
+        key = end.kinds.tobytes()
+        ends[key] = max(end, ends.get(key, end), key=lambda one: one.evidence)
+    best = max(ends.values(), key=lambda one: one.evidence)
+    found = sorted((end for end in ends.values() if end.evidence > best.evidence - near), key=lambda one: -one.evidence)
+    # Told apart by descents of one kind: where errors follow the state, each further one changes the evidence of all.
+    return [replace(settle(problem, prior, end.kinds, end.z, last), evidence=end.evidence) for end in found]

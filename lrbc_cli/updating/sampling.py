@@ -6,15 +6,15 @@ evidence of doubtful joints comes from descents with the other kind, and a chang
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.special import expit, logsumexp
-from scipy.stats import norm
 
-from lrbc_cli.updating.mixture import ChangeSamples, KindScore, KindState, MixtureProblem, Stop, along_edges, best_state, settle
+from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Beyond:
 def beyond(
     problem: MixtureProblem,
     prior: BoltPrior,
-    state: KindState,
+    state: State,
     *,
     doubt: float = -3.5,
     wide: float = 0.12,
@@ -47,14 +47,14 @@ def beyond(
     rounds: int = 3,
     stop: Stop = (1e-3, 5),
     held: Stop = (1e-2, 3),
-) -> tuple[KindState, Beyond]:
+) -> tuple[State, Beyond]:
     """Descend with the other kind of each joint that is loose or could be.
 
     Parameters
     ----------
     problem : MixtureProblem
     prior : BoltPrior
-    state : KindState
+    state : State
     doubt : float
         A tight joint could be loose where the linear problem gives that so much log evidence.
     wide : float
@@ -66,7 +66,7 @@ def beyond(
 
     Returns
     -------
-    KindState, Beyond
+    State, Beyond
         The best state seen.
     """
     for turn in range(rounds):
@@ -94,7 +94,7 @@ def beyond(
 def profile(
     problem: MixtureProblem,
     prior: BoltPrior,
-    state: KindState,
+    state: State,
     i: int,
     stop: Stop,
     width: float,
@@ -135,33 +135,58 @@ def profile(
             held = settle(problem, prior, state.kinds, z, stop, held=(i, float(at[k])), rounds=1)
             evidence[k], z = held.evidence, held.z
     t = np.linspace(at[0], at[-1], fine)
-    log = PchipInterpolator(at, evidence)(t) + norm.logpdf(t, prior.joint_loose_mean, prior.joint_loose_std)
+    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
     return float(logsumexp(log) + np.log(t[1] - t[0])), mean, float(np.sqrt(weight @ (t - mean) ** 2))
 
 
+def _log_normal(t: Floats, mean: float, std: float) -> Floats:
+    return np.asarray(-0.5 * ((t - mean) / std) ** 2 - np.log(std * np.sqrt(2.0 * np.pi)))
+
+
 def sample_changes(
-    problem: MixtureProblem, z: Floats, prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
+    problem: MixtureProblem, starts: Sequence[Floats], prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
 ) -> ChangeSamples:
-    """Sample which bolts are loose, on the problem linearised about the most probable state.
+    """Sample which bolts are loose, on the problem linearised about the most probable state and about others nearly as probable.
 
     Parameters
     ----------
     problem : MixtureProblem
-    z : (m,) float array
-        A first estimate, such as that with a Gaussian prior.
+    starts : sequence of (m,) float array
+        First estimates, such as that with a Gaussian prior.
     prior : BoltPrior
     sweeps, burn_in, seed : int
-        Sweeps over all bolts, those before them that are left out; the same seed gives the same result.
+        Sweeps over all bolts, shared by the states in proportion to their evidence, those before them that are left out at each; the same
+        seed gives the same result.
 
     Returns
     -------
     ChangeSamples
     """
-    state, more = beyond(problem, prior, best_state(problem, z, prior))
+    first, *others = best_states(problem, starts, prior)
+    best, more = beyond(problem, prior, first)
+    # What one flip reaches the sweeps about the best state reach themselves.
+    rest = [state for state in others if np.count_nonzero(state.kinds != best.kinds) > 1]
+    evidence = np.array([best.evidence, *(state.evidence for state in rest)])
+    count = np.round(sweeps * np.exp(evidence - logsumexp(evidence))).astype(int)
+    hats, rng = along_edges(problem.neighbours, problem.joint), np.random.default_rng(seed)
+    parts: list[tuple[Floats, Floats, Floats]] = []
+    alternatives: list[tuple[NDArray[np.bool_], float]] = []
+    for state, own in zip([best, *rest], count.tolist(), strict=True):
+        if own:
+            about = more if state is best else beyond(problem, prior, state, rounds=1)[1]
+            parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
+            alternatives.append((state.kinds, own / int(count.sum())))
+    loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return ChangeSamples(problem.bolts, loose, means, stds, best.kinds, hats, prior, alternatives)
+
+
+def _sweeps(
+    problem: MixtureProblem, prior: BoltPrior, state: State, more: Beyond, sweeps: int, burn_in: int, rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Gibbs sampling of the kinds about one state: conditional probabilities (s, b), means and standard deviations (s, b, 2)."""
     score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint, more.further)
-    rng = np.random.default_rng(seed)
     count = problem.bolts.size
     loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
     for sweep in range(-burn_in, sweeps):
@@ -182,5 +207,4 @@ def sample_changes(
                 swaps = score.swaps()
     known = np.isfinite(more.loose[:, 0])
     means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
-    hats = along_edges(problem.neighbours, problem.joint)
-    return ChangeSamples(problem.bolts, loose, means, stds, state.kinds, hats, prior)
+    return loose, means, stds

@@ -229,7 +229,18 @@ def offset_of(
                 # A constant that no unit explains may be a gain; a power of the frequency with such a constant is nothing.
                 if not known:
                     continue
-            offset = Offset(response, centre, half, b, known, before, left, False, False, False)
+            offset = Offset(
+                response=response,
+                db=centre,
+                half=half,
+                power=b,
+                known=known,
+                before=before,
+                after=left,
+                named=False,
+                reversed=False,
+                conjugate=False,
+            )
             found.append((left / BETTER if b else left, offset, x * 1j ** (-b), y))
     if not found:
         return None

@@ -24,7 +24,7 @@ Changes = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, order=True)
-class State:
+class Combination:
     """Changes at some bolts, and what is left of the measurement there.
 
     Attributes
@@ -57,7 +57,7 @@ class Search:
         self._misfit, self._T, self._bounds, self._levels = misfit, shapes.T, bounds, levels
         self._columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
         self.evaluations = 0
-        self._known: dict[Changes, State] = {}
+        self._known: dict[Changes, Combination] = {}
 
     def theta(self, changes: Changes) -> Floats:
         """Theta there, inside its bounds."""
@@ -66,22 +66,22 @@ class Search:
             z[column] = change
         return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
 
-    def _score(self, frf: Callable[[Floats], Complexes], changes: Changes) -> State:
+    def _score(self, frf: Callable[[Floats], Complexes], changes: Changes) -> Combination:
         if changes not in self._known:
             self.evaluations += 1
             value = self._misfit.mean_db(frf(self.theta(changes)))
-            self._known[changes] = State(value if np.isfinite(value) else np.inf, changes)
+            self._known[changes] = Combination(value if np.isfinite(value) else np.inf, changes)
         return self._known[changes]
 
     def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
         model = self._misfit.model
         return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else model.frf
 
-    def start(self) -> State:
+    def start(self) -> Combination:
         """No change at all."""
         return self._score(self._misfit.model.frf, ())
 
-    def table(self, state: State, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[State]:
+    def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
         frf, own = self._near(state.changes), dict(state.changes)
         for columns in [*((column,) for column in self._columns), *pairs]:
@@ -134,7 +134,7 @@ def search(
         pairs = ()
         if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
             # One bolt for another: each put back once, and all tables without it.
-            without = [State(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in nearest[0].changes]
+            without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in nearest[0].changes]
             swapped = [state for parent in without if parent.changes for state in table.table(parent)]
             nearest = sorted({state.changes: state for state in [*nearest, *swapped]}.values())[:width]
             if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
@@ -144,6 +144,6 @@ def search(
     return {_describe(state, names): table.theta(state.changes) for state in nearest}, table.evaluations
 
 
-def _describe(state: State, bolts: dict[int, int]) -> str:
+def _describe(state: Combination, bolts: dict[int, int]) -> str:
     parts = [f"bolt {bolts[column] + 1} by {change:g}" for column, change in state.changes]
     return f"table of changes: {', '.join(parts) or 'none'}"

@@ -129,7 +129,7 @@ def rehearse(
     _require_targets(inputs, [out / FILE, out / RECORD, *files.values()], replace)
     require_in_band(lines, inputs.campaign.reduction.band, hint="change reduction.band")
     settings = settings or Settings(scatter=declared_scatter(inputs))
-    structure = VirtualStructure(inputs, settings, seed, cache, lines, progress)
+    structure = VirtualStructure(inputs=inputs, settings=settings, seed=seed, cache=cache, frequency_hz=lines, progress=progress)
     record: dict[str, Any] = {
         "format": REHEARSAL_FORMAT,
         "version": REHEARSAL_VERSION,

@@ -35,7 +35,7 @@ from lrbc_cli import load
 from lrbc_cli.campaign.identification.identify import _Job
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.study import Study
+from lrbc_cli.updating.shapes import joints_of
 
 ROOT = Path(__file__).resolve().parents[2]
 DESIGNS = ("cover", "lap", "space-frame", "flange")
@@ -244,7 +244,7 @@ def exact_costs(task: Task, seed: int, count: int) -> list[dict[str, Any]]:
     hz = np.arange(low, high + 0.5)
     parameters = study.parameters(hz)
     theta = np.array(parameters.initial)
-    at = _joint_values(study, hz)
+    at = [np.concatenate(list(values.values())) for values in joints_of(parameters, bolts.xyz.shape[0])]
     name = str(update.reference)
     reference = study.identify(name, study.measurement(hz, study.frf(hz, theta)))
     rng = np.random.default_rng([seed, 13])
@@ -271,19 +271,6 @@ def _extended(fit: Any, theta: np.ndarray, *, drifted: bool = True) -> np.ndarra
     """Theta with what drifted: as found, or nothing."""
     values = fit.knowledge.values
     return np.concatenate([theta, values if drifted else np.zeros(len(values))])
-
-
-def _joint_values(study: Study, hz: np.ndarray) -> list[np.ndarray]:
-    """Which of the unknowns belong to each joint: those of all groups whose places are nearest to it."""
-    bolts = study.inputs.bolts
-    assert bolts is not None
-    found: list[list[int]] = [[] for _ in bolts.xyz]
-    parameters = study.parameters(hz)
-    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
-        assert group.positions is not None
-        for k, xyz in enumerate(group.positions):
-            found[int(np.argmin(np.linalg.norm(bolts.xyz - xyz, axis=1)))].append(where.start + k)
-    return [np.array(sorted(set(values))) for values in found]
 
 
 def exact_figures(runs_: Sequence[Mapping[str, Any]]) -> list[Figure]:

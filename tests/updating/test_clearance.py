@@ -80,4 +80,4 @@ def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
 
 
 def test_what_was_not_validated_is_said() -> None:
-    assert sentence(job("tt", validated=False)).startswith("no loose bolt found: 2 tight (not validated: no response was held out")
+    assert sentence(job("tt", validated=False)).startswith("no loose bolt found: 2 tight (not validated: no validation channel shows")

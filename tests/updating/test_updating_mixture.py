@@ -75,7 +75,7 @@ TWO = np.array([0.05, -0.6, 0.0, 0.05, 0.0, -0.05, -0.4, 0.0])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_it_agrees_with_the_sum_over_all_kinds(truth: np.ndarray, sigma: float, further: int, seed: int) -> None:
     toy = Toy(truth, sigma=sigma, further=further, seed=seed)
-    found = sample_changes(toy.problem(), np.zeros(further + BOLTS))
+    found = sample_changes(toy.problem(), [np.zeros(further + BOLTS)])
     inclusion, mean, std, below = toy.exact(-0.3)
     np.testing.assert_allclose(found.inclusion, inclusion, atol=0.03)
     np.testing.assert_allclose(found.below(-0.3), below, atol=0.03)
@@ -90,16 +90,16 @@ def test_the_toy_is_no_easy_one() -> None:
 
 
 def test_the_same_again() -> None:
-    first, second = (sample_changes(Toy(TWO).problem(), np.zeros(2 + BOLTS)) for _ in range(2))
+    first, second = (sample_changes(Toy(TWO).problem(), [np.zeros(2 + BOLTS)]) for _ in range(2))
     np.testing.assert_array_equal(first.loose, second.loose)
     np.testing.assert_array_equal(first.means, second.means)
-    other = sample_changes(Toy(TWO).problem(), np.zeros(2 + BOLTS), seed=1)
+    other = sample_changes(Toy(TWO).problem(), [np.zeros(2 + BOLTS)], seed=1)
     assert (other.loose != first.loose).any()
     np.testing.assert_allclose(other.inclusion, first.inclusion, atol=0.04)
 
 
 def test_a_clear_loose_bolt() -> None:
-    found = sample_changes(Toy(ONE, sigma=0.05).problem(), np.zeros(2 + BOLTS))
+    found = sample_changes(Toy(ONE, sigma=0.05).problem(), [np.zeros(2 + BOLTS)])
     assert found.kinds.tolist() == (ONE < 0).tolist()
     assert found.below(-0.3)[3] > 0.99
     assert np.delete(found.below(-0.3), 3).max() < 0.05
@@ -111,7 +111,7 @@ def test_a_clear_loose_bolt() -> None:
 def test_where_the_data_say_nothing_the_prior_stays() -> None:
     toy = Toy(0 * ONE)
     toy.J[:] *= 1e-6
-    found = sample_changes(toy.problem(), np.zeros(2 + BOLTS))
+    found = sample_changes(toy.problem(), [np.zeros(2 + BOLTS)])
     np.testing.assert_allclose(found.inclusion, PRIOR.loose_share, atol=1e-3)
     share = PRIOR.loose_share
     alone = np.array([1 - share, *[(1 - share) ** 2] * (BOLTS - 2), 1 - share])
@@ -128,7 +128,7 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
         return toy.r0 + toy.J @ own, toy.J * slope
 
     bent = MixtureProblem(bend, linear.variance, linear.bounds, linear.bolts, linear.neighbours, linear.joint, linear.mean, linear.std)
-    found = sample_changes(bent, np.zeros(2 + BOLTS))
+    found = sample_changes(bent, [np.zeros(2 + BOLTS)])
     assert found.mean[3] == pytest.approx(np.arcsinh(-1.0), abs=0.15)
     assert found.below(-0.3)[3] > 0.99
 
@@ -147,8 +147,8 @@ def test_a_state_answers_for_its_own_errors_only() -> None:
         one = np.ones(1)
         return MixtureProblem(data, 1.0, np.array([[-9.0, 9.0]]), np.array([0]), [], np.zeros(1, dtype=bool), 0 * one, one, about)
 
-    fixed = sample_changes(problem(about(np.array([truth]))[0]), np.array([truth]))
-    own = sample_changes(problem(about(np.array([truth]))[0], about), np.array([truth]))
+    fixed = sample_changes(problem(about(np.array([truth]))[0]), [np.array([truth])])
+    own = sample_changes(problem(about(np.array([truth]))[0], about), [np.array([truth])])
     assert not fixed.kinds.any()
     assert own.kinds.all()
     assert own.below(-0.3)[0] > 0.95

@@ -59,7 +59,7 @@ class Saturating:
 @pytest.mark.parametrize("start", [0.0, -2.0])
 def test_a_free_joint_is_loose_however_flat_the_data_are_there(truth: tuple[float, float], start: float) -> None:
     toy = Saturating(truth, 14.0)
-    found = sample_changes(toy.problem(), np.full(2, start), PRIOR, sweeps=250)
+    found = sample_changes(toy.problem(), [np.full(2, start)], PRIOR, sweeps=250)
     inclusion, below, mean = toy.exact(-0.35)
     np.testing.assert_allclose(found.inclusion, inclusion, atol=0.03)
     np.testing.assert_allclose(found.below(-0.35), below, atol=0.05)
@@ -68,7 +68,7 @@ def test_a_free_joint_is_loose_however_flat_the_data_are_there(truth: tuple[floa
 
 def test_data_that_say_little_leave_it_open() -> None:
     toy = Saturating((-2.5, 0.0), 6.5)
-    found = sample_changes(toy.problem(), np.zeros(2), PRIOR, sweeps=250)
+    found = sample_changes(toy.problem(), [np.zeros(2)], PRIOR, sweeps=250)
     inclusion, below, _ = toy.exact(-0.35)
     assert 0.1 < inclusion[0] < 0.9
     np.testing.assert_allclose(found.inclusion, inclusion, atol=0.08)

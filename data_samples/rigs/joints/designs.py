@@ -1,6 +1,8 @@
-"""The four designs. Fixed, with their limits, by forward computations before anything was identified on them."""
+"""The designs. Fixed, with their limits, by forward computations before anything was identified on them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -179,4 +181,11 @@ def _flange() -> PlateDesign:
     )
 
 
-JOINT_DESIGNS: dict[str, JointDesign] = {design.name: design for design in (_cover(), _lap(), _frame(), _flange())}
+def _damped() -> JointDesign:
+    """The lap joint of sheets with damping layers: over this band alpha and beta cannot be what a loss factor is."""
+    loss, band = 0.06, (15.0, 800.0)
+    own = {"name": "damped", "title": "Lap joint of damped sheets", "loss": loss, "joint_loss": loss, "band": band}
+    return replace(_lap(), **own, proportional=proportional(loss, 60.0, 480.0))
+
+
+JOINT_DESIGNS: dict[str, JointDesign] = {design.name: design for design in (_cover(), _lap(), _frame(), _flange(), _damped())}

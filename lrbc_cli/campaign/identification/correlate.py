@@ -15,7 +15,7 @@ FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
 
 
 def correlation_of(inputs: Inputs, result: Identification) -> Correlation:
-    """Compare the measured with the initial and the updated FRFs of a job, held-out responses included."""
+    """Compare the measured with the initial and the updated FRFs of a job, validation channels included."""
     quantities = tuple(response.quantity for response in inputs.responses)
     measurement = result.measurement
     return correlate(measurement.frequency_hz, measurement.values, result.initial, result.updated, quantities)
@@ -26,12 +26,12 @@ def correlation_tree(inputs: Inputs, found: Correlation) -> dict[str, Any]:
     initial, final = found.mean_peaks.shifts_percent()
     used, validation = inputs.used, inputs.validation
     return {
-        "frac_initial": _mean(found.frac_initial[used]),
-        "frac_final": _mean(found.frac_final[used]),
-        "frac_held_out_initial": _mean(found.frac_initial[validation]),
-        "frac_held_out_final": _mean(found.frac_final[validation]),
-        "fdac_diagonal_initial": _mean(np.diag(found.fdac_initial)),
-        "fdac_diagonal_final": _mean(np.diag(found.fdac_final)),
+        "frac_initial": mean_of(found.frac_initial[used]),
+        "frac_final": mean_of(found.frac_final[used]),
+        "frac_held_out_initial": mean_of(found.frac_initial[validation]),
+        "frac_held_out_final": mean_of(found.frac_final[validation]),
+        "fdac_diagonal_initial": mean_of(np.diag(found.fdac_initial)),
+        "fdac_diagonal_final": mean_of(np.diag(found.fdac_final)),
         "peak_shift_percent_initial": initial,
         "peak_shift_percent_final": final,
         "mean_spectrum": {"peaks": _peaks(found.mean_peaks)},
@@ -49,7 +49,8 @@ def _peaks(table: PeakTable) -> list[dict[str, float]]:
     return [{name: float(f"{value:.6g}") for name, value in zip(names, row, strict=True)} for row in zip(*columns, strict=True)]
 
 
-def _mean(values: Floats) -> float | None:
+def mean_of(values: Floats) -> float | None:
+    """Of the values that there are."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else None
 

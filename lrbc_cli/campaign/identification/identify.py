@@ -380,7 +380,8 @@ def _identify(
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
-    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error)
+    ends = [start.theta for start in solution.starts]
+    changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     opens = job.opens(fit)
     optimised = time.perf_counter()
     initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)

@@ -22,7 +22,7 @@ def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers 
     reach = inputs.statistics.values.nuisance_reach
 
     def add(kind: str, name: str, index: int, std: float) -> None:
-        found.append(Nuisance(kind, name, index, 0.0, std, (-reach * std, reach * std)))
+        found.append(Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-reach * std, reach * std)))
 
     speed = speed_std(nuisances)
     if speed is not None and SOUND_SPEED in inputs.recipe.names:

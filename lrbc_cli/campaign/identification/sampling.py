@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ def changes_of(
     jacobian: Floats,
     state: Floats | None,
     error: ChangeError | None = None,
+    ends: Sequence[Floats] = (),
     *,
     least: float = 1e-10,
 ) -> ChangeSamples | None:
@@ -43,6 +44,8 @@ def changes_of(
         Covariance of the reference state; None where the comparison is free of its error.
     error : ChangeError or None
         How wrong predicted changes may be: the tight state predicts none, so nothing of it is forgiven there.
+    ends : sequence of (size,) float array
+        Theta where other descents ended: alternatives may begin there.
     least : float
         Directions of the reference state's covariance below this share of its largest say nothing.
 
@@ -101,4 +104,6 @@ def changes_of(
         np.concatenate([shapes.std, std]),
         None if error is None else about,
     )
-    return sample_changes(problem, np.concatenate([knowledge.z, np.zeros(further.shape[1])]), inputs.statistics.bolts)
+    inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
+    starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
+    return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)

@@ -88,18 +88,18 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     if config.damping is not None:
         damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
     return ParameterGroup(
-        group.name,
-        config.kind,
-        group.terms,
-        group.parameter,
-        np.full(count, start),
-        np.tile([low, high], (count, 1)),
-        W,
-        config.baseline,
-        damping,
-        group.xyz,
-        group.arc_length,
-        group.bolt,
+        name=group.name,
+        kind=config.kind,
+        terms=group.terms,
+        parameter=group.parameter,
+        initial=np.full(count, start),
+        bounds=np.tile([low, high], (count, 1)),
+        smoothing=W,
+        baseline=config.baseline,
+        damping=damping,
+        xyz=group.xyz,
+        arc_length=group.arc_length,
+        bolt=group.bolt,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -46,12 +47,6 @@ def bands(result: Identification) -> dict[str, Band]:
     return found
 
 
-def mean_of(values: Floats) -> float | None:
-    """Of the values that there are."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None
-
-
 def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | None) -> Evidence:
     """What an identification says, as far as it is needed to judge it.
 
@@ -78,12 +73,13 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         prior_std=inputs.statistics.values.std,
         compared=compared,
         misfit_db=misfit,
+        reference_misfit_db=_reference_misfit(inputs, reference, compared),
         unvalidated=unvalidated,
         repeats=_repeats(inputs, result, reference),
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
-        notes=(*result.notes, *remarks(result)),
+        notes=(*result.notes, *remarks(inputs, result)),
     )
 
 
@@ -114,6 +110,13 @@ def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float |
         if misfit is not None:
             return compared, misfit, why
     return None, None, why
+
+
+def _reference_misfit(inputs: Inputs, reference: JobRecord | None, compared: str | None) -> float | None:
+    """Mean misfit of the reference job over the same channels."""
+    if reference is None or reference.job != inputs.campaign.update.reference:
+        return None
+    return reference.misfit_db.held_out_final if compared == VALIDATION else reference.misfit_db.final
 
 
 def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
@@ -275,9 +278,23 @@ def _saturated(result: Identification, column: int, parts: Sequence[Part], refer
     return (max(min(above), 0.0), max(-min(above), 0.0)) if above else (0.0, None)
 
 
-def remarks(result: Identification) -> list[str]:
-    """What a reader of the result should know: limits that do not exist, values at their bounds."""
+def alternatives(inputs: Inputs, result: Identification) -> list[tuple[tuple[str, ...], float]]:
+    """Loose bolts of each of several states of nearly equal posterior probability, and that probability; empty where there is one."""
+    if result.changes is None or inputs.bolts is None or len(result.changes.alternatives) < 2:
+        return []
+    columns = result.posterior.shapes.bolts
+    return [
+        (tuple(name for name, column in zip(inputs.bolts.name, columns, strict=True) if column in result.changes.bolts[kinds]), share)
+        for kinds, share in result.changes.alternatives
+    ]
+
+
+def remarks(inputs: Inputs, result: Identification) -> list[str]:
+    """What a reader of the result should know: limits that do not exist, values at their bounds, other states that fit as well."""
     found = []
+    several = [f"{', '.join(names) or 'none'} ({share:.2f})" for names, share in alternatives(inputs, result)]
+    if several:
+        found.append(f"states of nearly equal posterior probability, by their loose bolts: {'; or '.join(several)}")
     for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
         limits = result.saturations.get(group.name)
         if limits is not None and not limits.found:

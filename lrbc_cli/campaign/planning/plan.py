@@ -139,7 +139,9 @@ def make_plan(
     parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
     about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
-    question = _Question(source, parameters, grid, about, shapes, tuple(_targets(inputs, parameters, shapes, by)))
+    question = _Question(
+        source=source, parameters=parameters, grid=grid, about=about, shapes=shapes, targets=tuple(_targets(inputs, parameters, shapes, by))
+    )
     found = question.experiment()
     draws: dict[int, list[Draw]] = {}
     assumes = [f"state: {about.state.words}", *_linearised(inputs, by, question.change, request.draws)]

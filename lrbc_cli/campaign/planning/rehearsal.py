@@ -161,7 +161,15 @@ class Rehearsal:
         step = SLOPE_STEP * float(grid[-1])
         nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
         # How wrong it may be is known with the result of the tight state.
-        self._error = ChangeError(0.0, self.model.frf, nearby.frf, grid, step, self.parameters.size, inputs.statistics.errors)
+        self._error = ChangeError(
+            most=0.0,
+            here=self.model.frf,
+            nearby=nearby.frf,
+            frequency_hz=grid,
+            step_hz=step,
+            size=self.parameters.size,
+            errors=inputs.statistics.errors,
+        )
         self.nuisances = nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
         self._tight = self.model.frf(self.theta)
         self._floor = self._noise_floor()

@@ -34,6 +34,9 @@ FORMAT_VERSION = 4
 #: What a store of a model says about itself.
 _STAMP = ("format", "version", "key")
 
+#: What of a reduction is stored as it is, beside its model, its sizes, its certificate and its trace.
+_SUMMARY = ("reached", "backend", "coupling", "full_size", "vectors", "unseen", "stopped", "seconds", "machine", "date")
+
 #: Names of the key's parts in messages.
 PARTS = {
     "operators": "the matrices or the damping",
@@ -184,31 +187,8 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         "model": model,
         "options": asdict(reduction.options) | {"band_hz": list(reduction.options.band_hz)},
         "certificate": [{"frequency_hz": line.frequency_hz, "errors": line.errors} for line in reduction.held_out],
-        "trace": [
-            {
-                "frequency_hz": step.frequency_hz,
-                "size": step.size,
-                "order": step.order,
-                "added": step.added,
-                "measured_error": step.measured_error,
-                "grid_hz": step.grid_hz,
-                "estimate": step.estimate,
-            }
-            for step in reduction.trace
-        ],
-        "summary": {
-            "reached": reduction.reached,
-            "backend": reduction.backend,
-            "coupling": reduction.coupling,
-            "sizes": list(reduction.sizes),
-            "full_size": reduction.full_size,
-            "vectors": reduction.vectors,
-            "unseen": reduction.unseen,
-            "stopped": reduction.stopped,
-            "seconds": reduction.seconds,
-            "machine": reduction.machine,
-            "date": reduction.date,
-        },
+        "trace": [asdict(step) for step in reduction.trace],
+        "summary": {name: getattr(reduction, name) for name in _SUMMARY} | {"sizes": list(reduction.sizes)},
     }
     try:
         # Port FRFs of the model that is replaced.

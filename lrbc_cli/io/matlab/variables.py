@@ -174,7 +174,17 @@ def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
         raise ValueError(f"dimensions {shape}")
     text = name.astype(np.uint8).tobytes().decode("latin-1")
     return (
-        _Variable(text, shape, _KINDS.get(code & 0xFF, "unknown"), bool(code & 0x0800), order, compressed, element, position, unpacked)
+        _Variable(
+            name=text,
+            shape=shape,
+            kind=_KINDS.get(code & 0xFF, "unknown"),
+            is_complex=bool(code & 0x0800),
+            order=order,
+            compressed=compressed,
+            element=element,
+            values_at=position,
+            unpacked=unpacked,
+        )
         if text
         else None
     )

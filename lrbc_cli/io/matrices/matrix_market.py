@@ -319,7 +319,7 @@ def _header(content: bytes, path: Path) -> _Header:
             )
         if layout == "array":
             entries = rows * (rows - 1) // 2 if symmetry == "skew-symmetric" else rows * (rows + 1) // 2
-    return _Header(layout, field, symmetry, (rows, columns), entries, number, stream.tell())
+    return _Header(layout=layout, field=field, symmetry=symmetry, shape=(rows, columns), entries=entries, line=number, offset=stream.tell())
 
 
 def _refuse_doubles(row: NDArray[np.int64], column: NDArray[np.int64], header: _Header, path: Path) -> None:

@@ -161,7 +161,12 @@ def _split(content: bytes, path: Path, notes: list[str], functions: list[UffFunc
             )
         count += 1
         dataset = _Dataset(
-            int(match.group(1)), bool(match.group(2)), match.group(3), body, place, None if binary_seen else lines_before + 1
+            number=int(match.group(1)),
+            binary=bool(match.group(2)),
+            identifier=match.group(3),
+            start=body,
+            place=place,
+            line=None if binary_seen else lines_before + 1,
         )
         if dataset.number == 58 and dataset.binary:
             binary_seen = True

@@ -51,7 +51,9 @@ def data_form(line: str, path: Path, place: str) -> DataForm:
         except ValueError:
             continue
         if kind in (2, 4, 5, 6) and count > 0 and (spacing == 0 or (spacing == 1 and even)):
-            return DataForm(count, spacing == 1, kind in (5, 6), kind in (4, 6), minimum, increment)
+            return DataForm(
+                count=count, even=spacing == 1, is_complex=kind in (5, 6), double=kind in (4, 6), minimum=minimum, increment=increment
+            )
     field, expected, found = _wrong_field(line)
     raise DataError(
         f"record 7 of a function is wrong: {field}", file=path, place=place, expected=expected, found=f"{found!r} in {line[:80]!r}"
