@@ -46,6 +46,12 @@ class DecisionRule:
     scatter_margin : float
         Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
         lies beyond four.
+    joint_margin : float
+        The same of joints, where tight states scatter by a quarter of a decade. A choice; with ``joint_spread`` a joint is loose from 3.3
+        of these standard deviations on (1 tight one in 2000), and tight down to 1.7.
+    joint_spread : float
+        Share of that scatter by which the posterior of a joint's change is widened: the rest is what tight joints do, not an error of this
+        change. A choice.
     contrast_quantile : float
         Without a tight state bolts are compared with this quantile of them. A choice: some of a row may be loose.
     implausible_rise : float
@@ -59,12 +65,14 @@ class DecisionRule:
     largest_misfit: float = 3.0
     misfit_margin: float = 1.0
     scatter_margin: float = 4.0
+    joint_margin: float = 2.5
+    joint_spread: float = 0.5
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
 
-    def limit(self, change: float, scatter: float) -> float:
+    def limit(self, change: float, scatter: float, joint: bool = False) -> float:
         """A threshold, or further down where tight states scatter that much [decades]."""
-        return min(change, -self.scatter_margin * scatter)
+        return min(change, -(self.joint_margin if joint else self.scatter_margin) * scatter)
 
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""
@@ -156,6 +164,8 @@ class BoltEvidence:
         Its posterior, where the job was identified against a tight state.
     probability_changed : float or None
         That it is loose rather than tight at all, however little it changed.
+    joint : bool
+        It owns its terms; else it is a place along an edge.
     """
 
     name: str
@@ -166,6 +176,7 @@ class BoltEvidence:
     difference: float | None = None
     change: Change | None = None
     probability_changed: float | None = None
+    joint: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,6 +342,7 @@ def at_bolts(
                 felt=felt,
                 difference=difference,
                 change=None if change_of is None else change_of(b, spot, difference),
+                joint=isinstance(parts[0][0], Joints),
             )
         )
     return tuple(found)
@@ -424,7 +436,8 @@ def _by_role(
         posterior = bolt.change
         # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
-        limit = rule.limit(own, scatter)
+        limit = rule.limit(own, scatter, bolt.joint)
+        scatter *= rule.joint_spread if bolt.joint else 1.0
         probability = posterior.below(limit, scatter)
         word = rule.word(probability)
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
