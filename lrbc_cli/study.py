@@ -318,15 +318,21 @@ class Study:
         return figure
 
     def plot_profile(self, found: Identified) -> Any:
-        """Stiffness along each edge with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
+        """Stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
         from matplotlib.figure import Figure
 
-        groups = {name: entry for name, entry in found.record.parameters.items() if entry.arc_length is not None}
+        groups = {name: entry for name, entry in found.record.parameters.items() if entry.arc_length is not None or entry.bolts}
         figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
         for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
-            axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
-            axes.plot(entry.arc_length, entry.log10_effective, label="identified")
-            axes.set(xlabel="along the edge [m]", ylabel=f"log10 of {name} [{entry.unit}]", title=found.name)
+            if entry.arc_length is None:
+                at = np.arange(len(entry.log10))
+                axes.vlines(at, entry.lower95, entry.upper95, alpha=0.25, linewidth=8, label="95 % interval")
+                axes.plot(at, entry.log10_effective, "_", markersize=14, label="identified")
+                axes.set_xticks(at, [bolt or "" for bolt in entry.bolts or ()])
+            else:
+                axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
+                axes.plot(entry.arc_length, entry.log10_effective, label="identified")
+            axes.set(xlabel="along the edge [m]" if entry.bolts is None else "", ylabel=f"log10 of {name} [{entry.unit}]", title=found.name)
             axes.legend()
         return figure
 

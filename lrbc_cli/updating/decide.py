@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +10,6 @@ from scipy.special import ndtr
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.places import Edge, Joints, Spot, spots
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
@@ -44,6 +43,12 @@ class DecisionRule:
     scatter_margin : float
         Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
         lies beyond four.
+    joint_margin : float
+        The same of joints, where tight states scatter by a quarter of a decade. A choice; with ``joint_spread`` a joint is loose from 3.3
+        of these standard deviations on (1 tight one in 2000), and tight down to 1.7.
+    joint_spread : float
+        Share of that scatter by which the posterior of a joint's change is widened: the rest is what tight joints do, not an error of this
+        change. A choice.
     contrast_quantile : float
         Without a tight state bolts are compared with this quantile of them. A choice: some of a row may be loose.
     implausible_rise : float
@@ -57,12 +62,14 @@ class DecisionRule:
     largest_misfit: float = 3.0
     misfit_margin: float = 1.0
     scatter_margin: float = 4.0
+    joint_margin: float = 2.5
+    joint_spread: float = 0.5
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
 
-    def limit(self, change: float, scatter: float) -> float:
+    def limit(self, change: float, scatter: float, joint: bool = False) -> float:
         """A threshold, or further down where tight states scatter that much [decades]."""
-        return min(change, -self.scatter_margin * scatter)
+        return min(change, -(self.joint_margin if joint else self.scatter_margin) * scatter)
 
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""
@@ -154,6 +161,8 @@ class BoltEvidence:
         Its posterior, where the job was identified against a tight state.
     probability_changed : float or None
         That it is loose rather than tight at all, however little it changed.
+    joint : bool
+        It owns its terms; else it is a place along an edge.
     """
 
     name: str
@@ -164,6 +173,7 @@ class BoltEvidence:
     difference: float | None = None
     change: Change | None = None
     probability_changed: float | None = None
+    joint: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,46 +304,6 @@ class Judgement:
     implausible: tuple[str, ...]
 
 
-def at_bolts(
-    groups: Sequence[Edge | Joints],
-    names: Sequence[str],
-    xyz: Floats,
-    change_of: Callable[[int, Spot, float | None], Change | None] | None = None,
-) -> tuple[BoltEvidence, ...]:
-    """What the values of edges and joints say of each bolt.
-
-    Parameters
-    ----------
-    groups : sequence of Edge or Joints
-        At least one where there are bolts.
-    names : (m,) sequence of str
-    xyz : (m, 3) float array
-    change_of : callable or None
-        Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
-    """
-    found = []
-    for b, (name, spot) in enumerate(zip(names, spots(groups, xyz) if len(names) else [], strict=True)):
-        position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))
-        if isinstance(spot, str):
-            found.append(BoltEvidence(name=name, position=position, outside=spot))
-            continue
-        parts = [(groups[i], at) for i, at in spot]
-        felt = float(np.mean(np.concatenate([np.minimum(group.log10[at], group.cap) for group, at in parts])))
-        tight = [np.minimum(group.reference[at], group.cap) for group, at in parts if group.reference is not None]
-        difference = felt - float(np.mean(np.concatenate(tight))) if len(tight) == len(parts) else None
-        found.append(
-            BoltEvidence(
-                name=name,
-                position=position,
-                log10_stiffness=float(np.mean(np.concatenate([group.log10[at] for group, at in parts]))),
-                felt=felt,
-                difference=difference,
-                change=None if change_of is None else change_of(b, spot, difference),
-            )
-        )
-    return tuple(found)
-
-
 def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
 
@@ -422,7 +392,8 @@ def _by_role(
         posterior = bolt.change
         # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
-        limit = rule.limit(own, scatter)
+        limit = rule.limit(own, scatter, bolt.joint)
+        scatter *= rule.joint_spread if bolt.joint else 1.0
         probability = posterior.below(limit, scatter)
         word = rule.word(probability)
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None

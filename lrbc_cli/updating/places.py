@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.selection import JUMP
+from lrbc_cli.updating.decide import BoltEvidence, Change
 
 
 @dataclass(frozen=True)
@@ -203,3 +204,44 @@ def _between(arc_length: Floats, at: float) -> Integers:
     if steps[after - 1] > JUMP * float(np.median(steps)):
         return np.zeros(0, dtype=np.int64)
     return np.array([after - 1, after], dtype=np.int64)
+
+
+def at_bolts(
+    groups: Sequence[Edge | Joints],
+    names: Sequence[str],
+    xyz: Floats,
+    change_of: Callable[[int, Spot, float | None], Change | None] | None = None,
+) -> tuple[BoltEvidence, ...]:
+    """What the values of edges and joints say of each bolt.
+
+    Parameters
+    ----------
+    groups : sequence of Edge or Joints
+        At least one where there are bolts.
+    names : (m,) sequence of str
+    xyz : (m, 3) float array
+    change_of : callable or None
+        Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
+    """
+    found = []
+    for b, (name, spot) in enumerate(zip(names, spots(groups, xyz) if len(names) else [], strict=True)):
+        position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))
+        if isinstance(spot, str):
+            found.append(BoltEvidence(name=name, position=position, outside=spot))
+            continue
+        parts = [(groups[i], at) for i, at in spot]
+        felt = float(np.mean(np.concatenate([np.minimum(group.log10[at], group.cap) for group, at in parts])))
+        tight = [np.minimum(group.reference[at], group.cap) for group, at in parts if group.reference is not None]
+        difference = felt - float(np.mean(np.concatenate(tight))) if len(tight) == len(parts) else None
+        found.append(
+            BoltEvidence(
+                name=name,
+                position=position,
+                log10_stiffness=float(np.mean(np.concatenate([group.log10[at] for group, at in parts]))),
+                felt=felt,
+                difference=difference,
+                change=None if change_of is None else change_of(b, spot, difference),
+                joint=isinstance(parts[0][0], Joints),
+            )
+        )
+    return tuple(found)

@@ -13,6 +13,8 @@ from campaigns import Folder, command, environment
 from grillage import BOLTS, JOBS, grillage
 from shared import shared
 
+from lrbc_cli import load
+
 GROUPS = {
     "axial": {"select": {"bushings": "data/bushings.csv", "component": "UZ"}},
     "rocking": {"select": {"bushings": "data/rocking.csv"}},
@@ -85,3 +87,10 @@ def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
     job = next(job for job in drawn["jobs"].values() if job["removed"] == ["B9"])
     assert job["decades"]["B9"] == -1.0
     assert len(job["decades"]) == 9
+
+
+def test_the_python_face_plots_joints(folder: Folder) -> None:
+    study = load(folder.config, cache=folder.cache)
+    found = study.identify("tight")
+    axes = study.plot_profile(found).axes
+    assert [[label.get_text() for label in one.get_xticklabels()] for one in axes] == [list(BOLTS)] * 2

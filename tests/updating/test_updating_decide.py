@@ -99,6 +99,19 @@ class TestByTheChange:
         assert one(changed(-2.0, 0.1), scatter=0.3).verdict == "loose"
         assert one(changed(0.0, 0.1), scatter=0.1).change_std == pytest.approx(np.hypot(0.1, 0.1))
 
+    def test_scatter_of_tight_joints(self) -> None:
+        """Most of it is what tight joints do, no error of a change: a decade is found, half of one is neither tight nor loose."""
+
+        def of(mean: float, std: float = 0.05) -> BoltVerdict:
+            return one(replace(changed(mean, std), joint=True), scatter=0.28)
+
+        assert of(0.0).threshold == pytest.approx(-RULE.joint_margin * 0.28)
+        assert of(0.0).change_std == pytest.approx(np.hypot(0.05, RULE.joint_spread * 0.28))
+        assert [of(mean).verdict for mean in (-0.4, -0.6, -1.0)] == ["tight", "undecided", "loose"]
+        assert one(changed(-1.0, 0.05), scatter=0.28).verdict == "undecided"
+        # Without baselines only the threshold counts.
+        assert one(replace(changed(-0.7, 0.05), joint=True)).verdict == "loose"
+
     def test_no_uncertainty(self) -> None:
         assert one(changed(-0.6, 0.0)).probability_loose == 1.0
         assert one(changed(-0.4, 0.0)).probability_loose == 0.0
