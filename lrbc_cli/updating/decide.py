@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr
 
-from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.mixture import ChangeSamples
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.

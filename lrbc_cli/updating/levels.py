@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.misfit import Evaluation, Misfit
+from lrbc_cli.updating.misfit import Evaluation, FrfModel, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
+from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
@@ -145,6 +146,7 @@ def gauss_newton_by_levels(
     coarse_tolerance: float = 1e-3,
     coarse_iterations: int = 25,
     first_iterations: int = 8,
+    hop_rounds: int = 3,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -166,6 +168,8 @@ def gauss_newton_by_levels(
         Stop rule of these levels.
     first_iterations : int
         Of each descent where there is a span: only the best of them goes on to its end.
+    hop_rounds : int
+        How often valleys beside that end are looked for, see ``hops``.
 
     Returns
     -------
@@ -228,13 +232,21 @@ def gauss_newton_by_levels(
     least = min(end.evaluation.total for _, end in ends)
     if seen.theta is not None and seen.evaluation is not None and not seen.evaluation.total >= (1 - ROUND_OFF) * least:
         iterations += finish("the best place seen on the way", seen.theta)
-    at = int(np.argmin([end.evaluation.total for _, end in ends]))
-    description, end = ends[at]
-    if limit < max_iterations and end.status == "stopped":
-        last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations - end.iterations)
-        note(last.history)
-        iterations += last.iterations
-        ends[at] = description, last
+    hopped = 0
+    while span is not None and limit < max_iterations:
+        at = int(np.argmin([end.evaluation.total for _, end in ends]))
+        description, end = ends[at]
+        if end.status == "stopped" and end.iterations < max_iterations:
+            last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations - end.iterations)
+            note(last.history)
+            iterations += last.iterations
+            ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
+        reached = ends[at][1].evaluation.total
+        for theta in hops(misfit, ends[at][1], bounds, span) if np.isfinite(reached) else ():
+            iterations += finish(f"a hop beside '{description}'", theta)
+        hopped += 1
+        if hopped == hop_rounds or not min(end.evaluation.total for _, end in ends) < (1.0 - tolerance) * reached:
+            break
     # The first of equals, also where a cost is not finite.
     kept = 0
     for i, (_, end) in enumerate(ends):
@@ -259,6 +271,71 @@ def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable
         return inside(theta, bounds) and inside(z, box) and bool(np.abs(misfit.prior + T @ z - theta).max() <= ROUND_OFF)
 
     return spanned
+
+
+def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
+    """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
+
+    A peak that passes a line is a ridge in the cost, narrow and steep; beyond it there is another valley.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    end : Solution
+        Its Jacobian is to z.
+    bounds : (size, 2) float array
+    span : (size, m) float array
+        Each of z is moved by so much either way.
+    step : float
+        [decades].
+    kept : int
+        Places to begin at.
+
+    Returns
+    -------
+    list of (size,) float array
+        One of each of z at most.
+    """
+    model, here = misfit.model, end.evaluation
+    found: list[tuple[float, int, Floats]] = []
+    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    for k in np.flatnonzero(~model.parameters.is_damping @ np.abs(span) > 0).tolist():
+        slope, column = float(here.jacobian[:, k] @ here.residual), here.jacobian[:, k]
+        ratios = []
+        for way in (step, -step):
+            theta = np.clip(end.theta + way * span[:, k], *bounds.T)
+            promised = float(column @ column) * way**2 + 2.0 * slope * way
+            rise = misfit.sum(theta, frf) - here.total
+            ratios.append((rise / promised if promised > 0.0 else np.inf, theta))
+        ratio, theta = min(ratios, key=lambda one: one[0])
+        found.append((ratio, k, theta))
+    return [theta for ratio, _, theta in sorted(found, key=lambda one: one[:2])[:kept] if np.isfinite(ratio)]
+
+
+def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:
+    """The lowest of some changes drawn from the prior, as further starts.
+
+    Tables of changes at single bolts start from discrete levels and from the damping of the prior; of small changes of everything at once
+    they see nothing.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    shapes : Shapes
+    bounds : (size, 2) float array
+    draws, kept, seed : int
+        Draws, those of them to begin at, and the seed.
+
+    Returns
+    -------
+    dict of str to (size,) float array
+        The same for the same input.
+    """
+    rng = np.random.default_rng(seed)
+    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
+    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
+    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:kept]
+    return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
 
 
 def descend(

@@ -67,7 +67,7 @@ class FrfModel:
         return self.values(self.parameters.dynamic(theta, self.s))
 
     def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
-        """FRFs at states that differ from theta in some stiffnesses: only the terms that differ are solved for."""
+        """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for."""
         if self.ports is None:
             return self.frf
         P, D = self.parameters, self.parameters.dynamic(theta, self.s)
@@ -318,15 +318,15 @@ class Misfit:
         """Mean absolute difference in dB, as in ``Evaluation``."""
         return float(np.mean(np.abs(decibel(y) - self.target)[self.valid]))
 
-    def data_sum(self, theta: Floats) -> float:
-        """Sum of squares of the data residuals, without derivatives."""
-        y = self.model.frf(theta)
+    def data_sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
+        """Sum of squares of the data residuals, without derivatives; with another way to the same FRFs, see ``FrfModel.nearby``."""
+        y = (frf or self.model.frf)(theta)
         own, _, _ = self._data(y, np.zeros((*y.shape, 0), dtype=complex))
         return float(own @ own)
 
-    def sum(self, theta: Floats) -> float:
+    def sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
         """Sum of squares of data and penalty, without derivatives."""
-        return self.data_sum(theta) + self.eta * self.departures(theta)
+        return self.data_sum(theta, frf) + self.eta * self.departures(theta)
 
     def departures(self, theta: Floats) -> float:
         """Sum of squares of the penalty before it is weighted by eta [decade²]."""

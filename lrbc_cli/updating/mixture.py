@@ -82,8 +82,8 @@ class ChangeSamples:
     neighbours : sequence of (int, int)
         Pairs of positions that lie side by side along an edge.
     prior : BoltPrior
-    alternatives : sequence of ((b,) bool array, float)
-        Loose bolts of each state about which it was linearised, and its share of the samples: its posterior probability among them.
+    alternatives : sequence of ((b,) float array, float)
+        Changes at each state about which it was linearised [decades], and its share of the samples: its posterior probability among them.
     """
 
     bolts: NDArray[np.int64]
@@ -93,7 +93,7 @@ class ChangeSamples:
     kinds: Bools
     neighbours: Sequence[tuple[int, int]] = ()
     prior: BoltPrior = BOLT_PRIOR
-    alternatives: Sequence[tuple[Bools, float]] = ()
+    alternatives: Sequence[tuple[Floats, float]] = ()
 
     @property
     def inclusion(self) -> Floats:

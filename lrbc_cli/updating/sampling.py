@@ -172,12 +172,12 @@ def sample_changes(
     count = np.round(sweeps * np.exp(evidence - logsumexp(evidence))).astype(int)
     hats, rng = along_edges(problem.neighbours, problem.joint), np.random.default_rng(seed)
     parts: list[tuple[Floats, Floats, Floats]] = []
-    alternatives: list[tuple[NDArray[np.bool_], float]] = []
+    alternatives: list[tuple[Floats, float]] = []
     for state, own in zip([best, *rest], count.tolist(), strict=True):
         if own:
             about = more if state is best else beyond(problem, prior, state, rounds=1)[1]
             parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
-            alternatives.append((state.kinds, own / int(count.sum())))
+            alternatives.append((state.z[problem.bolts], own / int(count.sum())))
     loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
     return ChangeSamples(problem.bolts, loose, means, stds, best.kinds, hats, prior, alternatives)
 

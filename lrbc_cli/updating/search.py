@@ -96,9 +96,10 @@ def search(
     bounds: Floats,
     neighbours: Sequence[tuple[int, int]] = (),
     *,
-    levels: Sequence[float] = (-0.3, -0.6, -1.0, -1.5, -2.2, -3.0),
-    width: int = 3,
-    gain: float = 0.02,
+    levels: Sequence[float] = (-0.3, -0.7, -1.2, -2.0, -3.0),
+    width: int = 2,
+    gain: float = 0.03,
+    exchanged: int = 4,
 ) -> tuple[dict[str, Floats], int]:
     """States of loosened bolts that come nearest to a measurement, as starts of a descent.
 
@@ -115,6 +116,8 @@ def search(
         Lines of descent followed side by side.
     gain : float
         A further change has to lower the misfit by this share.
+    exchanged : int
+        Changes up to which one bolt is tried for another.
 
     Returns
     -------
@@ -133,8 +136,9 @@ def search(
         nearest = sorted([*found.values(), *(state for state in beam if state.changes not in found)])[:width]
         pairs = ()
         if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
-            # One bolt for another: each put back once, and all tables without it.
-            without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in nearest[0].changes]
+            # One bolt for another: each put back once, and all tables without it. Of many, descents move what is left of one to the other.
+            few = nearest[0].changes if len(nearest[0].changes) <= exchanged else ()
+            without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
             swapped = [state for parent in without if parent.changes for state in table.table(parent)]
             nearest = sorted({state.changes: state for state in [*nearest, *swapped]}.values())[:width]
             if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:

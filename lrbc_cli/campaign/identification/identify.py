@@ -26,7 +26,7 @@ from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.places import pitch_of
@@ -172,8 +172,8 @@ class _Job:
         found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
         return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
 
-    def fit(self, measured: Complexes, relative: bool) -> _Fit:
-        """Minimise; the weight of the prior by the method."""
+    def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
+        """Minimise; the weight of the prior by the method; ``draws`` from the prior of changes are further starts."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
@@ -190,6 +190,7 @@ class _Job:
         else:
             if span is not None:
                 further, sought = search(misfit, self.shapes, bounds, self._pairs())
+                further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
             # Coarse profiles are for values in a row.
             knots = () if span is not None and self.shapes.joint.all() else (1, 3, 5, 9)
             tolerance, most = method.tolerance, method.max_iterations
@@ -205,7 +206,7 @@ class _Job:
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
         evaluations = solution.evaluations + (curve.evaluations if curve else 0)
         found = _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations)
-        return found.after(sought)
+        return found.after(0 if span is None else sought + draws)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -383,7 +384,7 @@ def _identify(
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
-    ends = [start.theta for start in sorted(solution.starts, key=lambda start: start.total)[:2]]
+    ends = [start.theta for start in sorted(solution.starts, key=lambda start: start.total)[1:2]]
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     opens = job.opens(fit)
     optimised = time.perf_counter()

@@ -279,14 +279,15 @@ def _saturated(result: Identification, column: int, parts: Sequence[Part], refer
 
 
 def alternatives(inputs: Inputs, result: Identification) -> list[tuple[tuple[str, ...], float]]:
-    """Loose bolts of each of several states of nearly equal posterior probability, and that probability; empty where there is one."""
-    if result.changes is None or inputs.bolts is None or len(result.changes.alternatives) < 2:
+    """Loose bolts of each of several states of nearly equal posterior probability, and that probability; empty where they agree."""
+    if result.changes is None or inputs.bolts is None:
         return []
-    columns = result.posterior.shapes.bolts
-    return [
-        (tuple(name for name, column in zip(inputs.bolts.name, columns, strict=True) if column in result.changes.bolts[kinds]), share)
-        for kinds, share in result.changes.alternatives
-    ]
+    columns, found = result.posterior.shapes.bolts, dict[tuple[str, ...], float]()
+    for changes, share in result.changes.alternatives:
+        loose = result.changes.bolts[changes <= inputs.method.rule.mixture_change]
+        names = tuple(name for name, column in zip(inputs.bolts.name, columns, strict=True) if column in loose)
+        found[names] = found.get(names, 0.0) + share
+    return sorted(found.items(), key=lambda one: -one[1]) if len(found) > 1 else []
 
 
 def remarks(inputs: Inputs, result: Identification) -> list[str]:
