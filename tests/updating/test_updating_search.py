@@ -1,0 +1,92 @@
+"""The search over changes at bolts: what gradients do not see, it finds; on exact data it ends no worse than at the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pads import PADS, S, pads_model, pads_ports
+from sharp import sharp_misfit
+
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.levels import descend, gauss_newton_by_levels, hops
+from lrbc_cli.updating.misfit import Misfit, port_model
+from lrbc_cli.updating.search import search
+from lrbc_cli.updating.shapes import Shapes
+
+PAIRS = [(k, k + 1) for k in range(PADS - 1)]
+
+
+def joints(changes: dict[int, float], *, eta: float = 1e-6) -> tuple[Misfit, Parameterisation, Shapes, np.ndarray]:
+    """Pads as joints: each value is a bolt's own; the measurement is the model's own with some of them loosened."""
+    model, parameters = pads_model(None, initial=4.5, bounds=(0.0, 7.0))
+    truth = parameters.initial.copy()
+    for bolt, change in changes.items():
+        truth[bolt] += change
+    frf = port_model(pads_ports(model), parameters)
+    bolts = np.arange(PADS)
+    shapes = Shapes(np.eye(parameters.size), np.ones(parameters.size), bolts, np.ones(PADS, dtype=bool))
+    return Misfit(frf, frf.frf(truth), parameters.initial, eta, shapes.penalty()), parameters, shapes, truth
+
+
+def solve(misfit: Misfit, parameters: Parameterisation, shapes: Shapes):
+    starts, _ = search(misfit, shapes, parameters.bounds, PAIRS)
+    return gauss_newton_by_levels(misfit, misfit.prior, parameters.bounds, further=starts, span=shapes.T, knots=(), tolerance=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_exact_data_end_no_worse_than_at_the_truth(seed: int) -> None:
+    """One to half of the joints less 0.3 to 3 decades."""
+    rng = np.random.default_rng(seed)
+    loose = rng.permutation(PADS)[: rng.integers(1, PADS // 2 + 1)]
+    misfit, parameters, shapes, truth = joints({int(b): -float(rng.uniform(0.3, 3.0)) for b in loose})
+    solution = solve(misfit, parameters, shapes)
+    assert solution.evaluation.total <= 1.01 * misfit(truth).total
+    change = solution.theta[:PADS] - misfit.prior[:PADS]
+    assert set(np.flatnonzero(change < -0.15)) == set(loose.tolist())
+
+
+def test_a_descent_from_the_tight_state_alone_does_not_find_it() -> None:
+    """Why there is a search: two of ten joints loose, and the gradient of the tight state leads elsewhere."""
+    misfit, parameters, shapes, truth = joints({4: -1.8, 8: -1.4})
+    alone = descend(misfit, misfit.prior, parameters.bounds, shapes.T, tolerance=1e-8)
+    assert alone.evaluation.misfit_db > 0.5
+    assert solve(misfit, parameters, shapes).evaluation.total <= 1.01 * misfit(truth).total
+
+
+def test_the_starts_are_described_and_counted() -> None:
+    misfit, parameters, shapes, _ = joints({3: -1.2})
+    starts, evaluations = search(misfit, shapes, parameters.bounds, PAIRS)
+    assert next(iter(starts)) == "table of changes: bolt 4 by -1.2"
+    assert evaluations > PADS * 5
+    for theta in starts.values():
+        assert np.all((theta >= parameters.bounds[:, 0]) & (theta <= parameters.bounds[:, 1]))
+
+
+def test_without_bolts_there_is_nothing_to_search() -> None:
+    misfit, parameters, shapes, _ = joints({})
+    none = dataclasses.replace(shapes, bolts=np.full(PADS, -1))
+    assert search(misfit, none, parameters.bounds) == ({}, 0)
+
+
+def test_tables_are_what_full_evaluations_give() -> None:
+    misfit, parameters, _, truth = joints({2: -1.0, 7: -0.4})
+    frf = misfit.model.nearby(truth)
+    other = truth.copy()
+    other[[0, 7]] -= [2.0, 1.0]
+    np.testing.assert_allclose(frf(other), misfit.model.frf(other), rtol=1e-9)
+    np.testing.assert_allclose(frf(truth), misfit.model.frf(truth), rtol=1e-9)
+    assert misfit.sum(other, frf) == pytest.approx(misfit.sum(other), rel=1e-9)
+    assert parameters.dynamic(truth, S).shape == (S.size, PADS)
+
+
+def test_hops_pass_the_ridge_between_two_valleys() -> None:
+    """One value, lines wider apart than the peaks: beside an end in a wrong valley there are places that lead out of it."""
+    misfit = sharp_misfit(3.0, beta=1e-6)
+    bounds = misfit.model.parameters.bounds
+    stuck = descend(misfit, np.array([3.2]), bounds, np.eye(1))
+    assert stuck.evaluation.misfit_db > 1.0
+    places = hops(misfit, stuck, bounds, np.eye(1))
+    assert len(places) == 1
+    assert min(descend(misfit, place, bounds, np.eye(1)).evaluation.total for place in places) < stuck.evaluation.total
