@@ -38,7 +38,7 @@ class DecisionRule:
         Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB].
     misfit_margin : float
         Mean misfit above that of the reference job, over the same channels, from which on the state is not explained either [dB]. A choice:
-        states of the samples lie within 0.3 of their reference.
+        states of the samples lie within 0.3 of their reference. No less than ``largest_misfit`` where that is given.
     scatter_margin : float
         Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
         lies beyond four.

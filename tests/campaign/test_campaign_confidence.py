@@ -34,7 +34,7 @@ class Made:
         self.parameters = self.study.parameters(self.hz)
         bolts = self.study.inputs.bolts
         assert bolts is not None
-        self.shapes = bolt_shapes(self.parameters, bolts.xyz, self.study.inputs.campaign.update.prior_std)
+        self.shapes = bolt_shapes(self.parameters, bolts.xyz, self.study.inputs.statistics.values)
         self.rng = np.random.default_rng(0)
 
     def frf(self, theta: np.ndarray) -> np.ndarray:

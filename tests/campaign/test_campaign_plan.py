@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     parameters, _ = parameterise(inputs, source, s)
     theta = stored_theta(parameters, read_job(folder.out, "tight"))
     assert theta is not None
-    model, shapes = source.model(s, parameters), bolt_shapes(parameters, inputs.bolts.xyz, 0.35)
+    model, shapes = source.model(s, parameters), bolt_shapes(parameters, inputs.bolts.xyz)
     rng = np.random.default_rng(5)
     for name in BOLTS:
         column = shapes.T[:, shapes.bolts[inputs.bolts.name.index(name)]]

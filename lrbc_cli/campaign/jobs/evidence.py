@@ -73,7 +73,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         prior_std=inputs.statistics.values.std,
         compared=compared,
         misfit_db=misfit,
-        reference_misfit_db=_reference_misfit(inputs, reference, compared),
+        reference_misfit_db=_reference_misfit(result, reference, compared),
         unvalidated=unvalidated,
         repeats=_repeats(inputs, result, reference),
         setting=setting,
@@ -112,9 +112,9 @@ def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float |
     return None, None, why
 
 
-def _reference_misfit(inputs: Inputs, reference: JobRecord | None, compared: str | None) -> float | None:
-    """Mean misfit of the reference job over the same channels."""
-    if reference is None or reference.job != inputs.campaign.update.reference:
+def _reference_misfit(result: Identification, reference: JobRecord | None, compared: str | None) -> float | None:
+    """Mean misfit of the reference job over the same channels, where changes against it were identified."""
+    if reference is None or not result.against_reference:
         return None
     return reference.misfit_db.held_out_final if compared == VALIDATION else reference.misfit_db.final
 
