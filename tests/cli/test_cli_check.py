@@ -220,10 +220,10 @@ def test_terms_of_a_list_share_parameters(tmp_path: Path) -> None:
     assert group.xyz is None
     (folder.data / "terms.csv").write_text("dof,parameter,x,y,z\n0,left,0,0,0\n1,left,0.2,0,0\n2,right,0.5,0,0\n3,right,0.7,0,0\n")
     np.testing.assert_allclose(folder.inputs().groups[0].xyz, [[0.1, 0, 0], [0.6, 0, 0]])
-    (folder.data / "terms.csv").write_text("dof,bolt\n0,B1\n1,B2\n")
+    (folder.data / "terms.csv").write_text("dof,screw\n0,B1\n1,B2\n")
     result = folder.run("check")
     assert result.code == 3
-    for part in ("terms.csv", "'bolt'", "would not be used", "dof, parameter, x, y, z"):
+    for part in ("terms.csv", "'screw'", "would not be used", "dof, parameter", "x, y, z"):
         assert part in result.stderr
 
 
