@@ -19,6 +19,7 @@ from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso
+from lrbc_cli.updating.lines import unresolved
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -182,6 +183,12 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
+        sharp, peaks = unresolved(measurement.values[:, inputs.used])
+        if 2 * sharp > peaks:
+            out.warnings.append(
+                f"job {name}: the lines do not resolve the peaks: {sharp} of {peaks} fall by more than 6 dB to both neighbouring lines, so "
+                "that levels there say little; measure with closer lines, or expect wide intervals and other valleys of the cost"
+            )
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]

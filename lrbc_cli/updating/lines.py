@@ -81,3 +81,30 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
                     keep[at] = True
                     at += direction
     return keep
+
+
+def unresolved(measured: Complexes, *, prominence_db: float = 6.0, drop_db: float = 6.0) -> tuple[int, int]:
+    """How many peaks of FRFs fall by more than ``drop_db`` to both neighbouring lines, and how many peaks there are.
+
+    At the half-power points a resonance lies 3 dB below its peak: where lines are no further apart than those, one of the two lines beside
+    a peak lies within that.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        NaN where a response was not measured.
+    prominence_db : float
+        Of what counts as a peak.
+    drop_db : float
+        A choice, that noise and the place of the peak between two lines do not reach where it is resolved.
+    """
+    sharp = total = 0
+    for response in measured.T:
+        valid = np.isfinite(response) & (np.abs(response) > 0)
+        if valid.sum() < 3:
+            continue
+        level = decibel(response[valid])
+        peaks = peaks_of(level, prominence=prominence_db)
+        total += peaks.size
+        sharp += int(np.count_nonzero(level[peaks] - np.maximum(level[peaks - 1], level[peaks + 1]) > drop_db))
+    return sharp, total

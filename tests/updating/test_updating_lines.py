@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.lines import RESONANCES, resonance_lines
+from lrbc_cli.updating.lines import RESONANCES, resonance_lines, unresolved
 
 F = np.arange(20.0, 401.0)
 
@@ -91,3 +91,13 @@ def test_coarse_lines_keep_two_neighbours():
     coarse = np.arange(20.0, 401.0, 10.0)
     chosen = coarse[resonance_lines(coarse, modal([100.0], [[1.0]], loss=0.2, f=coarse))]
     assert {80.0, 90.0, 100.0, 110.0, 120.0} <= set(chosen)
+
+
+def test_lines_wider_apart_than_the_peaks_are_told() -> None:
+    """Half-power widths of 6 and of 0.06 Hz, lines 2 Hz apart."""
+    f = np.arange(20.0, 400.0, 2.0)
+    for damping, most_sharp in ((0.03, False), (3e-4, True)):
+        H = sum(1.0 / (f0**2 - f**2 + 2j * damping * f0 * f) for f0 in np.linspace(50.7, 380.3, 9))
+        sharp, peaks = unresolved(np.column_stack([H, np.full(f.size, np.nan)]))
+        assert peaks >= 5
+        assert (2 * sharp > peaks) == most_sharp
