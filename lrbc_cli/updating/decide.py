@@ -38,7 +38,8 @@ class DecisionRule:
         Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB].
     misfit_margin : float
         Mean misfit above that of the reference job, over the same channels, from which on the state is not explained either [dB]. A choice:
-        states of the samples lie within 0.3 of their reference. No less than ``largest_misfit`` where that is given.
+        states of the samples lie within 0.3, of virtual rigs within 0.9 of their reference. No less than ``largest_misfit`` where that is
+        given.
     scatter_margin : float
         Standard deviations of the changes between tight states that the threshold keeps from zero: of a normal distribution 1 in 30 000
         lies beyond four.
@@ -59,7 +60,7 @@ class DecisionRule:
     mixture_change: float = -0.35
     confidence: float = 0.95
     largest_misfit: float = 3.0
-    misfit_margin: float = 1.0
+    misfit_margin: float = 1.5
     scatter_margin: float = 4.0
     joint_margin: float = 2.5
     joint_spread: float = 0.5
