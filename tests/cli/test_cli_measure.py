@@ -87,6 +87,7 @@ def waiting_for(tmp_path: Path) -> tuple[Folder, Path, Path]:
     return folder, waiting, new
 
 
+@pytest.mark.slow
 def test_go_on_is_said_only_of_what_is_clear(tmp_path: Path) -> None:
     """A second tight measurement, and beside it a file of no job."""
     folder, waiting, new = waiting_for(tmp_path)
