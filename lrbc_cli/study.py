@@ -279,7 +279,7 @@ class Study:
         if unknown := set(rule) - {"confidence", "loose_change", "largest_misfit"}:
             raise ConfigError("not part of the decision rule", expected=expected, found=", ".join(sorted(unknown)))
         try:
-            update = type(update).model_validate(update.model_dump(by_alias=True) | rule)
+            update = type(update).model_validate(update.model_dump(by_alias=True, exclude_unset=True) | rule)
         except ValueError as error:
             raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
         return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_records(other.record for other in baselines))

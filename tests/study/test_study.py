@@ -104,6 +104,11 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert again.verdicts == loose.verdicts
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
+    # Another rule for one number leaves the margin above the reference job as it was.
+    poor = replace(loose, evidence=replace(loose.evidence, reference_misfit_db=0.1, misfit_db=2.0))
+    for rule in ({}, {"confidence": 0.9}):
+        assert study.judge(poor, **rule).validity.passed is False
+    assert study.judge(poor, largest_misfit=2.5).validity.passed is not False
     cautious = study.judge(loose, confidence=1 - 1e-12).bolts
     assert [v.verdict for v in study.judge(loose).bolts] == list(loose.verdicts.values())
     assert sum(v.verdict == "tight" for v in cautious) < sum(v == "tight" for v in loose.verdicts.values())
