@@ -206,6 +206,8 @@ class Evidence:
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str
         On the measurement; what the user has to act on; the rest.
+    alternatives : tuple of (tuple of float or None, float)
+        States of nearly equal posterior probability: the change of each bolt [decades], None where it has none, and that probability.
     """
 
     job: str
@@ -224,6 +226,7 @@ class Evidence:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reference_misfit_db: float | None = None
+    alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,11 +300,14 @@ class Judgement:
         In the order of the evidence.
     implausible : tuple of str
         Bolts that come out tighter than in the tight state by more than their prior allows.
+    alternatives : tuple of (tuple of str, float)
+        Bolts below their threshold in each of several states of nearly equal posterior probability; empty where these agree.
     """
 
     validity: Validity
     bolts: tuple[BoltVerdict, ...]
     implausible: tuple[str, ...]
+    alternatives: tuple[tuple[tuple[str, ...], float], ...] = ()
 
 
 def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
@@ -350,7 +356,17 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: floa
     found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in evidence.bolts)
     limit = rule.implausible_rise * evidence.prior_std
     rises = tuple(v.name for v in found if v.change_std is not None and v.change is not None and v.change > limit)
-    return Judgement(validity=valid, bolts=found, implausible=rises)
+    several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
+    return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several)
+
+
+def _alternatives(evidence: Evidence, verdicts: Sequence[BoltVerdict]) -> tuple[tuple[tuple[str, ...], float], ...]:
+    found = dict[tuple[str, ...], float]()
+    for changes, share in evidence.alternatives:
+        both = zip(verdicts, changes, strict=True)
+        loose = tuple(v.name for v, change in both if change is not None and v.threshold is not None and change <= v.threshold)
+        found[loose] = found.get(loose, 0.0) + share
+    return tuple(sorted(found.items(), key=lambda one: -one[1])) if len(found) > 1 else ()
 
 
 def _verdict(

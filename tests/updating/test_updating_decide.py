@@ -246,3 +246,25 @@ def test_scatter_is_the_rms_of_judged_changes() -> None:
     assert scatter_of([]) == 0.0
     found = scatter_of([[tight(0.3), tight(None), tight(9.0, None)], [tight(-0.4), tight(9.0, word="undecided")]])
     assert found == pytest.approx(np.sqrt((0.09 + 0.16) / 2))
+
+
+class TestAlternatives:
+    """States of nearly equal probability, by the bolts that lie below their thresholds there."""
+
+    STATES = (((-1.0, 0.0), 0.5), ((0.0, -1.0), 0.3), ((-0.9, -0.2), 0.2))
+    BOLTS = (replace(changed(-0.7, 0.5), name="B07"), replace(changed(-0.3, 0.5), name="B08"))
+
+    def test_equal_ones_are_one(self) -> None:
+        found = judge(evidence(*self.BOLTS, alternatives=self.STATES), RULE)
+        assert [names for names, _ in found.alternatives] == [("B07",), ("B08",)]
+        assert [share for _, share in found.alternatives] == pytest.approx([0.7, 0.3])
+
+    def test_they_follow_the_rule(self) -> None:
+        """Judged anew they are what they were if identified anew."""
+        found = judge(evidence(*self.BOLTS, alternatives=self.STATES), replace(RULE, loose_change=-0.15))
+        assert [names for names, _ in found.alternatives] == [("B07",), ("B08",), ("B07", "B08")]
+        assert judge(evidence(*self.BOLTS, alternatives=self.STATES), replace(RULE, loose_change=-2.0)).alternatives == ()
+
+    def test_without_a_verdict_there_are_none(self) -> None:
+        assert judge(evidence(*self.BOLTS, alternatives=self.STATES, misfit_db=9.0), RULE).alternatives == ()
+        assert judge(evidence(*self.BOLTS, alternatives=self.STATES), RULE, "baseline").alternatives == ()

@@ -79,7 +79,8 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
-        notes=(*result.notes, *remarks(inputs, result)),
+        notes=(*result.notes, *remarks(result)),
+        alternatives=_alternatives(inputs, result),
     )
 
 
@@ -278,24 +279,18 @@ def _saturated(result: Identification, column: int, parts: Sequence[Part], refer
     return (max(min(above), 0.0), max(-min(above), 0.0)) if above else (0.0, None)
 
 
-def alternatives(inputs: Inputs, result: Identification) -> list[tuple[tuple[str, ...], float]]:
-    """Loose bolts of each of several states of nearly equal posterior probability, and that probability; empty where they agree."""
+def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[float | None, ...], float], ...]:
+    """Changes of all bolts in each state that was sampled about, and its posterior probability among them."""
     if result.changes is None or inputs.bolts is None:
-        return []
-    columns, found = result.posterior.shapes.bolts, dict[tuple[str, ...], float]()
-    for changes, share in result.changes.alternatives:
-        loose = result.changes.bolts[changes <= inputs.method.rule.mixture_change]
-        names = tuple(name for name, column in zip(inputs.bolts.name, columns, strict=True) if column in loose)
-        found[names] = found.get(names, 0.0) + share
-    return sorted(found.items(), key=lambda one: -one[1]) if len(found) > 1 else []
+        return ()
+    order, columns = result.changes.bolts.tolist(), result.posterior.shapes.bolts.tolist()
+    states = ((dict(zip(order, changes.tolist(), strict=True)), share) for changes, share in result.changes.alternatives)
+    return tuple((tuple(found.get(column) for column in columns), share) for found, share in states)
 
 
-def remarks(inputs: Inputs, result: Identification) -> list[str]:
-    """What a reader of the result should know: limits that do not exist, values at their bounds, other states that fit as well."""
+def remarks(result: Identification) -> list[str]:
+    """What a reader of the result should know: limits that do not exist, values at their bounds."""
     found = []
-    several = [f"{', '.join(names) or 'none'} ({share:.2f})" for names, share in alternatives(inputs, result)]
-    if several:
-        found.append(f"states of nearly equal posterior probability, by their loose bolts: {'; or '.join(several)}")
     for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
         limits = result.saturations.get(group.name)
         if limits is not None and not limits.found:

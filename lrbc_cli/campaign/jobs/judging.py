@@ -49,6 +49,8 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
     warnings += [*evidence.warnings, *suspects(judgement)]
     unvalidated = [valid.reason] if valid.passed is None else []
+    several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives]
+    states = [f"states of nearly equal posterior probability, by their loose bolts: {'; or '.join(several)}"] if several else []
     status, reason = evidence.status, evidence.reason
     if not valid.explained:
         status, reason = UNEXPLAINED, f"{valid.reason}: no verdicts ({status}: {reason}); {evidence.setting}"
@@ -57,6 +59,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
         "reason": reason,
         "removed": list(campaign.jobs[name].removed) if states_removed(inputs) else None,
         "bolts": bolt_trees(inputs, evidence, judgement),
+        "alternatives": [{"loose": list(loose), "probability": share} for loose, share in judgement.alternatives],
         "taken_as_tight": taken_as_tight(update, name, judgement),
         "validity": {
             **asdict(valid),
@@ -65,7 +68,14 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
         "scatter": scatter,
         "decision_rule": asdict(inputs.method.rule),
         "warnings": warnings,
-        "notes": [*evidence.data_warnings, *warnings, *unvalidated, *evidence.notes, *implausible(inputs.method.rule, evidence, judgement)],
+        "notes": [
+            *evidence.data_warnings,
+            *warnings,
+            *unvalidated,
+            *states,
+            *evidence.notes,
+            *implausible(inputs.method.rule, evidence, judgement),
+        ],
     }
 
 

@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.jobs.evidence import alternatives, bands, effective, evidence_of, write_evidence
+from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
 from lrbc_cli.campaign.jobs.standing import rests_on
@@ -149,7 +149,6 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             "shape": "normal" if result.changes is None else "mixture",
             "comparison": "relative" if result.relative else "direct",
         },
-        "alternatives": [{"loose": list(names), "probability": share} for names, share in alternatives(inputs, result)],
         "method": inputs.method.tree(),
         "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
         "iterations": solution.iterations,
