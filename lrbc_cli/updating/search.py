@@ -51,11 +51,17 @@ class Search:
         Of theta.
     levels : sequence of float
         Changes that are tried [decades], from a slight loss to a bolt that is all but free.
+
+    Attributes
+    ----------
+    columns : list of int
+        Of the bolts that are searched.
+    evaluations : int
     """
 
     def __init__(self, misfit: Misfit, shapes: Shapes, bounds: Floats, levels: Sequence[float]) -> None:
         self._misfit, self._T, self._bounds, self._levels = misfit, shapes.T, bounds, levels
-        self._columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
+        self.columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
         self.evaluations = 0
         self._known: dict[Changes, Combination] = {}
 
@@ -84,7 +90,7 @@ class Search:
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
         frf, own = self._near(state.changes), dict(state.changes)
-        for columns in [*((column,) for column in self._columns), *pairs]:
+        for columns in [*((column,) for column in self.columns), *pairs]:
             for level in (0.0, *self._levels):
                 changed = own | dict.fromkeys(columns, level)
                 yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
@@ -129,8 +135,8 @@ def search(
         Evaluations.
     """
     table = Search(misfit, shapes, bounds, levels)
-    width = width or (8 if shapes.joint.all() else 2)
-    if not table._columns:
+    width = width or (8 if shapes.joints_only else 2)
+    if not table.columns:
         return {}, 0
     best = table.start()
     beam, pairs = [best], neighbours

@@ -45,6 +45,11 @@ class Shapes:
         """Whether the unknowns are changes at bolts."""
         return bool(self.bolts.size)
 
+    @property
+    def joints_only(self) -> bool:
+        """Whether every bolt that has a column is a joint; those that no term feels do not count."""
+        return self.by_bolt and bool(self.joint[self.bolts >= 0].all())
+
     def penalty(self) -> Floats:
         """(m, size) rows that give ``z / std`` from ``theta - prior`` for theta in the span, the least change outside it ignored."""
         weight = np.where(np.isfinite(self.std), 1.0 / self.std, 0.0)

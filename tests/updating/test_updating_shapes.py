@@ -214,6 +214,9 @@ class TestJoints:
         found = bolt_shapes(Parameterisation((joint_group("axial", [1]),)), np.zeros((3, 3)))
         assert (found.bolts >= 0).tolist() == [False, True, False]
         assert found.joint.tolist() == [False, True, False]
+        # What no term feels makes no edge of a structure that has none.
+        assert found.joints_only
+        assert not bolt_shapes(Parameterisation((group(),)), along(*BOLTS)).joints_only
 
     @pytest.mark.parametrize(
         ("places", "expected"),

@@ -192,7 +192,7 @@ class _Job:
                 further, sought = search(misfit, self.shapes, bounds, self._pairs())
                 further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
             # Coarse profiles are for values in a row.
-            knots = () if span is not None and self.shapes.joint.all() else (1, 3, 5, 9)
+            knots = () if self.shapes.joints_only else (1, 3, 5, 9)
             tolerance, most = method.tolerance, method.max_iterations
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
