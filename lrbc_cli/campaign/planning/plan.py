@@ -144,7 +144,7 @@ def make_plan(
     )
     found = question.experiment()
     draws: dict[int, list[Draw]] = {}
-    assumes = [f"state: {about.state.words}", *_linearised(inputs, by, question.change, request.draws)]
+    assumes = [f"state: {about.state.words}", *_linearised(inputs, by, question.change, request.draws, joints=shapes.joints_only)]
     rehearsal = question.rehearsal() if by == "bolts" and question.change < 0 and request.draws > 0 and found.change.any() else None
     if rehearsal is not None:
         draws = rehearse(rehearsal, [(int(n), int(found.columns[n])) for n in np.flatnonzero(found.change)], request.draws, progress)
@@ -379,9 +379,10 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
     return targets
 
 
-def _linearised(inputs: Inputs, by: str, change: float, draws: int) -> list[str]:
+def _linearised(inputs: Inputs, by: str, change: float, draws: int, *, joints: bool) -> list[str]:
     """What figures assume that no rehearsal stands behind."""
-    update, std = inputs.campaign.update, inputs.statistics.values.std
+    update, values = inputs.campaign.update, inputs.statistics.values
+    std = values.joint_std if joints else values.std
     if by == "values":
         why = "values along the edges are not bolts that it judges"
     elif change > 0:

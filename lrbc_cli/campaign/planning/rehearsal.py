@@ -252,8 +252,10 @@ class Rehearsal:
         rng = np.random.default_rng([SEED, draw, bolt + 1])
         shapes = self.setting.shapes
         z = np.zeros(shapes.T.shape[1])
-        bolts = np.unique(shapes.bolts[shapes.bolts >= 0])
-        z[bolts] = inputs.statistics.bolts.tight_std * rng.standard_normal(bolts.size)
+        bolts, first = np.unique(shapes.bolts, return_index=True)
+        felt, prior = bolts >= 0, inputs.statistics.bolts
+        spread = np.where(shapes.joint[first[felt]], prior.joint_tight_std, prior.tight_std)
+        z[bolts[felt]] = spread * rng.standard_normal(spread.size)
         z[column] = self.setting.change
         theta = np.clip(self.theta + shapes.T @ z, *self.parameters.bounds.T)
         drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
@@ -326,12 +328,15 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
         Where the noise is from.
     """
     setting, update = rehearsal.setting, rehearsal.inputs.campaign.update
-    errors, tight_std = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts.tight_std
+    errors, prior = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts
+    joints = setting.shapes.joints_only
+    through = "" if joints else " through its own shape, which reaches to its neighbours along the edge"
     told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
     drifts = ", ".join(dict.fromkeys(kinds[nuisance.kind] for nuisance in rehearsal.nuisances))
-    mixture, std = mixes(rehearsal.inputs), rehearsal.inputs.statistics.values.std
+    values, mixture = rehearsal.inputs.statistics.values, mixes(rehearsal.inputs)
+    std, scatter = (values.joint_std, prior.joint_tight_std) if joints else (values.std, prior.tight_std)
     reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [
         *reference,
@@ -339,8 +344,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
         f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "
         f"{100 * update.confidence:g} %",
-        f"a bolt alone loses {abs(setting.change):g} decades through its own shape, which reaches to its neighbours; tight ones scatter by "
-        f"{tight_std:g}",
+        f"a bolt alone loses {abs(setting.change):g} decades{through}; tight ones scatter by {scatter:g}",
         f"model discrepancy {setting.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
         f"{100 * rehearsal.detuned:.2g} % beside the model's",
         f"errors of the changes that the model predicts: {100 * errors.shift_error:g} % of the shift of a resonance, "
