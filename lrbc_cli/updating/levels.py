@@ -145,7 +145,7 @@ def gauss_newton_by_levels(
     knots: Sequence[int] = (1, 3, 5, 9),
     coarse_tolerance: float = 1e-3,
     coarse_iterations: int = 25,
-    first_iterations: int = 8,
+    first_iterations: tuple[int, int] = (3, 8),
     hop_rounds: int = 3,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
@@ -166,8 +166,9 @@ def gauss_newton_by_levels(
         Values along an edge at each level before the full one.
     coarse_tolerance, coarse_iterations
         Stop rule of these levels.
-    first_iterations : int
-        Of each descent where there is a span: only the best of them goes on to its end.
+    first_iterations : (int, int)
+        Where there is a span: of each descent, and of the better half of them; only the best goes on to its end (successive halving,
+        Jamieson and Talwalkar, AISTATS 2016).
     hop_rounds : int
         How often valleys beside that end are looked for, see ``hops``.
 
@@ -195,7 +196,7 @@ def gauss_newton_by_levels(
         totals.append(value.total if np.isfinite(value.total) else np.inf)
     iterations = 0
     ends: list[tuple[str, Solution]] = []
-    starts = basins(totals)
+    starts = [at for at in basins(totals) if not at or not np.array_equal(trials[at], first)]
     if span is None and len(trials) > 1:
         nearest, least_db = first, np.inf
         for place, found in zoom(seen, trials[starts[0]], bounds, _moved(parameters).astype(float)):
@@ -204,13 +205,26 @@ def gauss_newton_by_levels(
             nearest, least_db = (place, found.misfit_db) if found.misfit_db < least_db else (nearest, least_db)
         further = {"the uniform value found by smaller steps": nearest} | dict(further or {})
 
-    limit = max_iterations if span is None else min(first_iterations, max_iterations)
+    few, more = (min(count, max_iterations) for count in ((max_iterations, max_iterations) if span is None else first_iterations))
 
     def finish(description: str, theta: Floats) -> int:
-        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=limit)
+        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=few)
         note(last.history)
         ends.append((description, last))
         return last.iterations
+
+    def go_on(at: int, limit: int) -> int:
+        description, end = ends[at]
+        if end.status != "stopped" or end.iterations >= limit:
+            return 0
+        last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=limit - end.iterations)
+        note(last.history)
+        ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
+        return last.iterations
+
+    def halve(begin: int) -> int:
+        order = sorted(range(begin, len(ends)), key=lambda at: ends[at][1].evaluation.total)
+        return sum(go_on(at, more) for at in order[: (len(order) + 1) // 2])
 
     for at in starts:
         theta = trials[at]
@@ -232,21 +246,20 @@ def gauss_newton_by_levels(
     least = min(end.evaluation.total for _, end in ends)
     if seen.theta is not None and seen.evaluation is not None and not seen.evaluation.total >= (1 - ROUND_OFF) * least:
         iterations += finish("the best place seen on the way", seen.theta)
+    iterations += halve(0)
     hopped = 0
-    while span is not None and limit < max_iterations:
+    while span is not None and more < max_iterations:
         at = int(np.argmin([end.evaluation.total for _, end in ends]))
+        iterations += go_on(at, max_iterations)
         description, end = ends[at]
-        if end.status == "stopped" and end.iterations < max_iterations:
-            last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=max_iterations - end.iterations)
-            note(last.history)
-            iterations += last.iterations
-            ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
-        reached = ends[at][1].evaluation.total
-        for theta in hops(misfit, ends[at][1], bounds, span) if np.isfinite(reached) else ():
+        reached, before = end.evaluation.total, len(ends)
+        for theta in hops(misfit, end, bounds, span) if np.isfinite(reached) else ():
             iterations += finish(f"a hop beside '{description}'", theta)
+        iterations += halve(before)
         hopped += 1
         if hopped == hop_rounds or not min(end.evaluation.total for _, end in ends) < (1.0 - tolerance) * reached:
             break
+    iterations += go_on(int(np.argmin([end.evaluation.total for _, end in ends])), max_iterations)
     # The first of equals, also where a cost is not finite.
     kept = 0
     for i, (_, end) in enumerate(ends):
