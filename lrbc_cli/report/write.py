@@ -5,9 +5,13 @@ from __future__ import annotations
 import difflib
 import logging
 import multiprocessing
-from collections.abc import Callable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report.drawing.chart import Chart
@@ -195,12 +199,31 @@ def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) 
     if workers > 1 and len(todo) >= _WORTH_PROCESSES:
         # Spawned: a fork would copy the threads of numerical libraries in a state of their own.
         with ProcessPoolExecutor(min(workers, len(todo)), mp_context=multiprocessing.get_context("spawn")) as pool:
-            for _ in pool.map(_draw_one, todo, chunksize=8):
+            with _interruption_held_back():
+                drawn = pool.map(_draw_one, todo, chunksize=8)
+            for _ in drawn:
                 pass
     else:
         for task in todo:
             _draw_one(task)
     return len(todo)
+
+
+@contextmanager
+def _interruption_held_back() -> Iterator[None]:
+    """Until processes have begun: one that loses its parent before it has read what it is to do prints a traceback."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if came:
+        handler(*came[-1])
 
 
 def _draw_one(task: _Task) -> None:

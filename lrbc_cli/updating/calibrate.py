@@ -25,6 +25,7 @@ from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.priors import CALIBRATION_PRIOR
 from lrbc_cli.updating.residuals import ResidualOptions
+from lrbc_cli.updating.starts import group_levels
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
 
@@ -310,8 +311,9 @@ def fit_factors(
     places = [problem.start if start is None else start]
     solution, stages = _fit(problem, places[0], start is None, max_iterations)
     if start is None:
-        solution, other = _nearer(problem, solution, stages, notes, max_iterations, same)
-        places += [solution.theta, other.theta]
+        ends = {"over smoothed spectra": solution} | _others(problem, solution, stages, max_iterations)
+        solution = _lowest(ends, notes, same)
+        places += [end.theta for end in ends.values()]
     noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
     if solution.status != "failed":
         solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
@@ -358,25 +360,36 @@ def _weighed(
     return solution, Noise(max(noise.sigma, least), noise.factor)
 
 
-def _nearer(
-    problem: FactorProblem, solution: Solution, stages: list[Stage], notes: list[str], limit: int, same: float
-) -> tuple[Solution, Solution]:
-    """The lower of two ends, over smoothed spectra and from the start values, and the other one."""
+def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit: int) -> dict[str, Solution]:
+    """Ends of other starts, by what they begin at: the start values, and the level of each group where there are several."""
+    variance = problem.statistics.calibration.first_sigma_db**2
+    width = problem.statistics.calibration.widths[0] * float(problem.frequency_hz[-1])
+    far = problem.smoothed_misfit(width, variance)
+    apart = [] if far is None else group_levels(far, problem.start, problem.bounds, kept=1)
+    found: dict[str, Solution] = {}
+    if apart and not np.array_equal(apart[0], problem.start):
+        found["from the levels of the groups"], more = _fit(problem, apart[0], True, limit)
+        stages += more
     # Roughly first: an end far above the other is not worth more.
-    first = problem.statistics.calibration.first_sigma_db
-    other, stage = _descend(problem, problem.misfit(first**2), problem.start, 0.0, 1e-2, limit)
+    other, stage = _descend(problem, problem.misfit(variance), problem.start, 0.0, 1e-2, limit)
     stages.append(stage)
-    if other.evaluation.total < 2.0 * solution.evaluation.total:
+    if other.evaluation.total < 2.0 * min(end.evaluation.total for end in (first, *found.values())):
         other, more = _fit(problem, other.theta, False, limit)
         stages += more
-    lower = other.status != "failed" and other.evaluation.total < (1 - 1e-3) * solution.evaluation.total
-    better = solution.status == "failed" or lower
-    if abs(other.evaluation.total / solution.evaluation.total - 1.0) > same:
-        notes.append(
-            f"two starts end apart: over smoothed spectra at {solution.evaluation.misfit_db:.2f} dB, from the start values at "
-            f"{other.evaluation.misfit_db:.2f} dB; the {'second' if better else 'first'} is kept"
-        )
-    return (other, solution) if better else (solution, other)
+    return found | {"from the start values": other}
+
+
+def _lowest(ends: Mapping[str, Solution], notes: list[str], same: float) -> Solution:
+    """The lowest of the ends, the first of those that are alike; and a note where they lie apart."""
+    kept, best = next(iter(ends.items()))
+    for name, end in ends.items():
+        lower = end.status != "failed" and end.evaluation.total < (1 - 1e-3) * best.evaluation.total
+        if lower or best.status == "failed":
+            kept, best = name, end
+    if any(abs(end.evaluation.total / best.evaluation.total - 1.0) > same for end in ends.values()):
+        listed = ", ".join(f"{name} at {end.evaluation.misfit_db:.2f} dB" for name, end in ends.items())
+        notes.append(f"starts end apart: {listed}; that {kept} is kept")
+    return best
 
 
 def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:

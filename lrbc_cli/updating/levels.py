@@ -6,16 +6,16 @@ moved yet, and the optimiser stays in that basin. A coarse profile moves the pea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.misfit import Evaluation, FrfModel, Misfit
+from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
-from lrbc_cli.updating.shapes import Shapes
+from lrbc_cli.updating.starts import basins, group_levels, hops, moved_values, single_values, uniform_changes, uniform_values, zoom
 
 Floats = NDArray[np.float64]
 
@@ -77,60 +77,85 @@ class Level:
         return np.array([[low[column].max(), high[column].min()] for column in inside.T])
 
 
-def _moved(parameters: Parameterisation) -> NDArray[np.bool_]:
-    """(size,) values of the stiffness groups; of all groups where there is none."""
-    moved = np.zeros(parameters.size, dtype=bool)
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
-        moved[values] = group.kind == "stiffness"
-    return moved if moved.any() else ~parameters.is_damping
-
-
-def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
-    """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
-
-    Where there is no stiffness group all groups are moved; in steps of at most ``step`` decades, ``most`` values at the most.
-    """
-    moved = _moved(misfit.model.parameters)
-    width = bounds[:, 1] - bounds[:, 0]
-    count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / step) + 1, 2, most))
-    return [np.where(moved, bounds[:, 0] + fraction * width, theta) for fraction in np.linspace(0.0, 1.0, count)]
-
-
-def zoom(
-    objective: Objective, theta: Floats, bounds: Floats, direction: Floats, *, step: float = 0.125, least: float = 1e-4
-) -> Iterator[tuple[Floats, Evaluation]]:
-    """Compass search on the mean absolute difference, from steps that pass over many peaks down to such that stay between two lines.
-
-    Where lines lie further apart than a peak is wide, the cost has a valley wherever a peak lies between two lines; the mean difference
-    falls towards the truth all the same.
+class Race:
+    """Descents from many places, of which the better ones go on.
 
     Parameters
     ----------
-    objective : callable
-    theta : (size,) float array
-        Where to begin.
+    misfit : Misfit
     bounds : (size, 2) float array
-    direction : (size,) float array
-    step, least : float
-        First and last step along it, halved where neither way helps.
+    span : (size, m) float array or None
+        Unknowns ``prior + span z``; every value where None.
+    tolerance, max_iterations
+        Of a descent, see ``gauss_newton``.
 
-    Yields
-    ------
-    (size,) float array, Evaluation
-        Every place that is tried; the last one that lowers the mean difference is the best.
+    Attributes
+    ----------
+    seen : Best
+        The misfit; remembers the best place that could be a solution.
+    ends : list of (str, Solution)
+        Where each start led to, described.
+    history : list of HistoryEntry
+        All evaluations.
+    iterations : int
     """
-    value = objective(theta)
-    yield theta, value
-    while step >= least:
-        for way in (step, -step):
-            trial = np.clip(theta + way * direction, *bounds.T)
-            found = objective(trial)
-            yield trial, found
-            if found.misfit_db < value.misfit_db:
-                theta, value = trial, found
-                break
-        else:
-            step *= 0.5
+
+    def __init__(self, misfit: Misfit, bounds: Floats, span: Floats | None, tolerance: float, max_iterations: int) -> None:
+        self.seen = Best(misfit, _admissible(misfit, bounds, span))
+        self.ends: list[tuple[str, Solution]] = []
+        self.history: list[HistoryEntry] = []
+        self.iterations = 0
+        self._misfit, self._bounds, self._span = misfit, bounds, span
+        self._tolerance, self._most = tolerance, max_iterations
+
+    def note(self, entries: Iterable[HistoryEntry]) -> None:
+        """Add evaluations to the history."""
+        first = len(self.history)
+        self.history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
+
+    def tried(self, value: Evaluation, totals: list[float]) -> None:
+        """Note one evaluation of a scan, whose totals these are."""
+        self.note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
+        totals.append(value.total if np.isfinite(value.total) else np.inf)
+
+    def begin(self, description: str, theta: Floats, limit: int | None = None) -> None:
+        """Descend from a further place, so many iterations at the most."""
+        most = self._most if limit is None else min(limit, self._most)
+        end = descend(self._misfit, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=most)
+        self.note(end.history)
+        self.iterations += end.iterations
+        self.ends.append((description, end))
+
+    def go_on(self, at: int, limit: int | None = None) -> None:
+        """Continue one of the descents where its limit stopped it."""
+        description, end = self.ends[at]
+        most = self._most if limit is None else min(limit, self._most)
+        if end.status == "stopped" and end.iterations < most:
+            self.begin(description, end.theta, most - end.iterations)
+            last = self.ends.pop()[1]
+            self.ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
+
+    def halve(self, first: int, limit: int) -> None:
+        """Continue the better half of the descents from the ``first`` on."""
+        order = sorted(range(first, len(self.ends)), key=lambda at: self.ends[at][1].evaluation.total)
+        for at in order[: (len(order) + 1) // 2]:
+            self.go_on(at, limit)
+
+    @property
+    def best(self) -> int:
+        """Which end costs least: the first of equals, also where a cost is not finite."""
+        kept = 0
+        for i, (_, end) in enumerate(self.ends):
+            if end.evaluation.total < self.ends[kept][1].evaluation.total:
+                kept = i
+        return kept
+
+    def solution(self) -> Solution:
+        """The best end, with all evaluations, and where each start led to."""
+        kept = self.best
+        led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(self.ends))
+        history = tuple(self.history)
+        return replace(self.ends[kept][1], iterations=self.iterations, evaluations=len(history), history=history, starts=led)
 
 
 def gauss_newton_by_levels(
@@ -147,6 +172,7 @@ def gauss_newton_by_levels(
     coarse_iterations: int = 25,
     first_iterations: tuple[int, int] = (3, 8),
     hop_rounds: int = 3,
+    unexplained_db: float = 1.0,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -171,6 +197,8 @@ def gauss_newton_by_levels(
         Jamieson and Talwalkar, AISTATS 2016).
     hop_rounds : int
         How often valleys beside that end are looked for, see ``hops``.
+    unexplained_db : float
+        Mean difference of the best end above which, without a span, single values are tried, see ``single_values`` [dB].
 
     Returns
     -------
@@ -178,95 +206,79 @@ def gauss_newton_by_levels(
         With the evaluations of all levels in its history, and where each start led to; the Jacobian of its evaluation is to z where
         there is a span. None of the places seen that could be a solution costs less.
     """
-    parameters = misfit.model.parameters
-    seen = Best(misfit, _admissible(misfit, bounds, span))
-    unknowns = parameters.size if span is None else span.shape[1]
-    history: list[HistoryEntry] = []
-
-    def note(entries: Iterable[HistoryEntry]) -> None:
-        first = len(history)
-        history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
-
+    race = Race(misfit, bounds, span, tolerance, max_iterations)
+    few, more = (max_iterations, max_iterations) if span is None else first_iterations
     first = np.clip(start, bounds[:, 0], bounds[:, 1])
     trials = [first, *(uniform_values(misfit, first, bounds) if span is None else uniform_changes(misfit, bounds))]
     totals: list[float] = []
     for trial in trials:
-        value = seen(trial)
-        note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
-        totals.append(value.total if np.isfinite(value.total) else np.inf)
-    iterations = 0
-    ends: list[tuple[str, Solution]] = []
-    starts = [at for at in basins(totals) if not at or not np.array_equal(trials[at], first)]
+        race.tried(race.seen(trial), totals)
+    begun = [at for at in basins(totals) if not at or not np.array_equal(trials[at], first)]
+    places, apart = dict(further or {}), list[Floats]()
     if span is None and len(trials) > 1:
-        nearest, least_db = first, np.inf
-        for place, found in zoom(seen, trials[starts[0]], bounds, _moved(parameters).astype(float)):
-            note([HistoryEntry(0, found.cost, found.misfit_db, bool(found.total < min(totals)))])
-            totals.append(found.total if np.isfinite(found.total) else np.inf)
-            nearest, least_db = (place, found.misfit_db) if found.misfit_db < least_db else (nearest, least_db)
-        further = {"the uniform value found by smaller steps": nearest} | dict(further or {})
-
-    few, more = (min(count, max_iterations) for count in ((max_iterations, max_iterations) if span is None else first_iterations))
-
-    def finish(description: str, theta: Floats) -> int:
-        last = descend(misfit, theta, bounds, span, tolerance=tolerance, max_iterations=few)
-        note(last.history)
-        ends.append((description, last))
-        return last.iterations
-
-    def go_on(at: int, limit: int) -> int:
-        description, end = ends[at]
-        if end.status != "stopped" or end.iterations >= limit:
-            return 0
-        last = descend(misfit, end.theta, bounds, span, tolerance=tolerance, max_iterations=limit - end.iterations)
-        note(last.history)
-        ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
-        return last.iterations
-
-    def halve(begin: int) -> int:
-        order = sorted(range(begin, len(ends)), key=lambda at: ends[at][1].evaluation.total)
-        return sum(go_on(at, more) for at in order[: (len(order) + 1) // 2])
-
-    for at in starts:
-        theta = trials[at]
-        for count in knots:
-            T = level_matrix(parameters, count, damping=True)
-            if T.shape[1] >= unknowns:
-                break
-            level = Level(seen, theta, T)
-            coarse = gauss_newton(
-                level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=coarse_tolerance, max_iterations=coarse_iterations
-            )
-            note(coarse.history)
-            iterations += coarse.iterations
-            theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
-        iterations += finish(_describe(parameters, trials[at], at, None if span is None else misfit.prior), theta)
-    for description, theta in (further or {}).items():
-        iterations += finish(description, theta)
+        nearest = _nearest_uniform(race, misfit, trials[begun[0]], bounds, totals)
+        apart = group_levels(misfit, nearest, bounds)
+        places = {"the uniform value found by smaller steps": nearest} | places
+        places |= {f"levels of the groups, {k + 1}": place for k, place in enumerate(apart)}
+    for at in begun:
+        theta = _coarse(race, misfit, trials[at], bounds, span, knots, (coarse_tolerance, coarse_iterations))
+        race.begin(_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior), theta, few)
+    for description, theta in places.items():
+        race.begin(description, theta, few)
     # A coarse level may pass a valley that its end has left.
-    least = min(end.evaluation.total for _, end in ends)
-    if seen.theta is not None and seen.evaluation is not None and not seen.evaluation.total >= (1 - ROUND_OFF) * least:
-        iterations += finish("the best place seen on the way", seen.theta)
-    iterations += halve(0)
-    hopped = 0
-    while span is not None and more < max_iterations:
-        at = int(np.argmin([end.evaluation.total for _, end in ends]))
-        iterations += go_on(at, max_iterations)
-        description, end = ends[at]
-        reached, before = end.evaluation.total, len(ends)
-        for theta in hops(misfit, end, bounds, span) if np.isfinite(reached) else ():
-            iterations += finish(f"a hop beside '{description}'", theta)
-        iterations += halve(before)
-        hopped += 1
-        if hopped == hop_rounds or not min(end.evaluation.total for _, end in ends) < (1.0 - tolerance) * reached:
+    passed, least = race.seen, race.ends[race.best][1].evaluation.total
+    if passed.theta is not None and passed.evaluation is not None and not passed.evaluation.total >= (1 - ROUND_OFF) * least:
+        race.begin("the best place seen on the way", passed.theta, few)
+    race.halve(0, more)
+    found = race.ends[race.best][1]
+    if span is None and found.evaluation.misfit_db > unexplained_db:
+        for place in (found.theta, *apart[:1]):
+            race.begin("single values moved by tables", single_values(misfit, place, bounds))
+    if span is not None and more < max_iterations:
+        _beside(race, misfit, bounds, span, (few, more), hop_rounds, tolerance)
+    race.go_on(race.best)
+    return race.solution()
+
+
+def _nearest_uniform(race: Race, misfit: Misfit, theta: Floats, bounds: Floats, totals: list[float]) -> Floats:
+    """The place of ``zoom`` with the least mean difference."""
+    tried = []
+    for place, value in zoom(race.seen, theta, bounds, moved_values(misfit.model.parameters).astype(float)):
+        race.tried(value, totals)
+        tried.append((value.misfit_db, place))
+    return min(tried, key=lambda one: one[0] if np.isfinite(one[0]) else np.inf)[1]
+
+
+def _coarse(
+    race: Race, misfit: Misfit, theta: Floats, bounds: Floats, span: Floats | None, knots: Sequence[int], stop: tuple[float, int]
+) -> Floats:
+    """Theta after descents on coarse profiles, each with more knots than the one before."""
+    parameters = misfit.model.parameters
+    unknowns = parameters.size if span is None else span.shape[1]
+    for count in knots:
+        T = level_matrix(parameters, count, damping=True)
+        if T.shape[1] >= unknowns:
             break
-    iterations += go_on(int(np.argmin([end.evaluation.total for _, end in ends])), max_iterations)
-    # The first of equals, also where a cost is not finite.
-    kept = 0
-    for i, (_, end) in enumerate(ends):
-        if end.evaluation.total < ends[kept][1].evaluation.total:
-            kept = i
-    led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(ends))
-    return replace(ends[kept][1], iterations=iterations, evaluations=len(history), history=tuple(history), starts=led)
+        level = Level(race.seen, theta, T)
+        coarse = gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=stop[0], max_iterations=stop[1])
+        race.note(coarse.history)
+        race.iterations += coarse.iterations
+        theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
+    return theta
+
+
+def _beside(race: Race, misfit: Misfit, bounds: Floats, span: Floats, limits: tuple[int, int], rounds: int, tolerance: float) -> None:
+    """Descents from places beside the best end, see ``hops``, until no round leads lower."""
+    few, more = limits
+    for _ in range(rounds):
+        race.go_on(race.best)
+        (description, end), before = race.ends[race.best], len(race.ends)
+        reached = end.evaluation.total
+        for theta in hops(misfit, end, bounds, span) if np.isfinite(reached) else ():
+            race.begin(f"a hop beside '{description}'", theta, few)
+        race.halve(before, more)
+        if not race.ends[race.best][1].evaluation.total < (1.0 - tolerance) * reached:
+            break
 
 
 def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable[[Floats], bool]:
@@ -286,71 +298,6 @@ def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable
     return spanned
 
 
-def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
-    """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
-
-    A peak that passes a line is a ridge in the cost, narrow and steep; beyond it there is another valley.
-
-    Parameters
-    ----------
-    misfit : Misfit
-    end : Solution
-        Its Jacobian is to z.
-    bounds : (size, 2) float array
-    span : (size, m) float array
-        Each of z is moved by so much either way.
-    step : float
-        [decades].
-    kept : int
-        Places to begin at.
-
-    Returns
-    -------
-    list of (size,) float array
-        One of each of z at most.
-    """
-    model, here = misfit.model, end.evaluation
-    found: list[tuple[float, int, Floats]] = []
-    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
-    for k in np.flatnonzero(~model.parameters.is_damping @ np.abs(span) > 0).tolist():
-        slope, column = float(here.jacobian[:, k] @ here.residual), here.jacobian[:, k]
-        ratios = []
-        for way in (step, -step):
-            theta = np.clip(end.theta + way * span[:, k], *bounds.T)
-            promised = float(column @ column) * way**2 + 2.0 * slope * way
-            rise = misfit.sum(theta, frf) - here.total
-            ratios.append((rise / promised if promised > 0.0 else np.inf, theta))
-        ratio, theta = min(ratios, key=lambda one: one[0])
-        found.append((ratio, k, theta))
-    return [theta for ratio, _, theta in sorted(found, key=lambda one: one[:2])[:kept] if np.isfinite(ratio)]
-
-
-def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:
-    """The lowest of some changes drawn from the prior, as further starts.
-
-    Tables of changes at single bolts start from discrete levels and from the damping of the prior; of small changes of everything at once
-    they see nothing.
-
-    Parameters
-    ----------
-    misfit : Misfit
-    shapes : Shapes
-    bounds : (size, 2) float array
-    draws, kept, seed : int
-        Draws, those of them to begin at, and the seed.
-
-    Returns
-    -------
-    dict of str to (size,) float array
-        The same for the same input.
-    """
-    rng = np.random.default_rng(seed)
-    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
-    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
-    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:kept]
-    return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
-
-
 def descend(
     misfit: Misfit, start: Floats, bounds: Floats, span: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100
 ) -> Solution:
@@ -362,14 +309,6 @@ def descend(
     z = np.clip(np.linalg.lstsq(span, start - misfit.prior, rcond=None)[0], box[:, 0], box[:, 1])
     found = gauss_newton(level, z, box, tolerance=tolerance, max_iterations=max_iterations)
     return replace(found, theta=level.theta(found.theta))
-
-
-def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
-    """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
-    prior, moved = misfit.prior, _moved(misfit.model.parameters)
-    low, high = (bounds - prior[:, None])[moved].T
-    steps = np.arange(np.ceil(np.median(low) / step), np.floor(np.median(high) / step) + 1)[:most]
-    return [np.clip(np.where(moved, prior + step * count, prior), bounds[:, 0], bounds[:, 1]) for count in steps]
 
 
 def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Floats | None) -> str:
@@ -400,13 +339,3 @@ def near_tie(
     best, second = sorted(starts, key=lambda start: start.total)[:2]
     apart = float(np.sqrt(np.mean((np.log10(parameters.scales(best.theta)) - np.log10(parameters.scales(second.theta))) ** 2)))
     return (best, second, apart) if second.cost - best.cost <= tie and apart >= distance else None
-
-
-def basins(totals: Sequence[float], count: int = 2) -> list[int]:
-    """Indices of the trials to start from: the lowest of so many basins, and trial 0, which is the given start.
-
-    The trials after the first stand in order of their values.
-    """
-    scan = np.array([np.inf, *totals[1:], np.inf])
-    valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]
-    return [*sorted(valleys, key=lambda i: totals[i])[:count], 0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,19 @@ class Search:
                 changed = own | dict.fromkeys(columns, level)
                 yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
 
+    def pairs(self, state: Combination, most: int) -> Iterator[Combination]:
+        """States that differ at two bolts, each at its own level: of those that singly come nearest, and of those that are changed."""
+        frf, own = self._near(state.changes), dict(state.changes)
+        singly: dict[int, float] = {}
+        for changes, found in self._known.items():
+            for column, _ in set(changes) ^ set(state.changes) if len(dict(changes).keys() ^ own.keys()) <= 1 else ():
+                singly[column] = min(found.misfit_db, singly.get(column, np.inf))
+        nearest = sorted({*sorted(singly, key=lambda column: (singly[column], column))[:most], *own})
+        levels = (0.0, *self._levels)
+        for columns, values in product(combinations(nearest, 2), product(levels, levels)):
+            changed = own | dict(zip(columns, values, strict=True))
+            yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
+
 
 def search(
     misfit: Misfit,
@@ -107,6 +121,7 @@ def search(
     kept: int = 3,
     gain: float = 0.03,
     exchanged: int = 4,
+    paired: int = 0,
 ) -> tuple[dict[str, Floats], int]:
     """States of loosened bolts that come nearest to a measurement, as starts of a descent.
 
@@ -126,6 +141,9 @@ def search(
         A further change has to lower the misfit by this share.
     exchanged : int
         Changes up to which one bolt is tried for another.
+    paired : int
+        Where no single change helps any more, changes at any two bolts at once are tried instead of an exchange, of so many that singly
+        come nearest; and all of it again without pairs of neighbours at the beginning, which can lead elsewhere.
 
     Returns
     -------
@@ -138,23 +156,44 @@ def search(
     width = width or (8 if shapes.joints_only else 2)
     if not table.columns:
         return {}, 0
+
+    def exchange(nearest: Sequence[Combination]) -> Iterator[Combination]:
+        # One bolt for another: each put back once, and all tables without it. Of many, descents move what is left between them.
+        few = nearest[0].changes if len(nearest[0].changes) <= exchanged else ()
+        without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
+        return (state for parent in without if parent.changes for state in table.table(parent))
+
+    def by_pairs(nearest: Sequence[Combination]) -> Iterator[Combination]:
+        return (state for parent in nearest[:2] for state in table.pairs(parent, paired))
+
+    ways = [(neighbours, by_pairs), ((), by_pairs)] if paired else [(neighbours, exchange)]
+    ends = [state for first, last in ways for state in _climb(table, first, last, width, gain)]
+    names = {int(column): i for i, column in enumerate(shapes.bolts)}
+    return {_describe(state, names): table.theta(state.changes) for state in sorted(ends)[:kept]}, table.evaluations
+
+
+def _climb(
+    table: Search,
+    pairs: Sequence[tuple[int, int]],
+    last: Callable[[Sequence[Combination]], Iterator[Combination]],
+    width: int,
+    gain: float,
+) -> list[Combination]:
+    """Nearest states, the best first, when neither single changes nor those of ``last`` lower the misfit by more than ``gain``.
+
+    The first table also moves ``pairs`` together.
+    """
     best = table.start()
-    beam, pairs = [best], neighbours
+    beam = [best]
     while True:
         found = {state.changes: state for parent in beam for state in table.table(parent, pairs)}
         nearest = sorted([*found.values(), *(state for state in beam if state.changes not in found)])[:width]
         pairs = ()
         if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
-            # One bolt for another: each put back once, and all tables without it. Of many, descents move what is left of one to the other.
-            few = nearest[0].changes if len(nearest[0].changes) <= exchanged else ()
-            without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
-            swapped = [state for parent in without if parent.changes for state in table.table(parent)]
-            nearest = sorted({state.changes: state for state in [*nearest, *swapped]}.values())[:width]
+            nearest = sorted({state.changes: state for state in [*nearest, *last(nearest)]}.values())[:width]
             if not nearest[0].misfit_db < (1.0 - gain) * best.misfit_db:
-                break
+                return nearest
         best, beam = nearest[0], nearest
-    names = {int(column): i for i, column in enumerate(shapes.bolts)}
-    return {_describe(state, names): table.theta(state.changes) for state in nearest[:kept]}, table.evaluations
 
 
 def _describe(state: Combination, bolts: dict[int, int]) -> str:

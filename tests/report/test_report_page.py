@@ -2,6 +2,7 @@ import base64
 import hashlib
 import json
 import re
+import signal
 from datetime import UTC, datetime
 from html.parser import HTMLParser
 from pathlib import Path
@@ -134,6 +135,21 @@ def test_processes_draw_the_same(output, monkeypatch):
     monkeypatch.setattr(write, "_WORTH_PROCESSES", 2)
     write_report(output, workers=2)
     assert {file: file.read_bytes() for file in output.rglob("*.png")} == before
+
+
+def test_an_interruption_waits_until_the_processes_have_begun():
+    """One that loses its parent before it has read what it is to do prints a traceback."""
+    done = []
+
+    def interrupted():
+        with write._interruption_held_back():
+            signal.raise_signal(signal.SIGINT)
+            done.append("begun")
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert done == ["begun"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize(

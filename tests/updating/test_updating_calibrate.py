@@ -12,6 +12,7 @@ from factors import COEFFICIENTS, FREQUENCY, SPRINGS, affine, duct_model, measur
 from systems import direct_frf
 
 from lrbc_cli.model.factors import make_recipe, with_factors
+from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.calibrate import fit_factors, moves_resonances, smoothed
 from lrbc_cli.updating.residuals import ResidualOptions
@@ -114,6 +115,20 @@ class TestRecovery:
             assert low < fit.factors[name] < high
         assert [stage.width_hz for stage in fit.stages[:3]] == [16.0, 4.0, 0.0]
         np.testing.assert_allclose(fit.solution.theta[:SPRINGS], TIGHT, atol=0.1)
+
+    @pytest.mark.parametrize("levels", [(2.5, 5.5), (6.0, 3.0)])
+    def test_groups_that_are_off_by_different_amounts(self, levels):
+        """Springs that start at 4.5; from there, and with all of them alike, the descents end elsewhere."""
+        model, recipe = duct_model()
+        own, half = springs().groups[0], SPRINGS // 2
+        alike = dict(parameter=np.zeros(half, dtype=int), initial=own.initial[:1], bounds=own.bounds[:1], smoothing=np.eye(1))
+        terms = np.arange(SPRINGS).reshape(2, half)
+        two = Parameterisation(tuple(replace(own, name=str(k), terms=at, **alike) for k, at in enumerate(terms)))
+        names = ("stiffness.structure", "mass.acoustic")
+        values = measured(model, recipe, dict(zip(names, (1.02, 0.99), strict=True)), np.repeat(levels, half), 0.01)
+        fit = fit_factors(problem(affine(model, recipe), values, names, parameters=two))
+        np.testing.assert_allclose(fit.solution.theta[:2], levels, atol=0.05)
+        assert fit.factors["stiffness.structure"] == pytest.approx(1.02, rel=0.005)
 
     def test_intervals_hold_what_they_promise(self):
         """Two standard deviations over several draws of the noise."""

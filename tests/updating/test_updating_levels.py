@@ -12,9 +12,10 @@ from sharp import sharp_misfit
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Level, basins, gauss_newton_by_levels, hats, level_matrix, near_tie, uniform_values
+from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, near_tie
 from lrbc_cli.updating.misfit import Misfit, port_model
 from lrbc_cli.updating.optimise import Start, bfgs, gauss_newton
+from lrbc_cli.updating.starts import basins, group_levels, uniform_values
 
 
 def problem(*, eta=1e-3, at=(4, 5, 6), noise_db=0.0, **more):
@@ -193,6 +194,46 @@ class TestRecovery:
         assert solution.evaluation.misfit_db < 1e-3
         np.testing.assert_allclose(solution.theta[-2:], [0.8, -1.9], atol=1e-3)
         np.testing.assert_allclose(parameters.scales(solution.theta), parameters.scales(truth), rtol=1e-2)
+
+
+class TestGroups:
+    """Two groups of joints that are off by different amounts, peaks between the lines: one level for all leads astray, to 11 to 21 dB."""
+
+    @staticmethod
+    def parts(count, initial=4.5):
+        """The pads as two groups of ``count`` values each."""
+        group = pads_model()[1].groups[0]
+        half = np.arange(PADS).reshape(2, -1)
+        own = dict(initial=np.full(count, initial), bounds=np.tile([0.0, 7.0], (count, 1)), smoothing=np.eye(count), damping=None)
+        own |= dict(parameter=np.arange(PADS // 2) % count, xyz=None, arc_length=None, bolt=np.arange(count))
+        return Parameterisation(tuple(dataclasses.replace(group, name=str(k), terms=at, **own) for k, at in enumerate(half)))
+
+    @staticmethod
+    def exact(parameters, truth):
+        model = pads_model()[0]
+        y = direct_frf(model, S, parameters.dynamic(truth, S))
+        return Misfit(port_model(pads_ports(model), parameters), y, parameters.initial, 1e-5)
+
+    @pytest.mark.parametrize("truth", [(2.5, 6.0), (6.0, 2.5), (5.5, 3.5), (3.0, 5.0)])
+    @pytest.mark.parametrize("initial", [3.0, 6.5])
+    def test_levels_that_differ(self, truth, initial):
+        parameters = self.parts(1, initial)
+        misfit = self.exact(parameters, np.array(truth))
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
+        np.testing.assert_allclose(solution.theta, truth, atol=1e-3)
+
+    @pytest.mark.parametrize(("seed", "truth"), [(1, (6.0, 2.5)), (2, (3.0, 5.0)), (3, (5.5, 3.5))])
+    def test_single_values_that_differ(self, seed, truth):
+        parameters = self.parts(PADS // 2)
+        theta = np.repeat(truth, PADS // 2) + np.random.default_rng(seed).normal(scale=0.15, size=PADS)
+        misfit = self.exact(parameters, theta)
+        solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
+        assert solution.evaluation.misfit_db < 1e-3
+        np.testing.assert_allclose(solution.theta, theta, atol=0.01)
+
+    def test_one_group_has_no_levels_of_its_own(self):
+        misfit, parameters, _ = problem()
+        assert group_levels(misfit, parameters.initial, parameters.bounds) == []
 
 
 class TestBasins:

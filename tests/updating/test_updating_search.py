@@ -10,10 +10,11 @@ from pads import PADS, pads_model, pads_ports
 from sharp import sharp_misfit
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import descend, gauss_newton_by_levels, hops
+from lrbc_cli.updating.levels import descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit, port_model
-from lrbc_cli.updating.search import search
+from lrbc_cli.updating.search import Search, search
 from lrbc_cli.updating.shapes import Shapes
+from lrbc_cli.updating.starts import hops
 
 PAIRS = [(k, k + 1) for k in range(PADS - 1)]
 
@@ -62,6 +63,26 @@ def test_the_starts_are_described_and_counted() -> None:
     assert evaluations > PADS * 5
     for theta in starts.values():
         assert np.all((theta >= parameters.bounds[:, 0]) & (theta <= parameters.bounds[:, 1]))
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_pairs_at_their_own_levels_are_tried_where_single_changes_end(seed: int) -> None:
+    """The best state that they lead to lies no further away than any state of two changes, each at one of the levels."""
+    rng = np.random.default_rng(seed)
+    loose = rng.permutation(PADS)[:4]
+    misfit, parameters, shapes, _ = joints({int(b): -float(rng.uniform(0.3, 3.0)) for b in loose})
+    levels = (-0.5, -2.0)
+    table = Search(misfit, shapes, parameters.bounds, levels)
+    start = table.start()
+    assert list(table.table(start))
+    found = {state.changes: state for state in table.pairs(start, PADS)}
+    assert len(found) == 1 + 2 * PADS + 4 * PADS * (PADS - 1) // 2
+    wide, evaluations = search(misfit, shapes, parameters.bounds, PAIRS, levels=levels, paired=PADS)
+    nearest = next(iter(wide.values()))
+    assert misfit.mean_db(misfit.model.frf(nearest)) <= min(state.misfit_db for state in found.values()) / 0.97
+    assert evaluations > search(misfit, shapes, parameters.bounds, PAIRS, levels=levels)[1]
+    few = {column for state in table.pairs(start, 3) for column, _ in state.changes}
+    assert len(few) == 3
 
 
 def test_without_bolts_there_is_nothing_to_search() -> None:

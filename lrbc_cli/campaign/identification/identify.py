@@ -26,14 +26,18 @@ from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, prior_draws
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton, lower_of
 from lrbc_cli.updating.places import pitch_of
 from lrbc_cli.updating.search import search
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
+from lrbc_cli.updating.starts import prior_draws
 
 log = logging.getLogger(__name__)
+
+#: Joints of which pairs are tried where single changes leave a measurement unexplained.
+PAIRED = 16
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -197,6 +201,13 @@ class _Job:
             solution = gauss_newton_by_levels(
                 misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
             )
+            if self.shapes.joints_only and solution.evaluation.misfit_db > method.rule.misfit_margin:
+                # Nothing that would be called explained: changes at two joints at once may lead there.
+                further, more = search(misfit, self.shapes, bounds, self._pairs(), paired=PAIRED)
+                again = gauss_newton_by_levels(
+                    misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
+                )
+                solution, sought = lower_of(solution, again), sought + more
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
