@@ -46,7 +46,8 @@ class CalibrationConfig(Strict):
     factors: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(),
         description="Factors to identify: stiffness, mass, alpha and beta (proportional damping) or damping (a damping matrix), "
-        "loss_factor (what makes the stiffness complex), each .structure or .acoustic, and sound_speed; 1 is the model as exported. Every group is identified too.",
+        "loss_factor (what makes the stiffness complex), each .structure or .acoustic, and sound_speed; 1 is the model as exported. "
+        "Every group is identified too.",
     )
     groups: NameMap[FactorGroup] = Field(
         default={},

@@ -17,7 +17,6 @@ from lrbc_cli.config.fields import (
     NumberOrAuto,
     OperatorRef,
     Point,
-    Positive,
     Quantity,
     Range,
     Strict,

@@ -172,7 +172,7 @@ def with_factors(model: FeModel, recipe: Recipe, factors: Mapping[str, float]) -
 def parted(operators: Mapping[str, Any]) -> dict[str, Any]:
     """Matrices by operator, a complex stiffness in two: its real part, and ``LOSS``."""
     out = dict(operators)
-    if np.iscomplexobj(out.get("stiffness")):
+    if "stiffness" in out and np.iscomplexobj(out["stiffness"]):
         out["stiffness"], out[LOSS] = out["stiffness"].real, 1j * out["stiffness"].imag
     return out
 

@@ -92,7 +92,6 @@ def proportional_damping(
     -------
     (n, n) csc_array
     """
-
     C = (_by_field(M, is_acoustic, structure[0], acoustic[0]) + _by_field(K, is_acoustic, structure[1], acoustic[1])).tocsc()
     C.eliminate_zeros()
     C.sort_indices()

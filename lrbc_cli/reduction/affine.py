@@ -81,7 +81,8 @@ class AffineModel:
 
     def damping_coefficients(self) -> dict[str, float]:
         """Alpha, beta and loss factor of each field, by the names of their factors: those at which these are one."""
-        ns, K, found = self.base.structure, self.base.K, {}
+        ns, K = self.base.structure, self.base.K
+        found: dict[str, float] = {}
         for piece in self.recipe.pieces:
             for share in piece.shares if piece.group is None else ():
                 found |= {name: share.coefficient for name in share.exponents if name in self.recipe.proportional and share.coefficient}

@@ -144,8 +144,8 @@ class FactorProblem:
         """What damps each field, with the covariance of theta."""
         size, found = self.parameters.size, []
         coefficients = self.model.damping_coefficients()
-        for field in FIELDS:
-            own = tuple(name for name in sorted(coefficients) if name.endswith(f".{field}"))
+        for part in FIELDS:
+            own = tuple(name for name in sorted(coefficients) if name.endswith(f".{part}"))
             if not own:
                 continue
             at = np.array([size + self.names.index(name) if name in self.names else -1 for name in own])

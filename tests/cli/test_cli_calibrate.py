@@ -278,14 +278,13 @@ class TestCampaignFile:
 
     def test_a_loss_factor(self, tmp_path: Path) -> None:
         """What was put in comes out: of the campaign, and of a complex matrix; the commands use it."""
-        folder = frame(tmp_path / "frame")
+        folder = with_calibration(frame(tmp_path / "frame"), {"job": "tight", "factors": ["loss_factor.structure"], "boundary": "held"})
 
         def damped(loss_factor: float) -> tuple[str, str]:
             return "--override", f"model.damping={{structure: {{beta: 2.0e-6, loss_factor: {loss_factor}}}}}"
 
         assert folder.run("simulate", "--lines", "30:500:1", *damped(0.03), "--out", folder.path / "own.csv").code == 0
         (folder.path / "own.csv").replace(folder.data / "frf" / "tight.csv")
-        with_calibration(folder, {"job": "tight", "factors": ["loss_factor.structure"], "boundary": "held"})
         outcome = folder.run("calibrate", "--json", *damped(0.01))
         assert outcome.code == 0, outcome.stderr
         assert outcome.json["factors"]["loss_factor.structure"]["value"] == pytest.approx(3.0, rel=2e-3)
