@@ -89,6 +89,17 @@ class Losses:
     covariance: Floats
     frequency_hz: Floats
 
+    @property
+    def field(self) -> str:
+        """The field that they damp."""
+        return self.names[0].partition(".")[2]
+
+    @property
+    def terms(self) -> list[str]:
+        """What each adds to the loss factor, in words."""
+        kinds = [name.partition(".")[0] for name in self.names]
+        return [{"alpha": "alpha / omega", "beta": "beta omega"}.get(kind, kind) for kind in kinds]
+
     def best_known(self) -> tuple[float, float, float]:
         """Their sum where it is known best, the standard deviation of its logarithm, and the frequency [Hz]."""
         omega = 2 * np.pi * self.frequency_hz
@@ -113,8 +124,8 @@ def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]], damping: Sequenc
                 total, spread, hz = losses.best_known()
                 low, high = (total * np.exp(sign * NORMAL_95 * spread) for sign in (-1, 1))
                 text += (
-                    f"; {' + '.join(losses.names)}, as a loss factor alpha / omega + beta omega + loss_factor, "
-                    f"is {total:.3g} ({low:.3g} to {high:.3g}) at {hz:.4g} Hz"
+                    f"; the loss factor {' + '.join(losses.terms)} of field {losses.field} is "
+                    f"{total:.3g} ({low:.3g} to {high:.3g}) at {hz:.4g} Hz"
                 )
         notes.append(text)
     return notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -197,8 +198,24 @@ class TestRecovery:
         assert total == pytest.approx(exact, rel=4 * spread)
         assert spread < 0.05
         (note,) = apart_notes([(damping, True)], [losses])
-        assert f"is {total:.3g}" in note
-        assert f"at {hz:.4g} Hz" in note
+        assert "loss factor alpha / omega + beta omega + loss_factor of field structure is" in note
+        assert f"is {total:.3g} (" in note
+        assert f") at {hz:.4g} Hz" in note
+
+    def test_what_damps_alike_is_told_as_one(self):
+        """On lines of few resonances: the loss factor that alpha, beta and eta come to."""
+        model, recipe = duct_model(loss=(0.005, 0.0))
+        truth = {"beta.structure": 0.3, "loss_factor.structure": 6.0}
+        values = measured(model, recipe, truth, TIGHT, 0.01)
+        lines = np.flatnonzero(FREQUENCY >= 200.0)
+        fit = fit_factors(problem(affine(model, recipe), values, tuple(truth), selected=lines))
+        (note,) = (note for note in fit.notes if "told apart" in note)
+        assert note.startswith("beta.structure and loss_factor.structure cannot be told apart by these FRFs: only their combination")
+        told = re.search(r"of field structure is (\S+) \((\S+) to (\S+)\) at (\S+) Hz", note)
+        value, low, high, hz = map(float, told.groups())
+        assert low < value < high < 1.2 * low
+        exact = COEFFICIENTS[0][0] / (2 * np.pi * hz) + 0.3 * COEFFICIENTS[0][1] * 2 * np.pi * hz + 0.03
+        assert value == pytest.approx(exact, rel=0.1)
 
     def test_what_lies_at_a_bound_is_said(self):
         """Air half as heavy is beyond the bounds of its mass."""
