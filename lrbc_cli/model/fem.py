@@ -114,6 +114,8 @@ def hysteretic(K: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float
     (n, n) csc_array
         The given one without a loss factor.
     """
+    if not structure and not acoustic:
+        return K
     loss = _by_field(K.real, is_acoustic, structure, acoustic)
     loss.eliminate_zeros()
     return (K + 1j * loss).tocsc() if loss.nnz else K

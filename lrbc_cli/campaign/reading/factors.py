@@ -121,8 +121,8 @@ def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
     if isinstance(damping, ProportionalDamping):
         coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
     groups = {name: list(parted(group)) for name, group in model.extras.items()}
-    loss = model.K.imag
-    lossy = [name for name in (*FIELDS, "coupling") if np.iscomplexobj(model.K) and block(loss, acoustic, name).count_nonzero()]
+    loss = model.K.imag if np.iscomplexobj(model.K) else None
+    lossy = [name for name in (*FIELDS, "coupling") if loss is not None and block(loss, acoustic, name).count_nonzero()]
     recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all(), groups, lossy)
     require_fields(campaign, recipe)
     return recipe
