@@ -55,7 +55,9 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
     return {
         "model": cache.digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
-        "terms": cache.digest(reduced["terms"], list(resolved["parameters"]), groups, [group.beta for group in inputs.groups], *shared),
+        "terms": cache.digest(
+            reduced["terms"], list(resolved["parameters"]), groups, [(group.beta, group.loss_factor) for group in inputs.groups], *shared
+        ),
         "band": cache.digest(reduced["band"], reduced["tolerance"]),
         "measurement": cache.digest(
             [file_hash(file) for file in files],

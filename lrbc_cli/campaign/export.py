@@ -16,6 +16,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reader import DIRECTIONS
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula
 from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
+from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation
@@ -63,16 +64,19 @@ def require_real(inputs: Inputs) -> None:
     Raises
     ------
     DataError
-        For a complex stiffness or damping matrix.
+        For a complex stiffness or damping matrix, and for a loss factor of a group.
     """
-    if name := complex_matrix(inputs.model):
-        config = inputs.campaign.model
+    config, name = inputs.campaign.model, complex_matrix(inputs.model)
+    factors = [f"parameters.{group.name}.damping" for group in inputs.groups if group.config.damping is not None and group.loss_factor]
+    if isinstance(config.damping, ProportionalDamping) and (config.damping.structure.loss_factor or config.damping.acoustic.loss_factor):
+        factors.insert(0, "model.damping")
+    if name or factors:
         raise DataError(
-            HYSTERETIC.format(name),
-            file=getattr(config.stiffness if name == "stiffness" else config.damping, "path", None),
+            HYSTERETIC.format(name or "stiffness"),
+            file=inputs.campaign.path if factors else getattr(config.stiffness if name == "stiffness" else config.damping, "path", None),
             place="--state-space",
             expected="real matrices and viscous damping",
-            found=f"a complex {name} matrix",
+            found=f"a loss factor in {factors[0]}" if factors else f"a complex {name} matrix",
             hint=VISCOUS,
         )
 
@@ -191,12 +195,14 @@ def second_order(inputs: Inputs, stage: ReductionStage, parameters: Parameterisa
 def _terms(inputs: Inputs, model: ReducedModel, parameters: Parameterisation) -> dict[str, Any]:
     """The low-rank terms, and how the parameters weigh them."""
     nt = model.terms
-    weights, beta = np.zeros((nt, sum(group.count for group in parameters.groups))), np.zeros(nt)
+    weights = np.zeros((nt, sum(group.count for group in parameters.groups)))
+    beta, loss_factor = np.zeros((2, nt))
     kinds, owners = np.empty(nt, dtype=object), np.empty(nt, dtype=object)
     first = 0
     for group in parameters.groups:
         weights[group.terms, first : first + group.count] = group.smoothing[group.parameter]
-        beta[group.terms] = group.damping.beta if group.damping else 0.0
+        if group.damping:
+            beta[group.terms], loss_factor[group.terms] = group.damping.beta, group.damping.loss_factor
         kinds[group.terms], owners[group.terms] = group.kind, group.name
         first += group.count
     return {
@@ -208,6 +214,7 @@ def _terms(inputs: Inputs, model: ReducedModel, parameters: Parameterisation) ->
         "weights": weights,
         "baseline": inputs.model.terms.baseline,
         "damping_beta": beta,
+        "damping_loss_factor": loss_factor,
     }
 
 

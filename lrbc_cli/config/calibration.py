@@ -11,7 +11,7 @@ from lrbc_cli.config.fields import Name, NameMap, OperatorRef, Strict, check_uni
 FIELDS = ("structure", "acoustic")
 
 #: Factors of every model, by what they scale.
-SCALES = ("stiffness", "mass", "alpha", "beta", "damping")
+SCALES = ("stiffness", "mass", "alpha", "beta", "damping", "loss_factor")
 
 SOUND_SPEED = "sound_speed"
 
@@ -45,8 +45,9 @@ class CalibrationConfig(Strict):
     job: Name = Field(description="The job to identify them from, as a rule the reference job: all bolts tight.")
     factors: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(),
-        description="Factors to identify: stiffness, mass, alpha and beta (proportional damping) or damping (a damping matrix), each "
-        ".structure or .acoustic, and sound_speed; 1 is the model as exported. Every group is identified too.",
+        description="Factors to identify: stiffness, mass, alpha and beta (proportional damping) or damping (a damping matrix), "
+        "loss_factor (what makes the stiffness complex), each .structure or .acoustic, and sound_speed; 1 is the model as exported. "
+        "Every group is identified too.",
     )
     groups: NameMap[FactorGroup] = Field(
         default={},

@@ -194,18 +194,16 @@ def _selections_by_table(campaign: Campaign) -> Iterator[tuple[str, ...]]:
 
 
 def _check_beta(campaign: Campaign, name: str, group: GroupConfig) -> None:
-    if group.damping is None or group.damping.beta is not None:
-        return
     damping = campaign.model.damping
-    if isinstance(damping, ProportionalDamping) and damping.structure.beta > 0:
+    if group.damping is None or any(group.damping.coefficients(damping)):
         return
-    found = "a damping matrix" if isinstance(damping, MatrixRef) else "no model.damping.structure.beta above 0"
+    found = "a damping matrix" if isinstance(damping, MatrixRef) else "no model.damping.structure.beta or loss_factor above 0"
     raise campaign.error(
-        "damping tied to the stiffness needs a coefficient beta",
+        "damping tied to the stiffness needs a coefficient beta or a loss factor",
         "parameters",
         name,
         "damping",
-        expected="parameters.NAME.damping.beta, or proportional damping of the structure",
+        expected="parameters.NAME.damping.beta or loss_factor, or such damping of the structure",
         found=found,
-        hint="add 'beta:' here, in seconds",
+        hint="add 'beta:' here, in seconds, or 'loss_factor:'",
     )

@@ -17,7 +17,6 @@ from lrbc_cli.config.fields import (
     NumberOrAuto,
     OperatorRef,
     Point,
-    Positive,
     Quantity,
     Range,
     Strict,
@@ -72,14 +71,15 @@ def _check_form(value: Strict, forms: Forms) -> None:
 
 
 class FieldDamping(Strict):
-    """Proportional damping of one field, C = alpha M + beta K on its diagonal block."""
+    """Damping of one field, C = alpha M + beta K and K (1 + i loss_factor) on its diagonal block."""
 
     alpha: float = Field(default=0.0, ge=0, description="Mass-proportional coefficient [1/s].")
     beta: float = Field(default=0.0, ge=0, description="Stiffness-proportional coefficient [s].")
+    loss_factor: float = Field(default=0.0, ge=0, description="Loss factor of hysteretic (structural) damping.")
 
 
 class ProportionalDamping(Strict):
-    """Proportional damping per field; it acts on the diagonal blocks, never on the coupling."""
+    """Damping per field, proportional or hysteretic; it acts on the diagonal blocks, never on the coupling."""
 
     structure: FieldDamping = Field(default=FieldDamping(), description="Coefficients of the structure.")
     acoustic: FieldDamping = Field(default=FieldDamping(), description="Coefficients of the acoustic field (component PRES).")
@@ -101,7 +101,7 @@ class ModelConfig(Strict):
     stiffness: OperatorRef = Field(description="Stiffness matrix K: 'file', 'file#group' or {file:, group:, format:, symmetric:}.")
     mass: OperatorRef = Field(description="Mass matrix M, given like the stiffness.")
     damping: Damping | None = Field(
-        default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:}, acoustic: {alpha:, beta:}}; absent: none."
+        default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:, loss_factor:}, acoustic: {...}}; absent: none."
     )
     dofs: FilePath | None = Field(
         default=None,
@@ -225,13 +225,24 @@ class SelectConfig(Strict):
 
 
 class GroupDampingConfig(Strict):
-    """Damping tied to the identified stiffness, eq. (33): beta 10^p_damp k, one p_damp for the group."""
+    """Damping tied to the identified stiffness, eq. (33): (s beta + i loss_factor) 10^p_damp k, one p_damp for the group."""
 
     initial: float = Field(default=0.0, description="Start value of p_damp (log10).")
     bounds: Range = Field(default=(-3.0, 4.0), description="Bounds of p_damp (log10).")
-    beta: Positive | None = Field(
+    beta: Annotated[float, Field(ge=0)] | None = Field(
         default=None, description="Stiffness-proportional coefficient [s]; absent: that of the structure in `model.damping`."
     )
+    loss_factor: Annotated[float, Field(ge=0)] | None = Field(
+        default=None, description="Loss factor of hysteretic damping; absent: that of the structure in `model.damping`."
+    )
+
+    def coefficients(self, model: Damping | None) -> tuple[float, float]:
+        """Beta [s] and loss factor, those of the model where they are not given here."""
+        structure = model.structure if isinstance(model, ProportionalDamping) else FieldDamping()
+        return (
+            structure.beta if self.beta is None else self.beta,
+            structure.loss_factor if self.loss_factor is None else self.loss_factor,
+        )
 
     @model_validator(mode="after")
     def _inside(self) -> GroupDampingConfig:

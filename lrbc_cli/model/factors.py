@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +16,9 @@ FIELDS = ("structure", "acoustic")
 
 #: The operators of a model in the order in which coefficients are given.
 OPERATORS = ("stiffness", "damping", "mass")
+
+#: What makes the stiffness complex, i Im K: a matrix of its own with the factors ``loss_factor.FIELD``.
+LOSS = "loss"
 
 #: Scales the acoustic stiffness by its square: with the temperature of a gas rho c² stays and c² goes as 1/rho.
 SOUND_SPEED = "sound_speed"
@@ -40,7 +44,7 @@ class Piece:
     Attributes
     ----------
     operator : str
-        Which operator of the model, or of the group, the matrix is taken from.
+        Which operator of the model, or of the group, the matrix is taken from, see ``parted``.
     field : str
         ``structure``, ``acoustic`` or ``coupling``.
     group : str or None
@@ -110,9 +114,9 @@ class Recipe:
         K, C, M : (n, n) csc_array
         """
         out: list[sp.csc_array] = [sp.csc_array(K.shape, dtype=A.dtype) for A in (K, C, M)]
-        operators = dict(zip(OPERATORS, (K, C, M), strict=True))
+        operators = {None: parted(dict(zip(OPERATORS, (K, C, M), strict=True)))} | {name: parted(group) for name, group in groups.items()}
         for piece in self.pieces:
-            A = block((operators if piece.group is None else groups[piece.group])[piece.operator], is_acoustic, piece.field)
+            A = block(operators[piece.group][piece.operator], is_acoustic, piece.field)
             for at, weight in enumerate(piece.coefficients(factors)):
                 if weight != 0.0 and A.nnz:
                     out[at] = out[at] + weight * A
@@ -125,7 +129,7 @@ class Recipe:
         scales = {}
         for piece in self.pieces:
             if piece.group == name:
-                slot = OPERATORS.index(piece.operator)
+                slot = OPERATORS.index(_whole(piece.operator))
                 scales[piece.operator, piece.field] = sum(
                     share.value(factors) for share in piece.shares if share.slot == slot and name in share.exponents
                 )
@@ -160,9 +164,22 @@ def with_factors(model: FeModel, recipe: Recipe, factors: Mapping[str, float]) -
     extras: dict[str, dict[str, sp.csc_array]] = {name: {} for name in model.extras}
     for name, group in model.extras.items():
         for (operator, field), scale in recipe.group_scales(name, factors).items():
-            share = scale * block(group[operator], model.is_acoustic, field)
-            extras[name][operator] = (extras[name][operator] + share).tocsc() if operator in extras[name] else share.tocsc()
+            share, key = scale * block(parted(group)[operator], model.is_acoustic, field), _whole(operator)
+            extras[name][key] = (extras[name][key] + share).tocsc() if key in extras[name] else share.tocsc()
     return replace(model, K=K, C=C, M=M, extras=extras), recipe.at(factors)
+
+
+def parted(operators: Mapping[str, Any]) -> dict[str, Any]:
+    """Matrices by operator, a complex stiffness in two: its real part, and ``LOSS``."""
+    out = dict(operators)
+    if "stiffness" in out and np.iscomplexobj(out["stiffness"]):
+        out["stiffness"], out[LOSS] = out["stiffness"].real, 1j * out["stiffness"].imag
+    return out
+
+
+def _whole(operator: str) -> str:
+    """The operator that a part belongs to."""
+    return "stiffness" if operator == LOSS else operator
 
 
 def block(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], field: str) -> sp.csc_array:
@@ -178,12 +195,14 @@ def make_recipe(
     acoustic: bool,
     structural: bool = True,
     groups: Mapping[str, Collection[str]] | None = None,
+    lossy: Collection[str] = (),
 ) -> Recipe:
     """Say how K, C and M depend on the factors.
 
     ``stiffness.FIELD`` scales the stiffness of a field, ``mass.FIELD`` its mass; with proportional damping
     ``C = alpha·(delta M) + beta·(gamma K)`` per field follows them and has the factors ``alpha.FIELD`` and ``beta.FIELD``; otherwise
-    the damping matrix of a field has the factor ``damping.FIELD``. The coupling blocks stay. A further group is contained in the operators
+    the damping matrix of a field has the factor ``damping.FIELD``. What makes its stiffness complex follows that and has the factor
+    ``loss_factor.FIELD``. The coupling blocks stay. A further group is contained in the operators
     once: its factor scales this share of them, ``gamma (K + (phi - 1) K_group)`` and likewise for damping and mass.
 
     Parameters
@@ -193,7 +212,9 @@ def make_recipe(
     acoustic, structural : bool
         Which fields there are.
     groups : mapping of str to collections of str
-        The operators of the model to which a further group contributes.
+        The operators of the model, or their parts, to which a further group contributes.
+    lossy : collection of str
+        Blocks of the stiffness that are complex: fields, and ``coupling``.
 
     Returns
     -------
@@ -219,10 +240,15 @@ def make_recipe(
             pieces += _pieces("damping", name, [Monomial(1, 1.0, {f"damping.{name}": 1.0})], groups)
             names.append(f"damping.{name}")
         pieces += [*_pieces("stiffness", name, of_stiffness, groups), *_pieces("mass", name, of_mass, groups)]
+        if name in lossy:
+            pieces += _pieces(LOSS, name, [Monomial(0, 1.0, stiffness | {f"loss_factor.{name}": 1.0})], groups)
+            names.append(f"loss_factor.{name}")
     if len(present) == 2:
         for slot, operator in enumerate(OPERATORS):
             if operator != "damping" or damping is None:
                 pieces += _pieces(operator, "coupling", [Monomial(slot, 1.0, {})], groups)
+        if "coupling" in lossy:
+            pieces += _pieces(LOSS, "coupling", [Monomial(0, 1.0, {})], groups)
     if acoustic:
         names.append(SOUND_SPEED)
     return Recipe(tuple(pieces), (*names, *(groups or {})), frozenset(proportional))

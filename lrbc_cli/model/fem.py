@@ -92,13 +92,37 @@ def proportional_damping(
     -------
     (n, n) csc_array
     """
-
-    def part(matrix: sp.csc_array, weights: tuple[float, float]) -> sp.csc_array:
-        column = np.repeat(is_acoustic, np.diff(matrix.indptr))
-        factor = np.where(column, weights[1], weights[0]) * (is_acoustic[matrix.indices] == column)
-        return sp.csc_array((factor * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
-
-    C = (part(M, (structure[0], acoustic[0])) + part(K, (structure[1], acoustic[1]))).tocsc()
+    C = (_by_field(M, is_acoustic, structure[0], acoustic[0]) + _by_field(K, is_acoustic, structure[1], acoustic[1])).tocsc()
     C.eliminate_zeros()
     C.sort_indices()
     return C
+
+
+def hysteretic(K: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float, acoustic: float) -> sp.csc_array:
+    """``K (1 + i eta)`` on the diagonal blocks of each field, never on the coupling.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+        Where it is complex, the loss factors add to its own.
+    is_acoustic : (n,) bool array
+    structure, acoustic : float
+        Loss factors eta.
+
+    Returns
+    -------
+    (n, n) csc_array
+        The given one without a loss factor.
+    """
+    if not structure and not acoustic:
+        return K
+    loss = _by_field(K.real, is_acoustic, structure, acoustic)
+    loss.eliminate_zeros()
+    return (K + 1j * loss).tocsc() if loss.nnz else K
+
+
+def _by_field(matrix: sp.csc_array, is_acoustic: NDArray[np.bool_], structure: float, acoustic: float) -> sp.csc_array:
+    """The diagonal blocks of both fields, each times its number."""
+    column = np.repeat(is_acoustic, np.diff(matrix.indptr))
+    factor = np.where(column, acoustic, structure) * (is_acoustic[matrix.indices] == column)
+    return sp.csc_array((factor * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)

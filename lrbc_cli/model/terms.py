@@ -60,11 +60,18 @@ class EdgeDamping:
     initial : float
         p_damp at the start.
     bounds : (float, float)
+    loss_factor : float
+        Of hysteretic damping.
     """
 
     beta: float
     initial: float = 0.0
     bounds: tuple[float, float] = (-3.0, 4.0)
+    loss_factor: float = 0.0
+
+    def loss(self, s: Complexes) -> Complexes:
+        """(F,) ``s beta + i loss_factor``, the damping of a unit stiffness where p_damp is 0."""
+        return s * self.beta + 1j * self.loss_factor
 
 
 @dataclass(frozen=True)
@@ -231,12 +238,12 @@ class Parameterisation:
         return J
 
     def spectra(self, theta: Floats, s: Complexes) -> Complexes:
-        """(F, nt) c_j(s) with ``D_j(s) = c_j(s) kappa_j``: s^power, times ``1 + s beta 10^p_damp`` (33)."""
+        """(F, nt) c_j(s) with ``D_j(s) = c_j(s) kappa_j``: s^power, times ``1 + (s beta + i loss_factor) 10^p_damp`` (33)."""
         c = np.ones((s.size, self.terms), dtype=complex)
         for group, (_, at) in zip(self.groups, self.slices, strict=True):
             spectrum = s ** KIND_POWER[group.kind]
             if group.damping and at is not None:
-                spectrum = spectrum * (1.0 + s * group.damping.beta * 10.0 ** theta[at])
+                spectrum = spectrum * (1.0 + group.damping.loss(s) * 10.0 ** theta[at])
             c[:, group.terms] = spectrum[:, None]
         return c
 
@@ -245,7 +252,7 @@ class Parameterisation:
         out = []
         for group, (_, at) in zip(self.groups, self.slices, strict=True):
             if group.damping and at is not None:
-                out.append((at, group.terms, s * group.damping.beta * LN10 * 10.0 ** theta[at]))
+                out.append((at, group.terms, group.damping.loss(s) * LN10 * 10.0 ** theta[at]))
         return out
 
     def baseline(self, s: Complexes) -> Complexes:
@@ -266,7 +273,7 @@ class Parameterisation:
     def polynomial(self, theta: Floats) -> Floats:
         """(nt, 3) k, c and m of ``D_j(s) = k + s c + s² m``; the one of its kind is infinite, the others zero, where a term clamps.
 
-        Damping tied to a stiffness (33) is viscous, ``c = k beta 10^p_damp``.
+        Damping tied to a stiffness (33) is viscous, ``c = k beta 10^p_damp``; a loss factor has no such form.
         """
         kappa = self.scales(theta)
         finite = np.isfinite(kappa)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.model.factors import OPERATORS, Recipe
-from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, with_diagonal_air
+from lrbc_cli.model.factors import FIELDS, OPERATORS, Recipe, parted
+from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, plain, with_diagonal_air
 from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.reduced import ReducedModel
 
@@ -66,12 +66,9 @@ class AffineModel:
         r, ns = self.base.size, self.base.structure
         first = np.arange(r) < ns
         inside = {"structure": np.outer(first, first), "acoustic": np.outer(~first, ~first), "coupling": first[:, None] != first[None, :]}
-        operators = dict(zip(OPERATORS, (self.base.K, self.base.C, self.base.M), strict=True))
-        out: list[Any] = []
-        for piece in self.recipe.pieces:
-            found = operators if piece.group is None else self.base.extras[piece.group]
-            out.append(np.where(inside[piece.field], found[piece.operator], 0.0))
-        return out
+        own = dict(zip(OPERATORS, (self.base.K, self.base.C, self.base.M), strict=True))
+        found = {None: parted(own)} | {name: parted(group) for name, group in self.base.extras.items()}
+        return [np.where(inside[piece.field], found[piece.group][piece.operator], 0.0) for piece in self.recipe.pieces]
 
     def operators(self, factors: Mapping[str, float], slope: str | None = None) -> list[Any]:
         """K, C and M at the given factors, or their derivative to the logarithm of one of them."""
@@ -81,6 +78,18 @@ class AffineModel:
             for slot in np.flatnonzero(weights):
                 out[slot] = out[slot] + weights[slot] * A
         return out
+
+    def damping_coefficients(self) -> dict[str, float]:
+        """Alpha, beta and loss factor of each field, by the names of their factors: those at which these are one."""
+        ns, K = self.base.structure, self.base.K
+        found: dict[str, float] = {}
+        for piece in self.recipe.pieces:
+            for share in piece.shares if piece.group is None else ():
+                found |= {name: share.coefficient for name in share.exponents if name in self.recipe.proportional and share.coefficient}
+        for field, part in zip(FIELDS, (slice(0, ns), slice(ns, None)), strict=True):
+            if f"loss_factor.{field}" in self.recipe.names:
+                found[f"loss_factor.{field}"] = float(np.trace(K[part, part]).imag / np.trace(K[part, part]).real)
+        return found
 
     def at(self, factors: Mapping[str, float]) -> ReducedModel:
         """The reduced model with these factors."""
@@ -195,12 +204,13 @@ class AffineModel:
                     return None
         if ns in (0, base.size):
             return 1.0
-        A, F = K[:ns, ns:], -M[ns:, :ns].T
+        A, F = plain(K[:ns, ns:]), -M[ns:, :ns].T
         if (
             np.abs(K[ns:, :ns]).max(initial=0.0)
             or np.abs(M[:ns, ns:]).max(initial=0.0)
             or np.abs(C[:ns, ns:]).max()
             or np.abs(C[ns:, :ns]).max()
+            or np.iscomplexobj(A)
         ):
             return None
         square = float(np.sum(A * A))

@@ -30,11 +30,11 @@ def air_modes(K: Any, M: Any, structure: int) -> Floats | None:
     Returns
     -------
     float array or None
-        None where there is no air or its matrices are not real, symmetric and of definite mass.
+        None where there is no air or its matrices are not symmetric and of definite mass.
     """
-    if structure == K.shape[0] or np.iscomplexobj(K):
+    if structure == K.shape[0]:
         return None
-    Ka, Ma = K[structure:, structure:], M[structure:, structure:]
+    Ka, Ma = K[structure:, structure:].real, M[structure:, structure:]
     if any(np.abs(A - A.T).max() > NEGLIGIBLE * np.abs(A).max() for A in (Ka, Ma)):
         return None
     try:
@@ -157,8 +157,13 @@ def condensed_solve(
 
 def _powers(K: Any, C: Any, M: Any, rows: slice, columns: slice) -> list[tuple[int, Any]]:
     """Blocks of K, C, M that are not zero, with their powers of s; a zero block of K where all are."""
-    found = [(power, A[rows, columns]) for power, A in enumerate((K, C, M)) if A[rows, columns].any()]
-    return found or [(0, K[rows, columns])]
+    found = [(power, plain(A[rows, columns])) for power, A in enumerate((K, C, M)) if A[rows, columns].any()]
+    return found or [(0, plain(K[rows, columns]))]
+
+
+def plain(A: Any) -> Any:
+    """The real part of an array that has no other, as the coupling in a stiffness with loss factors."""
+    return A.real if not A.imag.any() else A
 
 
 def _outer(weight: Complexes, left: Floats, right: Floats) -> Complexes:

@@ -64,6 +64,7 @@ class Parameter(Record):
     damping_exponent_std: float | None = None
     damping_factor: float | None = None
     damping_beta: float | None = None
+    damping_loss_factor: float | None = None
     damping_bounds: Range | None = None
 
     @model_validator(mode="after")

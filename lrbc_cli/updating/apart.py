@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.priors import CALIBRATION_PRIOR, CalibrationPrior
 
 
@@ -67,14 +69,63 @@ def indistinguishable(
     return found
 
 
-def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]]) -> list[str]:
-    """What to say of them."""
+@dataclass(frozen=True)
+class Losses:
+    """What damps a field, as loss factors: alpha / omega, beta omega, and a loss factor.
+
+    Attributes
+    ----------
+    names : tuple of str
+        ``alpha.FIELD``, ``beta.FIELD``, ``loss_factor.FIELD``, those that there are.
+    values : (k,) float array
+        alpha [1/s], beta [s], the loss factor.
+    covariance : (k, k) float array
+        Of their logarithms.
+    frequency_hz : (F,) float array
+    """
+
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    frequency_hz: Floats
+
+    @property
+    def field(self) -> str:
+        """The field that they damp."""
+        return self.names[0].partition(".")[2]
+
+    @property
+    def terms(self) -> list[str]:
+        """What each adds to the loss factor, in words."""
+        kinds = [name.partition(".")[0] for name in self.names]
+        return [{"alpha": "alpha / omega", "beta": "beta omega"}.get(kind, kind) for kind in kinds]
+
+    def best_known(self) -> tuple[float, float, float]:
+        """Their sum where it is known best, the standard deviation of its logarithm, and the frequency [Hz]."""
+        omega = 2 * np.pi * self.frequency_hz
+        shape = {"alpha": 1 / omega, "beta": omega, "loss_factor": np.ones_like(omega)}
+        parts = np.stack([value * shape[name.partition(".")[0]] for name, value in zip(self.names, self.values, strict=True)])
+        total = parts.sum(axis=0)
+        spread = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", parts, self.covariance, parts), 0.0)) / total
+        at = int(np.argmin(spread))
+        return float(total[at]), float(spread[at]), float(self.frequency_hz[at])
+
+
+def apart_notes(groups: Sequence[tuple[tuple[str, ...], bool]], damping: Sequence[Losses] = ()) -> list[str]:
+    """What to say of them; of factors that damp one field, what they come to together."""
     notes = []
     for names, left in groups:
         words = f"{', '.join(names[:-1])} and {names[-1]}"
         text = f"{words} cannot be told apart by these FRFs: only their combination is determined, "
         # Data without errors of the model would still tell a little.
-        notes.append(
-            text + ("the prior shares it between them" if left else "what each has of it rests on the last few per cent of the fit")
-        )
+        text += "the prior shares it between them" if left else "what each has of it rests on the last few per cent of the fit"
+        for losses in damping:
+            if len(set(names) & set(losses.names)) > 1:
+                total, spread, hz = losses.best_known()
+                low, high = (total * np.exp(sign * NORMAL_95 * spread) for sign in (-1, 1))
+                text += (
+                    f"; the loss factor {' + '.join(losses.terms)} of field {losses.field} is "
+                    f"{total:.3g} ({low:.3g} to {high:.3g}) at {hz:.4g} Hz"
+                )
+        notes.append(text)
     return notes

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.model.factors import Recipe
+from lrbc_cli.model.factors import FIELDS, LOSS, Recipe
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.updating.apart import apart_notes, indistinguishable
+from lrbc_cli.updating.apart import Losses, apart_notes, indistinguishable
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import no_worse, noise_of
@@ -31,7 +31,7 @@ from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
 def moves_resonances(recipe: Recipe, name: str) -> bool:
     """Whether a factor scales stiffness or mass, rather than damping alone."""
-    return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces for share in piece.shares)
+    return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces if piece.operator != LOSS for share in piece.shares)
 
 
 def smoothed(
@@ -140,6 +140,20 @@ class FactorProblem:
         if self.hold:
             boundary = np.repeat(self.parameters.initial[:, None], 2, axis=1)
         return np.vstack([boundary, np.array([scalar.bounds for scalar in self.scalars]).reshape(-1, 2)])
+
+    def losses(self, theta: Floats, covariance: Floats) -> list[Losses]:
+        """What damps each field, with the covariance of theta."""
+        size, found = self.parameters.size, []
+        coefficients = self.model.damping_coefficients()
+        for part in FIELDS:
+            own = tuple(name for name in sorted(coefficients) if name.endswith(f".{part}"))
+            if not own:
+                continue
+            at = np.array([size + self.names.index(name) if name in self.names else -1 for name in own])
+            values = [coefficients[name] * (np.exp(theta[i]) if i >= 0 else 1.0) for name, i in zip(own, at, strict=True)]
+            known = np.where(np.logical_and.outer(at >= 0, at >= 0), covariance[np.ix_(at, at)], 0.0)
+            found.append(Losses(own, np.array(values), known, self.frequency_hz[self.selected]))
+        return found
 
     def rows(self) -> Floats:
         """Rows of the penalty in standard deviations of the prior."""
@@ -318,10 +332,10 @@ def fit_factors(
     if solution.status != "failed":
         solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
     J = solution.evaluation.jacobian
-    notes += [*_apart(problem, J, noise), *_remarks(problem, solution.theta)]
-    return FactorFit(
-        problem=problem, solution=solution, noise=noise, covariance=_covariance(problem, J, noise), stages=tuple(stages), notes=tuple(notes)
-    )
+    covariance = _covariance(problem, J, noise)
+    damping = problem.losses(solution.theta, covariance)
+    notes += [*_apart(problem, J, noise, damping), *_remarks(problem, solution.theta)]
+    return FactorFit(problem=problem, solution=solution, noise=noise, covariance=covariance, stages=tuple(stages), notes=tuple(notes))
 
 
 def _weighed(
@@ -401,7 +415,7 @@ def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:
     return covariance
 
 
-def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
+def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise, damping: Sequence[Losses]) -> list[str]:
     """Notes on factors that are not told apart; ``jacobian`` has the rows of the penalty last."""
     size, count = problem.parameters.size, len(problem.names)
     rows = problem.rows()
@@ -410,7 +424,7 @@ def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise) -> list[str]:
     data = jacobian[: jacobian.shape[0] - rows.shape[0], [*range(size, size + count), *other]] / np.sqrt(noise.variance)
     std = np.array([scalar.std for scalar in problem.scalars[:count]])
     precision = rows[:, other].T @ rows[:, other]
-    return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration))
+    return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration), damping)
 
 
 def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:

@@ -176,7 +176,7 @@ class VirtualStructure:
         damped = np.exp(settings.damping * draw[3:])
         undamped = ("stiffness.structure", "mass.structure", "stiffness.acoustic")
         drawn = {name: float(1 + settings.perturb * d) for name, d in zip(undamped, draw, strict=False)}
-        for kind in ("damping", "alpha", "beta"):
+        for kind in ("damping", "alpha", "beta", "loss_factor"):
             drawn |= {f"{kind}.structure": float(damped[0]), f"{kind}.acoustic": float(damped[1])}
         self.factors = {name: value for name, value in drawn.items() if name in inputs.recipe.names}
         self._ports: dict[tuple[float, tuple[float, float]], PortFrf] = {}

@@ -258,6 +258,7 @@ class TestCampaignFile:
             ({"job": "tight", "factors": ["stifness.structure"]}, "calibration.factors[0]", "did you mean 'stiffness.structure'?"),
             ({"job": "tight", "factors": ["alpha.structure"]}, "calibration.factors[0]", "needs model.damping.structure.alpha above 0"),
             ({"job": "tight", "factors": ["mass.acoustic"]}, "calibration.factors[0]", "scales nothing in this model"),
+            ({"job": "tight", "factors": ["loss_factor.structure"]}, "calibration.factors[0]", "or a complex stiffness"),
             ({"job": "tight", "factors": ["stiffness.structure"] * 2}, "calibration.factors[1]", "stands twice"),
             ({"job": "tight"}, "calibration.factors", "at least one factor or group"),
             ({"factors": ["stiffness.structure"]}, "calibration.job", "missing"),
@@ -274,6 +275,25 @@ class TestCampaignFile:
         assert outcome.code == 2
         assert place in outcome.stderr
         assert words in outcome.stderr
+
+    def test_a_loss_factor(self, tmp_path: Path) -> None:
+        """What was put in comes out: of the campaign, and of a complex matrix; the commands use it."""
+        folder = with_calibration(frame(tmp_path / "frame"), {"job": "tight", "factors": ["loss_factor.structure"], "boundary": "held"})
+
+        def damped(loss_factor: float) -> tuple[str, str]:
+            return "--override", f"model.damping={{structure: {{beta: 2.0e-6, loss_factor: {loss_factor}}}}}"
+
+        assert folder.run("simulate", "--lines", "30:500:1", *damped(0.03), "--out", folder.path / "own.csv").code == 0
+        (folder.path / "own.csv").replace(folder.data / "frf" / "tight.csv")
+        outcome = folder.run("calibrate", "--json", *damped(0.01))
+        assert outcome.code == 0, outcome.stderr
+        assert outcome.json["factors"]["loss_factor.structure"]["value"] == pytest.approx(3.0, rel=2e-3)
+        assert "loss factor about 0.03" in folder.run("check", *damped(0.01)).stdout
+        K = scipy.io.mmread(folder.data / "model" / "stiffness.mtx", spmatrix=False)
+        scipy.io.mmwrite(folder.data / "model" / "stiffness.mtx", K * (1 + 0.02j), symmetry="general", precision=17)
+        outcome = folder.run("calibrate", "--json", *damped(0))
+        assert outcome.code == 0, outcome.stderr
+        assert outcome.json["factors"]["loss_factor.structure"]["value"] == pytest.approx(1.5, rel=2e-3)
 
     def test_a_group(self, tmp_path: Path) -> None:
         """A share of the stiffness: what was put in comes out."""

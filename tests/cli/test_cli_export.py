@@ -95,19 +95,21 @@ def off(found: np.ndarray, expected: np.ndarray) -> float:
 def test_the_second_order_form_by_its_documented_layout(request: pytest.FixtureRequest, sample: str, ending: str) -> None:
     """From the arrays alone, as the README says it: any parameter value gives the FRFs of ``lrbc simulate``."""
     folder = request.getfixturevalue(sample)
+    if sample == "box":
+        tree = folder.tree()
+        tree["parameters"]["springs"]["damping"] = {"loss_factor": 0.004}
+        folder.write(tree)
     tree = exported(folder, out=f"new/model{ending}")
     assert set(tree) == GROUPS
     model, terms = tree["second_order"], tree["terms"]
-    damped = sample == "frame"
-    group = "left_edge" if damped else "springs"
-    s, y = simulated(folder, f"--set={group}=3.3", *([f"--set={group}.damping=1.5"] if damped else []))
+    group = "left_edge" if sample == "frame" else "springs"
+    s, y = simulated(folder, f"--set={group}=3.3", f"--set={group}.damping=1.5")
     count = len(tree["parameters"]["name"])
     k = terms["weights"] @ np.full(count, 10.0**3.3)
     found = []
     for z in s:
-        D = k * z ** terms["power"].ravel() * (1 + z * terms["damping_beta"].ravel() * 10.0**1.5) - (
-            terms["baseline"].ravel() * z ** terms["power"].ravel()
-        )
+        damping = (z * terms["damping_beta"].ravel() + 1j * terms["damping_loss_factor"].ravel()) * 10.0**1.5
+        D = (k * (1 + damping) - terms["baseline"].ravel()) * z ** terms["power"].ravel()
         Z = z**2 * model["M"] + z * model["C"] + model["K"] + (terms["left"] * D) @ terms["right"].T
         found.append(z ** model["output_power"].ravel() * (model["L"] @ np.linalg.solve(Z, model["B"]))[:, 0])
     assert off(np.array(found), y) < 1e-8
@@ -251,6 +253,16 @@ def test_hysteretic_damping_has_no_state_space(box: Folder) -> None:
     assert "export without --state-space" in refused.stderr
     assert not out.exists()
     assert np.iscomplexobj(exported(box)["second_order"]["K"])
+
+
+@pytest.mark.parametrize("place", ["model.damping", "parameters.springs.damping"])
+def test_loss_factors_have_no_state_space(box: Folder, place: str) -> None:
+    key = "model.damping.structure.loss_factor=0.02" if place == "model.damping" else f"{place}={{loss_factor: 0.02}}"
+    refused = box.run("reduce", "--export", str(box.path / "model.h5"), "--state-space", "--override", key)
+    assert refused.code == 3, refused.stderr
+    for part in ("no real first-order form", f"a loss factor in {place}", "export without --state-space"):
+        assert part in refused.stderr
+    assert not (box.path / "model.h5").exists()
 
 
 def test_a_state_space_that_grows_is_told(box: Folder) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse as sp
 from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf, relative
 
@@ -174,6 +177,30 @@ def test_damping_of_a_group(frame: Folder) -> None:
         result = frame.run("simulate", "--out", "x.csv", "--set", f"left_edge.damping={bad}")
         assert result.code == 2
         assert "the damping exponent is one" in result.stderr
+
+
+def test_loss_factors(box: Folder) -> None:
+    """Of a field, a joint, and in the matrix: K (1 + i eta), p (1 + i eta 10^p_damp), reduced and in full."""
+    frequency = np.arange(30.0, 301.0, 30.0)
+    s, lines = 2j * np.pi * frequency, ("--lines", "30:300:30", "--set", "springs=4.2")
+    inputs = box.inputs()
+    model, own = inputs.model, ~inputs.model.is_acoustic
+    K = model.K.toarray()
+    K = K + 0.03j * K * np.outer(own, own)
+    D = np.full((s.size, 6), 10.0**4.2 + 0j)
+    lossy = direct_frf(replace(model, K=sp.csc_array(K)), s, D, inputs.input_of)
+    assert relative(lossy, expected(box, frequency, np.full(6, 4.2))) > 0.05
+    of_field = ("--override", "model.damping.structure.loss_factor=0.03")
+    for full in ((), ("--full",)):
+        assert relative(frfs(box, *lines, *of_field, *full)[1], lossy) < 1e-6
+    tied = ("--override", "parameters.springs.damping={beta: 0, loss_factor: 0.2}", "--set", "springs.damping=0.3")
+    D = D * (1 + 0.2j * 10**0.3)
+    both = direct_frf(replace(model, K=sp.csc_array(K)), s, D, inputs.input_of)
+    assert relative(both, lossy) > 0.05
+    assert relative(frfs(box, *lines, *of_field, *tied)[1], both) < 1e-6
+    # The exporter's own complex matrix.
+    scipy.io.mmwrite(box.data / "K.mtx", sp.coo_array(K), symmetry="general", precision=17)
+    assert relative(frfs(box, *lines)[1], lossy) < 1e-6
 
 
 def test_a_group_whose_name_holds_dots(box: Folder) -> None:

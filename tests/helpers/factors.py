@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from systems import csc, direct_frf, duct, fe_model, unit
 
-from lrbc_cli.model.factors import Recipe, make_recipe, with_factors
-from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.factors import FIELDS, Recipe, make_recipe, parted, with_factors
+from lrbc_cli.model.fem import FeModel, hysteretic
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -19,8 +19,11 @@ SPRINGS = 6
 FREQUENCY = np.arange(20.0, 401.0)
 
 
-def duct_model(matrix_damping: bool = False) -> tuple[FeModel, Recipe]:
-    """The model with the group ``part`` (and its damping, where that is a matrix), and how it depends on factors."""
+def duct_model(matrix_damping: bool = False, loss: tuple[float, float] | None = None) -> tuple[FeModel, Recipe]:
+    """The model with the group ``part`` (and its damping, where that is a matrix), and how it depends on factors.
+
+    With loss factors of structure and air both have a complex stiffness.
+    """
     ns, na = 8, 24
     K, M, acoustic = duct(ns, na, kappa=1.0, coupling=1.0)
     n = ns + na
@@ -39,7 +42,11 @@ def duct_model(matrix_damping: bool = False) -> tuple[FeModel, Recipe]:
     part = {"stiffness": csc(0.4 * first @ model.K.toarray() @ first), "mass": csc(0.3 * first @ model.M.toarray() @ first)}
     if matrix_damping:
         part["damping"] = csc(0.5 * first @ model.C.toarray() @ first)
-    recipe = make_recipe(None if matrix_damping else COEFFICIENTS, True, True, {"part": list(part)})
+    if loss is not None:
+        part["stiffness"] = hysteretic(part["stiffness"], acoustic, *loss)
+        model = replace(model, K=hysteretic(model.K, acoustic, *loss))
+    coefficients = None if matrix_damping else COEFFICIENTS
+    recipe = make_recipe(coefficients, True, True, {"part": list(parted(part))}, () if loss is None else FIELDS)
     return replace(model, extras={"part": part}), recipe
 
 

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from systems import chain, duct, fe_model, unit
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 
 
 class TestProportionalDamping:
@@ -39,6 +39,25 @@ class TestProportionalDamping:
         K, M = chain(4)
         C = proportional_damping((K * (1 + 0.1j)).tocsc(), M, np.zeros(4, dtype=bool), (2.0, 1e-5), (0.0, 0.0))
         np.testing.assert_allclose(C.toarray(), (2.0 * M + 1e-5 * (1 + 0.1j) * K).toarray(), rtol=1e-14)
+
+
+class TestHysteretic:
+    def test_each_field_has_its_own_loss_factor_and_the_coupling_none(self):
+        K, _, acoustic = duct(5, 9)
+        found = hysteretic(K, acoustic, 0.02, 0.003).toarray()
+        np.testing.assert_allclose(found.real, K.toarray(), rtol=1e-14)
+        expected = K.toarray() * np.where(np.logical_or.outer(acoustic, acoustic), 0.003, 0.02)
+        expected[acoustic[:, None] != acoustic] = 0.0
+        np.testing.assert_allclose(found.imag, expected, rtol=1e-14)
+
+    def test_it_adds_to_a_complex_stiffness(self):
+        K, _ = chain(4)
+        found = hysteretic((K * (1 + 0.1j)).tocsc(), np.zeros(4, dtype=bool), 0.02, 0.5)
+        np.testing.assert_allclose(found.toarray(), K.toarray() * (1 + 0.12j), rtol=1e-14)
+
+    def test_none_stays_real(self):
+        K, _ = chain(4)
+        assert hysteretic(K, np.zeros(4, dtype=bool), 0.0, 0.5) is K
 
 
 class TestFeModel:

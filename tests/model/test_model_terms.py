@@ -120,6 +120,12 @@ class TestSpectra:
         P = Parameterisation((group("pot", "damping", [0], baseline=3.0), group("m", "mass", [1], baseline=0.5)))
         np.testing.assert_allclose(P.baseline(self.S), np.column_stack([3.0 * self.S, 0.5 * self.S**2]), rtol=1e-14)
 
+    def test_a_loss_factor_beside_beta(self):
+        P = Parameterisation((group("edge", "stiffness", [0, 1], damping=EdgeDamping(2e-6, 0.4, loss_factor=0.02)),))
+        theta = np.array([2.0, 3.0, 0.7])
+        expected = 10.0 ** theta[:2] * (1 + (self.S[:, None] * 2e-6 + 0.02j) * 10**0.7)
+        np.testing.assert_allclose(P.dynamic(theta, self.S), expected, rtol=1e-13)
+
     def test_infinite_clamps_and_minus_infinite_frees(self, mixed):
         theta = mixed.initial
         theta[[0, 1, 5]] = [np.inf, -np.inf, -np.inf]

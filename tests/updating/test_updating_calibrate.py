@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -20,6 +21,14 @@ from lrbc_cli.updating.residuals import ResidualOptions
 SIX = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
 KINDS = [(False, name) for name in (*SIX, "stiffness.acoustic", "mass.structure", "sound_speed", "part")]
 KINDS += [(True, name) for name in ("damping.structure", "damping.acoustic", "part")]
+
+
+def test_what_moves_resonances():
+    _, recipe = duct_model(loss=(0.02, 0.003))
+    still = {name for name in recipe.names if not moves_resonances(recipe, name)}
+    assert still == {f"{kind}.{field}" for kind in ("alpha", "beta", "loss_factor") for field in ("structure", "acoustic")}
+
+
 TIGHT = np.array([4.6, 4.4, 4.5, 4.7, 4.5, 4.6])
 
 
@@ -184,6 +193,44 @@ class TestRecovery:
         names = ("stiffness.acoustic", "part")
         notes = fit_factors(problem(affine(model, recipe), values, names)).notes
         assert not [note for note in notes if "cannot be told apart" in note]
+
+    def test_a_loss_factor(self):
+        """Damping that is hysteretic beside a proportional start: found, and what the three come to is told."""
+        model, recipe = duct_model(loss=(0.005, 0.0))
+        damping = ("alpha.structure", "beta.structure", "loss_factor.structure")
+        truth = {"stiffness.structure": 1.02, "alpha.structure": 0.3, "beta.structure": 0.3, "loss_factor.structure": 6.0}
+        values = measured(model, recipe, truth, TIGHT, 0.01)
+        fit = fit_factors(problem(affine(model, recipe), values, tuple(truth)))
+        without = fit_factors(problem(affine(model, recipe), values, tuple(truth)[:3]))
+        assert fit.solution.evaluation.misfit_db < 0.5 * without.solution.evaluation.misfit_db
+        low, high = fit.interval("loss_factor.structure")
+        assert low < 6.0 < high
+
+        (losses, _) = fit.problem.losses(fit.solution.theta, fit.covariance)
+        assert losses.names == damping
+        total, spread, hz = losses.best_known()
+        exact = 0.3 * COEFFICIENTS[0][0] / (2 * np.pi * hz) + 0.3 * COEFFICIENTS[0][1] * 2 * np.pi * hz + 0.03
+        assert total == pytest.approx(exact, rel=4 * spread)
+        assert spread < 0.05
+        (note,) = apart_notes([(damping, True)], [losses])
+        assert "loss factor alpha / omega + beta omega + loss_factor of field structure is" in note
+        assert f"is {total:.3g} (" in note
+        assert f") at {hz:.4g} Hz" in note
+
+    def test_what_damps_alike_is_told_as_one(self):
+        """On lines of few resonances: the loss factor that alpha, beta and eta come to."""
+        model, recipe = duct_model(loss=(0.005, 0.0))
+        truth = {"beta.structure": 0.3, "loss_factor.structure": 6.0}
+        values = measured(model, recipe, truth, TIGHT, 0.01)
+        lines = np.flatnonzero(FREQUENCY >= 200.0)
+        fit = fit_factors(problem(affine(model, recipe), values, tuple(truth), selected=lines))
+        (note,) = (note for note in fit.notes if "told apart" in note)
+        assert note.startswith("beta.structure and loss_factor.structure cannot be told apart by these FRFs: only their combination")
+        told = re.search(r"of field structure is (\S+) \((\S+) to (\S+)\) at (\S+) Hz", note)
+        value, low, high, hz = map(float, told.groups())
+        assert low < value < high < 1.2 * low
+        exact = COEFFICIENTS[0][0] / (2 * np.pi * hz) + 0.3 * COEFFICIENTS[0][1] * 2 * np.pi * hz + 0.03
+        assert value == pytest.approx(exact, rel=0.1)
 
     def test_what_lies_at_a_bound_is_said(self):
         """Air half as heavy is beyond the bounds of its mass."""

@@ -8,10 +8,11 @@ import scipy.sparse as sp
 from derivatives import check_derivative
 from systems import chain, csc, direct_frf, duct, fe_model, unit
 
-from lrbc_cli.model.factors import Recipe, make_recipe
-from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.factors import FIELDS, Recipe, make_recipe
+from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.reduction.condense import air_is_diagonal
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 
@@ -22,13 +23,15 @@ STRUCTURE, AIR = (60.0, 2e-5), (40.0, 1e-6)
 class System:
     """A small model whose basis is the identity: the affine model is then the full one."""
 
-    def __init__(self, coupled: bool, matrix_damping: bool = False) -> None:
+    def __init__(self, coupled: bool, matrix_damping: bool = False, loss: tuple[float, float] | None = None) -> None:
         if coupled:
             K, M, acoustic = duct(8, 16, kappa=1.3, coupling=1.0)
         else:
             (K, M), acoustic = chain(10, 4e4), np.zeros(10, dtype=bool)
         self.acoustic, n = acoustic, K.shape[0]
         C = proportional_damping(K, M, acoustic, STRUCTURE, AIR)
+        lossy = () if loss is None else FIELDS[: 1 + coupled]
+        K = K if loss is None else hysteretic(K, acoustic, *loss)
         outputs = (9, 14, 22, 5) if coupled else (2, 8, 5)
         # Two hammers, each with the derivatives of its load to two shifts behind them.
         rng = np.random.default_rng(0)
@@ -39,7 +42,7 @@ class System:
             output_power=[0, 0, 0, 2] if coupled else [2, 0, 1],
         )  # fmt: skip
         self.input_of = np.array([0, 1, 0, 1] if coupled else [0, 1, 0])
-        self.recipe: Recipe = make_recipe(None if matrix_damping else (STRUCTURE, AIR), coupled, True)
+        self.recipe: Recipe = make_recipe(None if matrix_damping else (STRUCTURE, AIR), coupled, True, lossy=lossy)
         self.affine = AffineModel(self.reduced(self.model), self.recipe, np.array([[2, 3], [4, 5]]))
         group = ParameterGroup(
             "edge",
@@ -49,7 +52,7 @@ class System:
             np.full(3, 4.0),
             np.tile([0.0, 8.0], (3, 1)),
             smoothing_matrix((0.2, 0.6, 0.2), 3),
-            damping=EdgeDamping(2e-5),
+            damping=EdgeDamping(2e-5, loss_factor=0.0 if loss is None else 0.03),
         )
         mass = ParameterGroup("mass", "mass", np.array([3]), np.zeros(1, dtype=int), np.array([-2.0]), np.array([[-4.0, 0.0]]), np.eye(1))
         self.parameters = Parameterisation((group, mass))
@@ -78,10 +81,18 @@ def extras(system: System) -> list[Nuisance]:
     return found
 
 
-CASES = [(True, False), (True, True), (False, False), (False, True)]
+CASES = {
+    "u-p": (True, False),
+    "u-p with a damping matrix": (True, True),
+    "structure": (False, False),
+    "structure with a damping matrix": (False, True),
+    "u-p with loss factors": (True, False, (0.02, 0.003)),
+    "u-p with one loss factor": (True, False, (0.02, 0.0)),
+    "structure with a loss factor": (False, True, (0.02, 0.0)),
+}
 
 
-@pytest.fixture(params=CASES, ids=["u-p", "u-p with a damping matrix", "structure", "structure with a damping matrix"])
+@pytest.fixture(params=CASES.values(), ids=CASES)
 def system(request) -> System:  # type: ignore[no-untyped-def]
     return System(*request.param)
 
@@ -205,3 +216,16 @@ def test_unsymmetric_models_have_the_same_derivatives() -> None:
     scale = 1.0 / np.abs(model.frf(theta)).mean(axis=0)
     direction = np.random.default_rng(4).normal(size=model.size)
     check_derivative(lambda t: model.frf(t) * scale, J * scale[:, None], theta, direction, first=3e-2)
+
+
+def test_the_air_is_condensed_beside_a_lossy_structure() -> None:
+    """Loss factors leave the air diagonal in the modes of the cavity, and the coupling real."""
+    for loss in ((0.02, 0.0), (0.02, 0.003)):
+        system = System(True, False, loss)
+        turned = system.affine.diagonalised()
+        base = turned.base
+        assert air_is_diagonal(base.K, base.C, base.M, base.structure, base.left, base.right)
+        found = [ExtendedFrf(model, S, system.parameters, extras(system), np.arange(4)) for model in (turned, system.affine)]
+        theta = point(found[0])
+        for a, b in zip(*(model.derivatives(theta) for model in found), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9 * np.abs(b).max())

@@ -86,7 +86,7 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
         start = float(np.clip(limits.start, low, high))
     damping = None
     if config.damping is not None:
-        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds)
+        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds, group.loss_factor)
     return ParameterGroup(
         name=group.name,
         kind=config.kind,

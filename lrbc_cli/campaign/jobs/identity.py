@@ -92,7 +92,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "parameters": digest(
             list(resolved["parameters"]),
             groups,
-            [group.beta for group in inputs.groups],
+            [(group.beta, group.loss_factor) for group in inputs.groups],
             *[group.xyz for group in inputs.groups if group.xyz is not None],
             # Which terms share a value: nothing else tells where terms have no positions.
             *[group.parameter for group in inputs.groups if group.count < group.parameter.size],

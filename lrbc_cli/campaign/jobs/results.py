@@ -209,6 +209,7 @@ def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord
                 "damping_exponent_std": float(np.sqrt(max(variance[at], 0.0))),
                 "damping_factor": 10.0 ** theta[at],
                 "damping_beta": group.damping.beta,
+                "damping_loss_factor": group.damping.loss_factor,
                 "damping_bounds": group.damping.bounds,
             }
         out[group.name] = entry

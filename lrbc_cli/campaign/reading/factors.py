@@ -13,7 +13,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.factors import Recipe, make_recipe
+from lrbc_cli.model.factors import FIELDS, Recipe, block, make_recipe, parted
 from lrbc_cli.model.fem import FeModel
 
 #: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
@@ -120,8 +120,10 @@ def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:
     coefficients = None
     if isinstance(damping, ProportionalDamping):
         coefficients = ((damping.structure.alpha, damping.structure.beta), (damping.acoustic.alpha, damping.acoustic.beta))
-    groups = {name: list(group) for name, group in model.extras.items()}
-    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all(), groups)
+    groups = {name: list(parted(group)) for name, group in model.extras.items()}
+    loss = model.K.imag if np.iscomplexobj(model.K) else None
+    lossy = [name for name in (*FIELDS, "coupling") if loss is not None and block(loss, acoustic, name).count_nonzero()]
+    recipe = make_recipe(coefficients, bool(acoustic.any()), not acoustic.all(), groups, lossy)
     require_fields(campaign, recipe)
     return recipe
 
@@ -138,5 +140,7 @@ def require_fields(campaign: Campaign, recipe: Recipe) -> None:
                 "factors",
                 index,
                 expected=f"one of {', '.join(recipe.names)}",
-                hint="acoustic DOFs are those of component PRES in the DOF table",
+                hint="a loss factor takes model.damping.FIELD.loss_factor above 0, or a complex stiffness"
+                if name.startswith("loss_factor.")
+                else "acoustic DOFs are those of component PRES in the DOF table",
             )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
 from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.reader import ModelReader
-from lrbc_cli.config.structure import GroupConfig, ProportionalDamping
+from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import Positions, read_points, read_positions
@@ -37,8 +37,8 @@ class TermGroup:
         Position of each parameter [m].
     arc_length : (k,) float array or None
         None of joints, which lie along no edge.
-    beta : float
-        Stiffness-proportional damping of the terms [s].
+    beta, loss_factor : float
+        Stiffness-proportional [s] and hysteretic damping of the terms.
     bolt : (k,) int array or None
         Bolt that owns each parameter, -1 where none does; None where no bolt owns any.
     """
@@ -51,6 +51,7 @@ class TermGroup:
     arc_length: Floats | None
     beta: float
     bolt: NDArray[np.int64] | None = None
+    loss_factor: float = 0.0
 
     @property
     def count(self) -> int:
@@ -135,7 +136,8 @@ class GroupReader(ModelReader):
         if own.bolt is not None and config.smoothing is not None and sum(weight > 0 for weight in config.smoothing) > 1:
             hint = "remove smoothing"
             raise self.campaign.error("smoothing ties values of different bolts", "parameters", name, "smoothing", hint=hint)
-        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, self._beta(name, config))
+        beta, loss_factor = (config.damping or GroupDampingConfig()).coefficients(self.campaign.model.damping)
+        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, beta, loss_factor=loss_factor)
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
             + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 else "")
@@ -193,20 +195,3 @@ class GroupReader(ModelReader):
             )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
-
-    def _beta(self, name: str, config: GroupConfig) -> float:
-        """Stiffness-proportional damping of the terms of a group [s]."""
-        damping = self.campaign.model.damping
-        beta = damping.structure.beta if isinstance(damping, ProportionalDamping) else 0.0
-        if config.damping is not None:
-            beta = config.damping.beta if config.damping.beta is not None else beta
-            if beta <= 0:
-                raise self.campaign.error(
-                    "damping tied to stiffness needs a coefficient beta",
-                    "parameters",
-                    name,
-                    "damping",
-                    expected="beta: seconds, for instance 1e-6",
-                    found="no beta here, and no model.damping.structure.beta",
-                )
-        return beta

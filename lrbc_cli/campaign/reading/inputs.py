@@ -21,13 +21,13 @@ from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Point
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import ProportionalDamping, ResponseConfig
+from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import read_dof_table
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
-from lrbc_cli.model.fem import FeModel, proportional_damping
+from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
@@ -264,6 +264,13 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     bolts, groups = reader.owned(found)
     reader.notes += require_edges(campaign, groups, bolts)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
+    if isinstance(campaign.model.damping, ProportionalDamping):
+        eta = campaign.model.damping.structure.loss_factor, campaign.model.damping.acoustic.loss_factor
+        K = hysteretic(K, acoustic, *eta)
+        extras = {
+            name: {key: hysteretic(A, acoustic, *eta) if key == "stiffness" else A for key, A in group.items()}
+            for name, group in extras.items()
+        }
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*doubts(model, groups))
     check_drift(campaign, bool(acoustic.any()))
@@ -320,14 +327,19 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
     if isinstance(damping, ProportionalDamping):
         structure, air = damping.structure, damping.acoustic
         reader.notes.append(
-            f"damping: proportional, structure alpha {structure.alpha:g} beta {structure.beta:g}"
-            + (f", acoustic alpha {air.alpha:g} beta {air.beta:g}" if acoustic.any() else "")
+            f"damping: proportional, structure alpha {structure.alpha:g} beta {structure.beta:g}{_loss(structure)}"
+            + (f", acoustic alpha {air.alpha:g} beta {air.beta:g}{_loss(air)}" if acoustic.any() else "")
         )
-        return proportional_damping(K, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
+        # The loss factor alone makes the stiffness complex.
+        return proportional_damping(K.real, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
     if damping is None:
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
     return reader.matrix(damping, "damping", reader.n)
+
+
+def _loss(damping: FieldDamping) -> str:
+    return f" loss factor {damping.loss_factor:g}" if damping.loss_factor else ""
 
 
 __all__ = ["ACOUSTIC_COMPONENT", "Inputs", "Response", "TermGroup", "read_as_exported"]
