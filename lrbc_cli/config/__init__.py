@@ -16,6 +16,7 @@ from lrbc_cli.config.settings import (
 )
 from lrbc_cli.config.skeleton import write_skeleton
 from lrbc_cli.config.structure import (
+    DofSource,
     FieldDamping,
     GroupConfig,
     GroupDampingConfig,
@@ -30,6 +31,7 @@ from lrbc_cli.config.structure import (
 __all__ = [
     "CalibrationConfig",
     "Campaign",
+    "DofSource",
     "EveryLine",
     "FactorGroup",
     "FieldDamping",

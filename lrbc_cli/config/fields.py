@@ -155,7 +155,20 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
 
 
 #: Formats of matrix files that can be forced.
-MatrixFormat = Literal["matrix-market", "hdf5", "mat-v7.3", "mat-v5", "npz"]
+MatrixFormat = Literal[
+    "matrix-market",
+    "hdf5",
+    "mat-v7.3",
+    "mat-v5",
+    "npz",
+    "abaqus",
+    "triplets",
+    "sierra-sd",
+    "harwell-boeing",
+    "nastran-op4",
+    "nastran-dmig",
+    "ansys-full",
+]
 
 
 class MatrixRef(Strict):

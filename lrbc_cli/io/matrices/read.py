@@ -12,9 +12,15 @@ from lrbc_cli.io.common import head, require_file
 from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
-from lrbc_cli.io.matrices.matrix_market import explain_text, is_matrix_market, read_matrix_market
+from lrbc_cli.io.matrices.ansys_full import is_ansys_full, read_ansys_full
+from lrbc_cli.io.matrices.dmig import is_dmig, read_dmig
+from lrbc_cli.io.matrices.foreign import written_by
+from lrbc_cli.io.matrices.harwell_boeing import is_harwell_boeing, read_harwell_boeing
+from lrbc_cli.io.matrices.matrix_market import is_matrix_market, read_matrix_market
 from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.matrices.npz import read_npz_matrix
+from lrbc_cli.io.matrices.op4 import is_op4, read_op4
+from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
 
@@ -31,7 +37,22 @@ FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "mat-v7.3": read_hdf5_matrix,
     "mat-v5": read_mat5_matrix,
     "npz": read_npz_matrix,
+    "abaqus": read_triplets,
+    "triplets": read_triplets,
+    "sierra-sd": read_triplets,
+    "harwell-boeing": read_harwell_boeing,
+    "nastran-op4": read_op4,
+    "nastran-dmig": read_dmig,
+    "ansys-full": read_ansys_full,
 }
+
+#: Those without a mark of their own at a fixed place, by what tells them; in this order.
+_TOLD: tuple[tuple[str, Callable[[bytes], bool]], ...] = (
+    ("nastran-op4", is_op4),
+    ("ansys-full", is_ansys_full),
+    ("harwell-boeing", is_harwell_boeing),
+    ("nastran-dmig", is_dmig),
+)
 
 
 def detect_format(path: Path) -> str:
@@ -54,13 +75,18 @@ def detect_format(path: Path) -> str:
         return "mat-v5"
     if start[:4] == NPZ_SIGNATURE:
         return "npz"
-    text = explain_text(start)
+    for name, told in _TOLD:
+        if told(start):
+            return name
+    if listed := triplets_format(start):
+        return listed
+    program, hint = written_by(path, start)
     raise DataError(
-        f"this is {text}" if text else "the format of this file is not known",
+        f"this is {program}" if program else "the format of this file is not known",
         file=path,
-        expected="Matrix Market (.mtx, .mtx.gz), HDF5, MATLAB (.mat) or .npz",
-        found=text or _describe(start),
-        hint="convert the matrix, for example with scipy.io.mmwrite" if text else "export the matrix in one of these formats",
+        expected="a matrix in one of the formats that `lrbc guide formats` lists",
+        found=program or _describe(start),
+        hint=hint,
     )
 
 
