@@ -142,7 +142,9 @@ class PointConfig(Strict):
 
     model_config = _forms_schema(POINT_FORMS)
 
-    near: Point | None = Field(default=None, description="Coordinates [x, y, z] in metres; the nearest node with the component is taken.")
+    near: Point | None = Field(
+        default=None, description="Coordinates [x, y, z] in metres or the length of `units`; the nearest node with the component is taken."
+    )
     node: NodeNumber | None = Field(default=None, description="Node number of the DOF table.")
     component: Component | None = Field(
         default=None, description="DOF label at the node: UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another of the DOF table."
@@ -219,7 +221,7 @@ class SelectConfig(Strict):
         default=None, description="DOF label, with `box` or `nodes`; with `bushings` only the springs with this component."
     )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
-        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres: all nodes inside, borders included."
+        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included."
     )
     nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None, description="Node numbers, in the order along the edge."

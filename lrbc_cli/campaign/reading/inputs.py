@@ -308,6 +308,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             found=f"{reader.labels.size}",
             hint="export matrices and DOF table of one model in one run",
         )
+    K, M = reader.scale(K, M)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
     fixed, note = fixed_dofs(K, M, acoustic)
     if note:
@@ -315,7 +316,8 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         reader.leave_out(fixed)
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
-        require_metres(K, M, reader.dofs, source.dofs.nodes if isinstance(source.dofs, DofSource) else source.dofs)
+        doubt = require_metres(K, M, reader.dofs, source.dofs.nodes if isinstance(source.dofs, DofSource) else source.dofs)
+        reader.warn(*([doubt] if doubt else []))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

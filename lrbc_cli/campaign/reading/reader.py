@@ -22,7 +22,9 @@ from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable
+from lrbc_cli.model.scaling import Scaling, scaling
 from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
+from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
 
@@ -42,6 +44,8 @@ class ModelReader:
 
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
+        self.unit = campaign.unit_system
+        self.scaling: Scaling | None = None
         self.notes: list[str] = []
         self.warnings: list[str] = []
         self.hashes: dict[str, str] = {}
@@ -79,6 +83,8 @@ class ModelReader:
     def number(self, found: Numbering) -> None:
         """Take up what the rows are."""
         self.dofs, self.labels = found.table, found.labels
+        if self.dofs is not None:
+            self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
         self.notes += found.notes
         for path in found.files:
             self.table(path)
@@ -106,7 +112,28 @@ class ModelReader:
         matrix, note = whole(matrix, ref, operator, acoustic, what)
         self.notes += [note] if note else []
         self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
+        if self.scaling is not None:
+            matrix = self.scaling.matrix(matrix, operator)
         return matrix if self.kept is None else matrix[:, self.kept][self.kept]
+
+    def scale(self, K: sp.csc_array, M: sp.csc_array) -> tuple[sp.csc_array, sp.csc_array]:
+        """Stiffness and mass in SI; what is read after them is converted too."""
+        if self.unit == SI:
+            return K, M
+        if self.labels is None:
+            raise self.campaign.error(
+                "rows of unknown kind cannot be converted to SI",
+                "units",
+                expected="model.dofs: which rows are displacements, rotations and pressures",
+                found="no DOF table",
+                hint="add it, or export the model in SI units",
+            )
+        self.scaling = scaling(self.unit, self.labels, K, M)
+        unit = self.unit
+        self.notes.append(
+            f"units {unit.text}: length {unit.length:.6g} m, force {unit.force:.6g} N, mass {unit.mass:.6g} kg, time {unit.time:.6g} s"
+        )
+        return self.scaling.matrix(K, "stiffness"), self.scaling.matrix(M, "mass")
 
     def leave_out(self, fixed: NDArray[np.bool_]) -> None:
         """Leave out rows from here on; numbers of DOFs in files still count them.
@@ -141,11 +168,15 @@ class ModelReader:
             )
         if np.iscomplexobj(matrix.data):
             raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
+        if self.scaling is not None:
+            matrix = self.scaling.vectors(matrix.tocsc())
         return matrix if self.kept is None else matrix[self.kept]
 
     def listed(self, path: Path) -> DofList:
         """The DOFs of a list; its coordinates are those of the terms where there is no DOF table."""
         found = read_dof_list(path, None if self.bolts is None else self.bolts.name)
+        if found.xyz is not None:
+            found = replace(found, xyz=found.xyz * self.unit.length)
         self.table(path)
         dofs = found.dof
         if dofs.size == 0 or dofs.max() >= self.rows or dofs.min() < 0:
@@ -214,9 +245,10 @@ class ModelReader:
                 out.append(int(found[0]))
             return DofList(np.array(out), xyz=table.xyz[out])
         assert select.box is not None
-        dofs = in_box(table, select.component, select.box)
+        box = [(low * self.unit.length, high * self.unit.length) for low, high in select.box]
+        dofs = in_box(table, select.component, box)
         if not dofs.size:
-            inside = table.xyz[table.component == select.component]
+            inside = table.xyz[table.component == select.component] / self.unit.length
             low, high = inside.min(axis=0), inside.max(axis=0)
             raise campaign.error(
                 f"no DOF {select.component} lies in this box",
@@ -258,11 +290,12 @@ class ModelReader:
                 )
             return int(dofs[0]), f"node {point.node} {point.component}"
         assert point.near is not None
-        found = nearest(table, point.near, point.component)
+        place = [value * self.unit.length for value in point.near]
+        found = nearest(table, place, point.component)
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
-        require_near(np.array([point.near]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
+        require_near(np.array([place]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
         size = spacing(table, dof)
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         if distance > 0.05 * size:
