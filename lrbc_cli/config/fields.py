@@ -171,6 +171,15 @@ MatrixFormat = Literal[
 ]
 
 
+class ArraysConfig(Strict):
+    """Names of the arrays of a compressed matrix in HDF5; they may count from 0 or 1, and the matrix is square."""
+
+    data: str = Field(default="data", min_length=1, description="Values; complex ones as pairs `real`, `imag`.")
+    indices: str = Field(default="indices", min_length=1, description="Column of each value, or row.")
+    indptr: str = Field(default="indptr", min_length=1, description="Where each row begins, or column, and the end.")
+    layout: Literal["csr", "csc"] = Field(default="csr", description="Whether rows or columns are compressed.")
+
+
 class MatrixRef(Strict):
     """A matrix in a file: ``file``, ``file#group``, or a mapping with ``file``, ``group``, ``format``."""
 
@@ -179,6 +188,9 @@ class MatrixRef(Strict):
         default=None, min_length=1, description="Group or variable inside the file (HDF5, MATLAB); absent where the file holds one matrix."
     )
     format: MatrixFormat | None = Field(default=None, description="Format of the file; absent: recognised by its content.")
+    arrays: ArraysConfig | None = Field(
+        default=None, description="What a group in HDF5 calls the arrays of a compressed matrix, where it does not say so itself."
+    )
     _text: str = PrivateAttr(default="")
 
     @property

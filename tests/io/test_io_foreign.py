@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -14,7 +15,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from foreign_files import write_abaqus, write_dmig, write_harwell_boeing, write_op4, write_sierra
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import detect_format, read_matrix
 from lrbc_cli.io.text.dof_maps import read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
@@ -172,6 +174,7 @@ def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
         ("Kaa = [\n1 1 2.0\n1 2\n];\n", "line 3"),
         (f"DMIG    K              0       6       2       0\nDMIG*   K{'x':>31}{1:16d}\n", "line 2"),
         ("title\n 1 1 1 1 0\nRSA 2 2 99999999999 0\n(1I14) (1I14) (3E25.17)\n1\n", "more data than the file holds"),
+        (f"title\n 3 1 1 1 0\nRSA {'9' * 5000} 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "cannot be read"),
         ("title\n 3 1 1 1 0\nRSE 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "not assembled"),
         ("title\n 3 1 1 1 0\nRSA 2 2 1 0\n(9999I9999) (1I14) (3E25.17)\n1\n", "line 4"),
         ("       2       2       6       2K       1P,5E16.9\n       1       1       4\n 1.0 x\n", "cannot be read"),
@@ -252,6 +255,7 @@ def test_coordinates_that_cannot_be_used(tmp_path: Path) -> None:
     for text, message in (
         ("*NODE\n1, 0, 0, 0\n1, 1, 0, 0\n", "two places"),
         ("*NODE\n1, 0, x, 0\n", "line 2"),
+        (f"*NODE\n{'9' * 30}, 0, 0, 0\n", "line 2"),
         ("*NODE, SYSTEM=C\n1, 0, 0, 0\n", "rectangular"),
         ("GRID    1       7       0.0     0.0     0.0\n", "basic system"),
         ("*NODE, NSET=ALL\n*ELEMENT\n", "holds no nodes"),
@@ -276,3 +280,66 @@ def test_meshes_by_meshio(tmp_path: Path) -> None:
     node, xyz, _ = read_nodes(path)
     assert node.tolist() == [1, 2, 3]
     np.testing.assert_allclose(xyz[1], [1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("base", [0, 1])
+def test_compressed_arrays_of_other_names(tmp_path: Path, base: int) -> None:
+    """As elPaSo writes them: complex pairs, indices beside them, no attribute that says how many rows there are."""
+    path, K = tmp_path / "system.h5", sp.csr_array(example())
+    pairs = np.zeros(K.nnz, dtype=[("real", "f8"), ("imag", "f8")])
+    pairs["real"] = K.data
+    with h5py.File(path, "w") as file:
+        group = file.create_group("SystemMatrices/stiffness")
+        group["vecCsrIa"], group["vecCsrJa"], group["cmpCsrVal"] = K.indptr + base, K.indices + base, pairs
+    found = read_matrix(path, "SystemMatrices/stiffness", None, ArrayNames("cmpCsrVal", "vecCsrJa", "vecCsrIa", "csr"))
+    np.testing.assert_array_equal(found.matrix.toarray(), K.toarray())
+    assert found.notes == (("indices count from 1",) if base else ())
+    with pytest.raises(DataError, match=r"arrays: \{data: cmpCsrVal, indices: vecCsrJa, indptr: vecCsrIa\}"):
+        read_matrix(path, "SystemMatrices/stiffness")
+    with pytest.raises(DataError, match="no such array"):
+        read_matrix(path, "SystemMatrices/stiffness", None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
+    (tmp_path / "k.mtx").write_text("1 1 2.0\n")
+    with pytest.raises(ConfigError, match="HDF5"):
+        read_matrix(tmp_path / "k.mtx", None, None, ArrayNames("cmpCsrVal", "ja", "vecCsrIa", "csr"))
+
+
+def test_whole_numbers_are_no_matrix(tmp_path: Path) -> None:
+    """Maps and indices beside a matrix: it is the only one, and what is asked for by name is refused by name."""
+    path = tmp_path / "k.h5"
+    with h5py.File(path, "w") as file:
+        file["map/dofs"] = np.arange(12).reshape(6, 2)
+        file["K"] = example().toarray()
+    assert read_matrix(path).notes[0] == "took 'K', the only matrix in the file"
+    with pytest.raises(DataError, match=r"map/dofs(.|\n)*int64"):
+        read_matrix(path, "map/dofs")
+    path = tmp_path / "k.mat"
+    scipy.io.savemat(path, {"K": example(), "dofs": np.arange(12, dtype=np.int32).reshape(6, 2)})
+    assert read_matrix(path).notes[0] == "took 'K', the only matrix in the file"
+    with pytest.raises(DataError, match="dofs"):
+        read_matrix(path, "dofs")
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_structures_of_comsol(tmp_path: Path, packed: bool) -> None:
+    """``str = mphmatrix(...)``, saved whole in MATLAB v5 and v7.3: fields by name."""
+    path, K = tmp_path / "v5.mat", example()
+    fields = {"K": K, "E": 2.0 * K, "Kc": 1j * K.toarray(), "label": "sol1", "inner": {"D": K.toarray()}, "none": np.zeros((0, 0))}
+    scipy.io.savemat(path, {"str": fields}, do_compression=packed)
+    for name, factor in (("str.K", 1.0), ("str.E", 2.0), ("str.Kc", 1j), ("str.inner.D", 1.0)):
+        np.testing.assert_array_equal(read_matrix(path, name).matrix.toarray(), factor * K.toarray())
+    with pytest.raises(DataError, match=r"str\.K, str\.E"):
+        read_matrix(path)
+    content = path.read_bytes()
+    for cut in range(200, len(content), 97):
+        path.write_bytes(content[:cut])
+        with pytest.raises(DataError):
+            read_matrix(path, "str.K")
+    path = tmp_path / "v73.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("str/K")
+        group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(6)
+        group["jc"], group["ir"], group["data"] = K.indptr.astype("u8"), K.indices.astype("u8"), K.data
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file")
+    for name in ("str.K", "str/K"):
+        np.testing.assert_array_equal(read_matrix(path, name).matrix.toarray(), K.toarray())

@@ -18,6 +18,7 @@ from lrbc_cli.config.structure import GroupConfig, PointConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
@@ -75,7 +76,7 @@ class ModelReader:
 
     def load(self, ref: OperatorRef) -> MatrixFile:
         """A square matrix as its file has it."""
-        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
+        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format, _arrays(ref))
         self.hash(ref.path)
         self.warn(*found.warnings)
         return found
@@ -152,7 +153,7 @@ class ModelReader:
 
     def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
         """Real vectors, one column each, turned round where the file has them as rows."""
-        found = read_vectors(ref.path, ref.group, ref.format)
+        found = read_vectors(ref.path, ref.group, ref.format, _arrays(ref))
         self.hash(ref.path)
         self.warn(*found.warnings)
         matrix = found.matrix
@@ -310,3 +311,7 @@ class ModelReader:
         if self.dofs is None:
             return None, None
         return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))
+
+
+def _arrays(ref: MatrixRef) -> ArrayNames | None:
+    return None if ref.arrays is None else ArrayNames(**ref.arrays.model_dump())

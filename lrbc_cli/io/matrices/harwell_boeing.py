@@ -10,7 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import check_allocation, whole
+from lrbc_cli.io.common import check_allocation, damaged, whole
 from lrbc_cli.io.matrices.columns import read_fixed
 from lrbc_cli.io.sparse import MatrixFile, from_compressed, mirrored
 
@@ -47,6 +47,11 @@ def read_harwell_boeing(path: Path, group: str | None = None) -> MatrixFile:
     """
     if group:
         raise DataError("a Harwell-Boeing file holds one matrix", file=path, place=group, hint=f"leave out '#{group}'")
+    with damaged(path, "Harwell-Boeing file"):
+        return _read(path)
+
+
+def _read(path: Path) -> MatrixFile:
     content = whole(path)
     lines = content.replace(b"\r", b"").split(b"\n")
     header = _header(lines, path)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix
+from lrbc_cli.io.hdf5.matrices import ArrayNames, read_hdf5_matrix
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
 from lrbc_cli.io.matrices.ansys_full import is_ansys_full, read_ansys_full
@@ -90,7 +90,7 @@ def detect_format(path: Path) -> str:
     )
 
 
-def read_matrix(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
+def read_matrix(path: Path, group: str | None = None, format: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read a square matrix.
 
     Parameters
@@ -101,6 +101,8 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None)
         Name of the HDF5 group, MATLAB variable or array; may be left out where there is only one.
     format
         One of ``FORMATS``, to skip the detection by content.
+    arrays
+        Names of the arrays of a compressed matrix in HDF5 where they are not the usual ones.
 
     Returns
     -------
@@ -114,12 +116,12 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None)
     ConfigError
         If ``format`` is unknown.
     """
-    result = read_vectors(path, group, format)
+    result = read_vectors(path, group, format, arrays)
     require_square(result.matrix, path, group or "matrix")
     return result
 
 
-def read_vectors(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
+def read_vectors(path: Path, group: str | None = None, format: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read a matrix of any shape, such as excitation, response or parameter vectors.
 
     Parameters and errors are those of ``read_matrix``, except that the matrix may be rectangular.
@@ -130,7 +132,11 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
         format = detect_format(path)
     if format not in FORMATS:
         raise ConfigError("this matrix format is not known", file=path, expected=", ".join(FORMATS), found=format)
-    return FORMATS[format](path, group)
+    if arrays is None:
+        return FORMATS[format](path, group)
+    if format != "hdf5":
+        raise ConfigError("arrays are named of HDF5 files only", file=path, place="arrays", expected="an HDF5 file", found=format)
+    return read_hdf5_matrix(path, group, arrays)
 
 
 def _unpacked_head(path: Path) -> bytes:

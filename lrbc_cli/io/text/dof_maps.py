@@ -10,7 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Integers
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import require_file
+from lrbc_cli.io.common import damaged, require_file
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.text.tables import read_table
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
@@ -51,6 +51,20 @@ def read_dof_map(path: Path, n: int, components: Sequence[str] | None = None) ->
     DataError
         If a line cannot be read, or the map does not fit the matrices.
     """
+    with damaged(path, "DOF map"):
+        labels, notes = _read(path, n, components)
+    if labels.size != n:
+        raise DataError(
+            "the DOF map does not fit the matrices",
+            file=path,
+            expected=f"{n} DOFs",
+            found=f"{labels.size}",
+            hint="export matrices and map of one model in one run",
+        )
+    return labels, notes
+
+
+def _read(path: Path, n: int, components: Sequence[str] | None) -> tuple[DofLabels, tuple[str, ...]]:
     require_file(path)
     numbered = [(k, line) for k, line in enumerate(read_lines(path), start=1) if line.strip() and line.lstrip()[0] not in "%#!"]
     first = numbered[0][1] if numbered else ""
@@ -67,14 +81,6 @@ def read_dof_map(path: Path, n: int, components: Sequence[str] | None = None) ->
         found = [_matched(_EQUATION, line, path, k, "equation, node and label such as UX") for k, line in numbered[1:]]
         order = np.argsort([int(m[1]) for m in found], kind="stable")
         labels = _labels([int(found[k][2]) for k in order], [found[k][3].upper() for k in order])
-    if labels.size != n:
-        raise DataError(
-            "the DOF map does not fit the matrices",
-            file=path,
-            expected=f"{n} DOFs",
-            found=f"{labels.size}",
-            hint="export matrices and map of one model in one run",
-        )
     return labels, notes
 
 

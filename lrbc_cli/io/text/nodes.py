@@ -57,9 +57,9 @@ def read_nodes(path: Path) -> tuple[Integers, Floats, str]:
     numbers, places = [], []
     for line, cells in nodes:
         try:
-            numbers.append(int(cells[0]))
+            numbers.append(np.int64(int(cells[0])))
             places.append([_coordinate(cell) for cell in (*cells[1:4], "", "", "")[:3]])
-        except ValueError:
+        except (ValueError, OverflowError):
             raise _wrong(path, line, what, "a node number and three coordinates", repr(lines[line - 1][:72])) from None
     if not numbers:
         raise DataError(f"this {what} holds no nodes", file=path, expected="nodes with coordinates", found="none")
