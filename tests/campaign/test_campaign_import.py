@@ -318,25 +318,37 @@ def test_labelled_matrices_may_differ_in_their_rows(folder: Folder) -> None:
         read(folder)
 
 
-def test_plate_of_calculix_in_a_campaign(tmp_path: Path) -> None:
-    """Files of CalculiX as they are, in mm, N and t: `check` runs, and the frequencies are those that CalculiX states."""
-    folder = Folder(tmp_path)
-    tree = {
-        "campaign": "plate",
-        "output": "out",
-        "units": "mm-N-t",
-        "model": {"stiffness": "plate.sti.gz", "mass": "plate.mas.gz", "dofs": {"map": "plate.dof", "nodes": "plate.inp"}},
-        "excitation": {"hammer": {"near": [240.0, 75.0, 4.0], "component": "UZ"}},
-        "responses": {"acc": {"near": [400.0, 150.0, 4.0], "component": "UZ", "quantity": "acceleration"}},
-        "parameters": {"springs": {"select": {"bushings": "bushings.csv"}, "baseline": 1.0}},
-        "reduction": {"band": [50.0, 800.0]},
-    }
-    for path in (DATA / "calculix").iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "bushings.csv").write_text(
-        "bolt,node_a,component,stiffness\n" + "".join(f"B{k},{node},UZ,2000\n" for k, node in enumerate((16, 22, 34, 40)))
+def plate(path: Path) -> Folder:
+    """Files of CalculiX as they are, in mm, N and t; its springs are bolts."""
+    folder = Folder(path)
+    for file in (DATA / "calculix").iterdir():
+        (path / file.name).write_bytes(file.read_bytes())
+    springs = "".join(f"B{k},{node},UZ,2000\n" for k, node in enumerate((16, 22, 34, 40)))
+    (path / "bushings.csv").write_text("bolt,node_a,component,stiffness\n" + springs)
+    places = {"acc1": [400.0, 150.0, 4.0], "acc2": [160.0, 300.0, 4.0], "acc3": [320.0, 0.0, 4.0]}
+    folder.write(
+        {
+            "campaign": "plate",
+            "output": "out",
+            "units": "mm-N-t",
+            "model": {
+                "stiffness": "plate.sti.gz",
+                "mass": "plate.mas.gz",
+                "damping": {"structure": {"alpha": 20.0, "beta": 5e-6}},
+                "dofs": {"map": "plate.dof", "nodes": "plate.inp"},
+            },
+            "excitation": {"hammer": {"near": [240.0, 75.0, 4.0], "component": "UZ"}},
+            "responses": {name: {"near": place, "component": "UZ", "quantity": "acceleration"} for name, place in places.items()},
+            "parameters": {"springs": {"select": {"bushings": "bushings.csv"}, "baseline": 1.0}},
+            "reduction": {"band": [50.0, 800.0]},
+        }
     )
-    folder.write(tree)
+    return folder
+
+
+def test_plate_of_calculix_in_a_campaign(tmp_path: Path) -> None:
+    """`check` runs, and the frequencies are those that CalculiX states."""
+    folder = plate(tmp_path)
     outcome = folder.run("check")
     assert outcome.code == 0, outcome.stderr
     # 3.768 kg in all, two thirds of one of the five columns of elements with the fixed edge.
@@ -347,3 +359,16 @@ def test_plate_of_calculix_in_a_campaign(tmp_path: Path) -> None:
     stated = [float(line.split()[3]) for line in (tmp_path / "plate.dat").read_text().splitlines()[7:11]]
     np.testing.assert_allclose(np.sqrt(1.0 / mu) / (2 * np.pi), stated, rtol=1e-6)
     assert not inputs.warnings
+
+
+def test_a_loosened_spring_of_that_plate_is_found(tmp_path: Path) -> None:
+    """The local stiffness of its solid elements is decades above that of the springs: bounds leave them room all the same."""
+    folder = plate(tmp_path)
+    outcome = folder.run("rehearse", "--out", str(tmp_path / "rehearsal"), "--loose", "B1")
+    assert outcome.code == 0, outcome.stderr
+    rehearsal = Folder(tmp_path / "rehearsal")
+    outcome = rehearsal.run("update", "--json")
+    assert outcome.code == 0, outcome.stderr
+    found = outcome.json["results"]["loose-B1"]
+    assert found["parameters"]["springs"]["bounds"][0] <= -3.0
+    assert {bolt["name"]: bolt["verdict"] for bolt in found["bolts"]} == {"B0": "tight", "B1": "loose", "B2": "tight", "B3": "tight"}
