@@ -107,6 +107,11 @@ class DofSource(Strict):
         description="Node and component of each row: CalculiX .dof, mapping of Ansys HBMAT or nodal mapping vector, or CSV "
         "dof,node,component; absent where the matrices say it, as those of Abaqus, DMIG and .full do.",
     )
+    order: FilePath | None = Field(
+        default=None,
+        description="Matrix that takes the rows of `map` to those of the matrices: NOD2BCS or NOD2SOLV of Ansys, beside a nodal mapping "
+        "vector; absent: they are the same.",
+    )
     components: Annotated[tuple[Component, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None,
         description="DOFs of each node in their order, where nothing names them: with a mapping vector of nodes, absent: the usual ones; "

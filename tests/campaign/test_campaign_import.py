@@ -307,9 +307,14 @@ def test_labelled_matrices_may_differ_in_their_rows(folder: Folder) -> None:
     write_abaqus(folder.data / "M.mtx", csc(lumped), node, component, "labels")
     inputs = read(folder, dofs="data/nodes.csv")
     np.testing.assert_allclose(inputs.model.M.toarray(), lumped, rtol=1e-12)
+    # Without names, the last rotation is a row that the file does not know of.
+    for name, matrix in (("K", K), ("M", lumped)):
+        write_abaqus(folder.data / f"{name}.mtx", csc(matrix), node, component, "coordinate")
+    np.testing.assert_allclose(read(folder, dofs="data/dofs.csv").model.M.toarray(), lumped, rtol=1e-12)
+    write_abaqus(folder.data / "K.mtx", csc(K), node, component, "labels")
     write_abaqus(folder.data / "M.mtx", csc(lumped), [99 if k == 10 else k for k in node], component, "labels")
     with pytest.raises(DataError, match="node 99 UZ"):
-        read(folder)
+        read(folder, dofs="data/nodes.csv")
     (folder.data / "nodes.csv").write_text("node,x,y,z\n10,0,0,0\n40,1,0,0\n")
     with pytest.raises(DataError, match="5 nodes of the matrices have no coordinates"):
         read(folder)
@@ -344,6 +349,30 @@ def plate(path: Path) -> Folder:
         }
     )
     return folder
+
+
+def test_solver_order_of_ansys(folder: Folder) -> None:
+    """Matrices in another order without a fixed DOF, a nodal mapping vector, and the matrix that takes one to the other."""
+    K, M, node, component = beam()
+    nodal = np.random.default_rng(2).permutation(7)
+    # Internal order: the nodes mixed, all DOFs of one together. The solver's: mixed once more, and one is missing.
+    internal = np.array([2 * k + d for k in nodal for d in (0, 1)])
+    solver = np.random.default_rng(3).permutation([k for k in range(14) if internal[k] != 13])
+    rows = internal[solver]
+    for name, matrix in (("K", K), ("M", M)):
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", csc(matrix[np.ix_(rows, rows)]), symmetry="symmetric", precision=17)
+    scipy.io.mmwrite(folder.data / "P.mtx", sp.csc_array((np.ones(13), (np.arange(13), solver)), shape=(13, 14)))
+    vector = "".join(f"{node[2 * k]}\n" for k in nodal)
+    (folder.data / "V.mtx").write_text("%%MatrixMarket matrix array integer general\n7 1\n" + vector)
+    write_nodes(folder.data / "nodes.csv")
+    dofs = {"map": "data/V.mtx", "order": "data/P.mtx", "nodes": "data/nodes.csv", "components": ["UZ", "ROTY"]}
+    found = frf(read(folder, dofs=dofs))
+    free = np.arange(14) != 13
+    for name, matrix in (("K", K), ("M", M)):
+        write_abaqus(folder.data / f"{name}.mtx", csc(matrix * np.outer(free, free)), node, component, "labels")
+    np.testing.assert_allclose(found, frf(read(folder, dofs="data/nodes.csv")), rtol=1e-10)
+    with pytest.raises(DataError, match="the matrix of the order does not fit"):
+        read(folder, dofs=dofs | {"order": "data/V.mtx"})
 
 
 def test_plate_of_calculix_in_a_campaign(tmp_path: Path) -> None:

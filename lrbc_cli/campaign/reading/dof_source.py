@@ -12,6 +12,7 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.matrices.read import read_vectors
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
@@ -65,9 +66,9 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
     found = Numbering(labels=stiffness.labels, files=[source.nodes])
     n = stiffness.matrix.shape[0]
     if source.map is not None:
-        found.labels, notes = read_dof_map(source.map, n, source.components)
+        found.labels, notes = _mapped(source.map, source, n)
         found.notes += notes
-        found.files.append(source.map)
+        found.files += [source.map, *([source.order] if source.order else [])]
     node, xyz, what = read_nodes(source.nodes)
     found.notes.append(f"coordinates: {node.size} nodes, {what}")
     if found.labels is None:
@@ -85,6 +86,25 @@ def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numberi
         found.notes.append(f"rows: nodes in rising order, each {', '.join(components)}; nothing in the files confirms it")
     _place(found, node, xyz, source.nodes)
     return found
+
+
+def _mapped(path: Path, source: DofSource, n: int) -> tuple[DofLabels, tuple[str, ...]]:
+    """Labels of the rows, which may stand in the solver's order."""
+    if source.order is None:
+        return read_dof_map(path, n, source.components)
+    order = read_vectors(source.order).matrix
+    order = order.T.tocsc() if order.shape[1] != n else order.tocsr().T.tocsc()
+    if order.shape[1] != n or np.any(np.diff(order.indptr) != 1):
+        wrong = "" if order.shape[1] != n else f", {int((np.diff(order.indptr) != 1).sum())} rows do not hold one entry"
+        raise DataError(
+            "the matrix of the order does not fit the matrices",
+            file=source.order,
+            expected=f"{n} rows with one entry each: the place of each row in the map",
+            found=f"{order.shape[1]} x {order.shape[0]}{wrong}",
+            hint="export NOD2BCS of the same .full file; constraint equations and couplings have no single DOF: use HBMAT",
+        )
+    labels, notes = read_dof_map(path, order.shape[0], source.components)
+    return DofLabels(labels.node[order.indices], labels.component[order.indices]), notes
 
 
 def _guess(n: int, nodes: int) -> str:
