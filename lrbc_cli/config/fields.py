@@ -154,6 +154,15 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
     return values
 
 
+def _number_or_pair(value: object) -> str:
+    return "form:pair" if isinstance(value, list | tuple) else "form:number"
+
+
+#: A number, or [real, imaginary].
+ComplexFactor = Annotated[
+    Annotated[float, Tag("form:number")] | Annotated[tuple[float, float], Tag("form:pair")], Discriminator(_number_or_pair)
+]
+
 #: Formats of matrix files that can be forced.
 MatrixFormat = Literal[
     "matrix-market",
@@ -228,4 +237,12 @@ class OperatorRef(MatrixRef):
         default=None,
         description="true: the matrix is symmetric; where the file holds one triangle, the other is filled in. false: a matrix of one "
         "triangle is meant as it stands. Absent: a matrix of one triangle is refused.",
+    )
+    scale: ComplexFactor = Field(
+        default=1.0,
+        description="Factor on the matrix, for instance -1 where another sign was exported; [real, imaginary] where it is complex.",
+    )
+    conjugate: bool = Field(
+        default=False,
+        description="Take the complex conjugate: of hysteretic damping exported for exp(-i omega t), a negative imaginary part.",
     )

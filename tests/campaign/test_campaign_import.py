@@ -226,6 +226,25 @@ def test_pressures_in_millimetres(box: Folder, divided: bool) -> None:
     np.testing.assert_allclose(found.bolts.xyz[1], [0.3, 0.01, 0.0])
 
 
+def test_signs_of_other_conventions(folder: Folder) -> None:
+    """Matrices of ``w² M + w D + K``, K with the loss of exp(-i w t): the same model by `scale` and `conjugate`."""
+    K = beam()[0]
+    lossy = K * (1 + 0.05j)
+    for name, matrix in (("K", lossy), ("C", 1e-5 * K)):
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", csc(matrix), symmetry="general", precision=17)
+    inputs = read(folder, damping="data/C.mtx")
+    expected, notes = frf(inputs), " ".join(inputs.warnings)
+    assert "negative" not in notes
+    for name, matrix in (("K", -lossy.conj()), ("C", -1e-5j * K)):
+        scipy.io.mmwrite(folder.data / f"{name}.mtx", csc(matrix), symmetry="general", precision=17)
+    stiffness, damping = {"file": "data/K.mtx", "scale": -1}, {"file": "data/C.mtx", "scale": [0, 1]}
+    warnings = read(folder, stiffness=stiffness, damping=damping).warnings
+    assert any("imaginary part of the stiffness is negative" in text and "`conjugate: true`" in text for text in warnings)
+    inputs = read(folder, stiffness=stiffness | {"conjugate": True}, damping=damping)
+    np.testing.assert_allclose(frf(inputs), expected, rtol=1e-12)
+    assert not np.iscomplexobj(inputs.model.C.data)
+
+
 def test_units_are_proposed(folder: Folder) -> None:
     """Files in mm, N and t read as SI: speeds of waves tell; in mm, kg and ms masses do."""
     K, M, _, component = beam()

@@ -310,7 +310,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         )
     K, M = reader.scale(K, M)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
-    fixed, note = fixed_dofs(K, M, acoustic)
+    fixed, note = fixed_dofs(K, M)
     if note:
         reader.notes.append(note)
         reader.leave_out(fixed)

@@ -19,7 +19,9 @@ def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
     """Warnings about the matrices and the terms, in words."""
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
-        found.append("the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix")
+        found.append(
+            "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; say `conjugate: true` beside its file"
+        )
     structure = np.abs(m.K.diagonal())[~m.is_acoustic]
     penalty = int((structure > 1e8 * max(float(np.median(structure)), 1e-300)).sum()) if structure.size else 0
     if penalty:
@@ -37,10 +39,10 @@ def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
     return found
 
 
-def fixed_dofs(K: sp.csc_array, M: sp.csc_array, is_acoustic: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], str]:
+def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:
     """(n,) mask of DOFs that the export left as rows of zeros, or held with a penalty (Abaqus: 1e36), and what is said about them."""
     empty = (np.abs(K).sum(axis=0) == 0) & (np.abs(M).sum(axis=0) == 0) & (np.abs(K).sum(axis=1) == 0) & (np.abs(M).sum(axis=1) == 0)
-    held = (np.abs(K.diagonal()) >= PENALTY) & ~is_acoustic
+    held = np.abs(K.diagonal()) >= PENALTY
     counts = ((int(empty.sum()), "empty rows in both matrices"), (int(held.sum()), "a penalty on the diagonal"))
     told = ", ".join(f"{count} with {text}" for count, text in counts if count)
     return empty | held, f"fixed DOFs left out: {told}" if told else ""

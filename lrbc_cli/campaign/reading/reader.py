@@ -105,11 +105,15 @@ class ModelReader:
                 found=f"{matrix.shape[0]} x {matrix.shape[1]}",
                 hint="export all matrices of one model in one run",
             )
-        if np.iscomplexobj(matrix.data) and not matrix.data.imag.any():
-            matrix = matrix.real
-            self.notes.append(f"{what}: stored complex, all imaginary parts are zero")
         labels = self.labels
         acoustic = None if labels is None or labels.size != matrix.shape[0] else labels.component == ACOUSTIC_COMPONENT
+        if ref.conjugate:
+            matrix = matrix.conj()
+        if ref.scale != 1.0:
+            matrix = matrix * (ref.scale if isinstance(ref.scale, float) else complex(*ref.scale))
+        if np.iscomplexobj(matrix.data) and not matrix.data.imag.any():
+            matrix = matrix.real
+            self.notes.append(f"{what}: all imaginary parts are zero")
         matrix, note = whole(matrix, ref, operator, acoustic, what)
         self.notes += [note] if note else []
         self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
