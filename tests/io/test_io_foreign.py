@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import re
 from pathlib import Path
@@ -190,21 +191,45 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None
     assert str(path) in str(caught.value)
 
 
-def test_damaged_op4_ends_in_a_message(tmp_path: Path) -> None:
-    """Every byte of a file inverted in turn, and the file cut anywhere: a matrix or a DataError, never anything else."""
-    path = tmp_path / "k.op4"
-    write_op4(path, "KAA", example())
-    content = path.read_bytes()
-    damaged = [content[:k] for k in range(len(content))]
-    damaged += [content[:k] + bytes([content[k] ^ 255]) + content[k + 1 :] for k in range(len(content))]
+def damaged_copies(content: bytes) -> list[bytes]:
+    """The file cut anywhere, and every byte of it inverted or made a digit in turn; a third of them."""
+    cut = [content[:k] for k in range(len(content))]
+    changed = [content[:k] + bytes([new]) + content[k + 1 :] for k in range(len(content)) for new in (content[k] ^ 255, ord("9"))]
+    return (cut + changed)[::3]
+
+
+@pytest.mark.parametrize("kind", ["nastran-op4", "harwell-boeing", "nastran-dmig", "abaqus"])
+def test_damaged_files_end_in_a_message(tmp_path: Path, kind: str) -> None:
+    """A matrix or a DataError, never anything else."""
+    path, K = tmp_path / "k.any", example()[:4, :4]
+    if kind == "nastran-op4":
+        write_op4(path, "KAA", K)
+    elif kind == "harwell-boeing":
+        write_harwell_boeing(path, K)
+    elif kind == "nastran-dmig":
+        write_dmig(path, "KAAX", K, NODE[:4], COMPONENT[:4])
+    else:
+        write_abaqus(path, K, NODE, COMPONENT, "matrix input")
     refused = 0
-    for part in damaged[::3]:
+    for part in damaged_copies(path.read_bytes()):
         path.write_bytes(part)
         try:
-            read_matrix(path, format="nastran-op4")
+            read_matrix(path, format=kind)
         except DataError:
             refused += 1
-    assert refused > len(damaged) // 6
+    assert refused > 100
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["12.1\n12.2\n7.3\n", "eqn node dof\n1 4 UX\n2 4 UY\n3 9 PRES\n", "%%\n3 1\n4\n5\n9\n", "dof,node,component\n0,1,UX\n1,1,UY\n2,1,UZ\n"],
+)
+def test_damaged_maps_end_in_a_message(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "map"
+    for part in damaged_copies(text.encode()):
+        path.write_bytes(part)
+        with contextlib.suppress(DataError):
+            assert read_dof_map(path, 3, None)[0].size == 3
 
 
 def test_maps_of_ansys(tmp_path: Path) -> None:
