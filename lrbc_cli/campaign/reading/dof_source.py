@@ -93,7 +93,7 @@ def _mapped(path: Path, source: DofSource, n: int) -> tuple[DofLabels, tuple[str
     if source.order is None:
         return read_dof_map(path, n, source.components)
     order = read_vectors(source.order).matrix
-    order = order.T.tocsc() if order.shape[1] != n else order.tocsr().T.tocsc()
+    order = order.T.tocsc() if order.shape[0] == n else order
     if order.shape[1] != n or np.any(np.diff(order.indptr) != 1):
         wrong = "" if order.shape[1] != n else f", {int((np.diff(order.indptr) != 1).sum())} rows do not hold one entry"
         raise DataError(

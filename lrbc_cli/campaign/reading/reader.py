@@ -17,6 +17,7 @@ from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
@@ -88,7 +89,8 @@ class ModelReader:
             self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
         self.notes += found.notes
         for path in found.files:
-            self.table(path)
+            # A mesh may be binary, and has no lines.
+            (self.hash if b"\0\0" in head(path, 4096) else self.table)(path)
 
     def matrix(self, ref: OperatorRef, operator: str, group: str | None = None, found: MatrixFile | None = None) -> sp.csc_array:
         """A square matrix, in the order of the model's rows; the share of a further group where named."""
