@@ -50,8 +50,8 @@ def campaign_page(schema: Mapping[str, Any]) -> str:
     lines = [
         "# The campaign file",
         "",
-        "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors. `lrbc init`",
-        "writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
+        "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors.",
+        "`lrbc init` writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
         "",
     ]
     seen: set[str] = set()
