@@ -31,7 +31,7 @@ ALLOWED = {
     "warnings and refusals of input that is in doubt: units, bands, places": {
         *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
         *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
-        *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10"),
+        *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10", "SLOWEST", "LIGHTEST", "HEAVIEST", "PENALTY"),
     },
     "figures of `lrbc plan`, before anything is judged": {
         *("LOOSENING", "SIGMA_DB", "FACTOR", "RANGE_DB", "SEEN", "BLIND", "LINES", "DRAWS", "NOISE_SHARE"),

@@ -2,7 +2,7 @@
 
 from lrbc_cli.config.calibration import CalibrationConfig, FactorGroup
 from lrbc_cli.config.campaign import Campaign
-from lrbc_cli.config.fields import MatrixRef, OperatorRef
+from lrbc_cli.config.fields import ArraysConfig, MatrixRef, OperatorRef
 from lrbc_cli.config.loader import load_campaign
 from lrbc_cli.config.schema import campaign_schema
 from lrbc_cli.config.settings import (
@@ -16,6 +16,7 @@ from lrbc_cli.config.settings import (
 )
 from lrbc_cli.config.skeleton import write_skeleton
 from lrbc_cli.config.structure import (
+    DofSource,
     FieldDamping,
     GroupConfig,
     GroupDampingConfig,
@@ -28,8 +29,10 @@ from lrbc_cli.config.structure import (
 )
 
 __all__ = [
+    "ArraysConfig",
     "CalibrationConfig",
     "Campaign",
+    "DofSource",
     "EveryLine",
     "FactorGroup",
     "FieldDamping",

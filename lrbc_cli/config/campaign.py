@@ -15,6 +15,7 @@ from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
 from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
 from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
 from lrbc_cli.errors import ConfigError
+from lrbc_cli.model.units import UnitSystem, parse_system
 
 
 def _check_title(value: str) -> str:
@@ -23,8 +24,18 @@ def _check_title(value: str) -> str:
     return value
 
 
+def _check_units(value: str) -> str:
+    try:
+        parse_system(value)
+    except ValueError as error:
+        raise problem(
+            "not a system of units", expected="SI or three of length, force, mass and time, such as mm-N-t", found=f"{error}"
+        ) from None
+    return value
+
+
 class Campaign(Strict):
-    """A campaign file: model, measurements, parameters and settings. Paths are relative to the file, units SI.
+    """A campaign file: model, measurements, parameters and settings. Paths are relative to the file, units SI unless `units` says more.
 
     Read-only, its mappings too. `place` and `error` let every layer speak about the lines of the file.
     """
@@ -35,12 +46,18 @@ class Campaign(Strict):
     output: FilePath = Field(
         default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
     )
+    units: Annotated[str, AfterValidator(_check_units)] = Field(
+        default="SI",
+        description="Units of the model's files and of all coordinates, of this file too: three of length, force, mass and time, such as "
+        "mm-N-t, mm-kg-ms or in-lbf-s. Everything else, values and bounds of parameters, damping and results, is in SI; FRFs state their "
+        "own units.",
+    )
     model: ModelConfig = Field(description="The finite-element model.")
     excitation: Annotated[NameMap[PointConfig], Field(min_length=1)] = Field(description="Excitation points by name, at least one.")
     responses: Annotated[NameMap[ResponseConfig], Field(min_length=1)] = Field(description="Responses by name, at least one.")
     parameters: Annotated[NameMap[GroupConfig], Field(min_length=1)] = Field(description="Parameter groups by name, at least one.")
     bolts: FilePath | None = Field(
-        default=None, description="Bolts (CSV: name,x,y,z in metres), for verdicts; absent: those that terms name, at their places."
+        default=None, description="Bolts (CSV: name,x,y,z), for verdicts; absent: those that terms name, at their places."
     )
     reduction: ReductionConfig = Field(description="The reduced model.")
     update: UpdateConfig = Field(default=UpdateConfig(), description="The identification.")
@@ -52,6 +69,11 @@ class Campaign(Strict):
     )
 
     _document: Document = PrivateAttr()
+
+    @property
+    def unit_system(self) -> UnitSystem:
+        """Of the model's files and all coordinates."""
+        return parse_system(self.units)
 
     @property
     def path(self) -> Path:

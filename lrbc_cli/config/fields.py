@@ -154,8 +154,39 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
     return values
 
 
+def _number_or_pair(value: object) -> str:
+    return "form:pair" if isinstance(value, list | tuple) else "form:number"
+
+
+#: A number, or [real, imaginary].
+ComplexFactor = Annotated[
+    Annotated[float, Tag("form:number")] | Annotated[tuple[float, float], Tag("form:pair")], Discriminator(_number_or_pair)
+]
+
 #: Formats of matrix files that can be forced.
-MatrixFormat = Literal["matrix-market", "hdf5", "mat-v7.3", "mat-v5", "npz"]
+MatrixFormat = Literal[
+    "matrix-market",
+    "hdf5",
+    "mat-v7.3",
+    "mat-v5",
+    "npz",
+    "abaqus",
+    "triplets",
+    "sierra-sd",
+    "harwell-boeing",
+    "nastran-op4",
+    "nastran-dmig",
+    "ansys-full",
+]
+
+
+class ArraysConfig(Strict):
+    """Names of the arrays of a compressed matrix in HDF5; they may count from 0 or 1, and the matrix is square."""
+
+    data: str = Field(default="data", min_length=1, description="Values; complex ones as pairs `real`, `imag`.")
+    indices: str = Field(default="indices", min_length=1, description="Column of each value, or row.")
+    indptr: str = Field(default="indptr", min_length=1, description="Where each row begins, or column, and the end.")
+    layout: Literal["csr", "csc"] = Field(default="csr", description="Whether rows or columns are compressed.")
 
 
 class MatrixRef(Strict):
@@ -166,6 +197,9 @@ class MatrixRef(Strict):
         default=None, min_length=1, description="Group or variable inside the file (HDF5, MATLAB); absent where the file holds one matrix."
     )
     format: MatrixFormat | None = Field(default=None, description="Format of the file; absent: recognised by its content.")
+    arrays: ArraysConfig | None = Field(
+        default=None, description="What a group in HDF5 calls the arrays of a compressed matrix, where it does not say so itself."
+    )
     _text: str = PrivateAttr(default="")
 
     @property
@@ -203,4 +237,12 @@ class OperatorRef(MatrixRef):
         default=None,
         description="true: the matrix is symmetric; where the file holds one triangle, the other is filled in. false: a matrix of one "
         "triangle is meant as it stands. Absent: a matrix of one triangle is refused.",
+    )
+    scale: ComplexFactor = Field(
+        default=1.0,
+        description="Factor on the matrix, for instance -1 where another sign was exported; [real, imaginary] where it is complex.",
+    )
+    conjugate: bool = Field(
+        default=False,
+        description="Take the complex conjugate: of hysteretic damping exported for exp(-i omega t), a negative imaginary part.",
     )

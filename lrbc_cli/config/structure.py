@@ -95,6 +95,37 @@ Damping = Annotated[
 ]
 
 
+class DofSource(Strict):
+    """What the rows of the matrices are, and where: {map:, nodes:}."""
+
+    nodes: FilePath = Field(
+        description="Coordinates of the nodes: CSV node,x,y,z, an input file (*NODE of Abaqus and CalculiX, GRID of Nastran, NBLOCK or "
+        "NLIST of Ansys), or a mesh of gmsh, exodus or others."
+    )
+    map: FilePath | None = Field(
+        default=None,
+        description="Node and component of each row: CalculiX .dof, mapping of Ansys HBMAT or nodal mapping vector, or CSV "
+        "dof,node,component; absent where the matrices say it, as those of Abaqus, DMIG and .full do.",
+    )
+    order: FilePath | None = Field(
+        default=None,
+        description="Matrix that takes the rows of `map` to those of the matrices: NOD2BCS or NOD2SOLV of Ansys, beside a nodal mapping "
+        "vector; absent: they are the same.",
+    )
+    components: Annotated[tuple[Component, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
+        default=None,
+        description="DOFs of each node in their order, where nothing names them: with a mapping vector of nodes, absent: the usual ones; "
+        "without a map: the rows are the nodes in rising order, each with these.",
+    )
+
+
+def _dofs_form(value: object) -> str:
+    return "form:source" if isinstance(value, dict | DofSource) else "form:file"
+
+
+Dofs = Annotated[Annotated[FilePath, Tag("form:file")] | Annotated[DofSource, Tag("form:source")], Discriminator(_dofs_form)]
+
+
 class ModelConfig(Strict):
     """The finite-element model that the measurement is compared with."""
 
@@ -103,10 +134,10 @@ class ModelConfig(Strict):
     damping: Damping | None = Field(
         default=None, description="Damping: a matrix C, or {structure: {alpha:, beta:, loss_factor:}, acoustic: {...}}; absent: none."
     )
-    dofs: FilePath | None = Field(
+    dofs: Dofs | None = Field(
         default=None,
-        description="DOF table (CSV: dof,node,component,x,y,z; 0-based dof). "
-        "Absent: every DOF is structural, and DOFs are selected by number, vector or file only.",
+        description="DOF table (CSV: dof,node,component,x,y,z; 0-based dof); where the matrices name their DOFs, the coordinates of the "
+        "nodes suffice; or {map:, nodes:}. Absent: every DOF is structural, and DOFs are selected by number, vector or file only.",
     )
     format: MatrixFormat | None = Field(default=None, description="Format of all matrix files; absent: each recognised by its content.")
 
@@ -116,7 +147,9 @@ class PointConfig(Strict):
 
     model_config = _forms_schema(POINT_FORMS)
 
-    near: Point | None = Field(default=None, description="Coordinates [x, y, z] in metres; the nearest node with the component is taken.")
+    near: Point | None = Field(
+        default=None, description="Coordinates [x, y, z] in metres or the length of `units`; the nearest node with the component is taken."
+    )
     node: NodeNumber | None = Field(default=None, description="Node number of the DOF table.")
     component: Component | None = Field(
         default=None, description="DOF label at the node: UX, UY, UZ, ROTX, ROTY, ROTZ, PRES or another of the DOF table."
@@ -193,7 +226,7 @@ class SelectConfig(Strict):
         default=None, description="DOF label, with `box` or `nodes`; with `bushings` only the springs with this component."
     )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
-        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres: all nodes inside, borders included."
+        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included."
     )
     nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
         default=None, description="Node numbers, in the order along the edge."

@@ -9,6 +9,7 @@ from typing import Any
 #: Topics in the order of a first reading, each with its line in the list.
 TOPICS: dict[str, str] = {
     "campaign": "every key of the campaign file, from the schema that validates it",
+    "export": "matrices and coordinates from Abaqus, Ansys, CalculiX, COMSOL, Nastran and others; units",
     "sensors": "choosing responses before anything is measured: lrbc plan",
     "rehearsal": "measurements of your own model with loosened bolts: lrbc rehearse",
     "formats": "files that are read and written; the reduced model in other programs",
@@ -49,8 +50,8 @@ def campaign_page(schema: Mapping[str, Any]) -> str:
     lines = [
         "# The campaign file",
         "",
-        "YAML; paths are relative to the file, units are SI unless an input file says otherwise, unknown keys are errors. `lrbc init`",
-        "writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
+        "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors.",
+        "`lrbc init` writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
         "",
     ]
     seen: set[str] = set()

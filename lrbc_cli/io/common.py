@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,24 @@ def head(path: Path, count: int = 1024) -> bytes:
     """Return the first bytes of a file."""
     with path.open("rb") as stream:
         return stream.read(count)
+
+
+def whole(path: Path) -> bytes:
+    """Content of a file, unpacked where it is compressed with gzip.
+
+    Raises
+    ------
+    DataError
+        If it is damaged or unpacks to far more than such a file sensibly holds.
+    """
+    size = require_file(path)
+    if head(path, 2) != b"\x1f\x8b":
+        return path.read_bytes()
+    limit = max(MAX_EXPANSION * size, ROOM)
+    with damaged(path, "gzip file"), gzip.open(path, "rb") as stream:
+        content = stream.read(limit + 1)
+    check_expansion(len(content), size, path, "gzip")
+    return content
 
 
 def check_allocation(needed: int, file_size: int, path: Path, place: str, *, compressed: bool = False) -> None:

@@ -12,6 +12,7 @@ from scipy.sparse import coo_array, csc_array, csr_array, issparse
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import check_dimensions
+from lrbc_cli.model.dofs import DofLabels
 
 
 @dataclass(frozen=True)
@@ -23,17 +24,23 @@ class MatrixFile:
     matrix : scipy.sparse.csc_array
         float64 or complex128; indices sorted, duplicates summed, no explicit zeros.
     format : str
-        ``matrix-market``, ``hdf5``, ``mat-v7.3``, ``mat-v5`` or ``npz``.
+        One of the formats of ``matrices/read.py``.
     notes : tuple of str
         What the reader assumed or noticed, for ``lrbc check``.
     warnings : tuple of str
         What may be wrong with the file, for every command.
+    labels : DofLabels or None
+        Node and component of each row, where the file has them.
+    sized : bool
+        False where the file does not say how many rows there are: those at the end may be empty.
     """
 
     matrix: Any
     format: str
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    labels: DofLabels | None = None
+    sized: bool = True
 
 
 def numeric(array: Any, path: Path, place: str) -> NDArray[Any]:
@@ -203,6 +210,28 @@ def stored_triangle(matrix: Any, field: NDArray[Any] | None = None) -> str | Non
         if below != above:
             return "lower" if below else "upper"
     return None
+
+
+def mirrored(matrix: Any) -> tuple[Any, tuple[str, ...]]:
+    """Complete a matrix of a format that stores symmetric ones by half: where no entry has its mirror image, all of them get one.
+
+    Unlike ``stored_triangle``, in whatever order the rows stand.
+
+    Returns
+    -------
+    csc_array, tuple of str
+        Notes on what was done.
+    """
+    entries = matrix.tocoo()
+    off = entries.row != entries.col
+    n = np.int64(matrix.shape[0])
+    places, mirror = (a[off].astype(np.int64) * n + b[off] for a, b in ((entries.row, entries.col), (entries.col, entries.row)))
+    if not off.any() or np.isin(mirror, places).any():
+        return matrix, ()
+    half = csc_array((entries.data[off], (entries.col[off], entries.row[off])), shape=matrix.shape)
+    whole = csc_array(matrix + half)
+    whole.sort_indices()
+    return whole, ("stored as one triangle, the other was filled in",)
 
 
 def _integers(array: Any, name: str, path: Path, place: str) -> NDArray[np.int64]:

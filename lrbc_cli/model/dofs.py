@@ -9,6 +9,35 @@ from numpy.typing import NDArray
 
 ACOUSTIC_COMPONENT = "PRES"
 
+#: Labels of a node's DOFs in the order of every FE program.
+COMPONENTS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
+
+
+@dataclass(frozen=True)
+class DofLabels:
+    """Node and component of each row of a matrix.
+
+    Attributes
+    ----------
+    node : (n,) int array
+        Negative for what the FE program added by itself.
+    component : (n,) str array
+        As in ``DofTable``.
+    """
+
+    node: NDArray[np.int64]
+    component: NDArray[np.str_]
+
+    @property
+    def size(self) -> int:
+        """Number of DOFs."""
+        return int(self.node.size)
+
+    def find(self, other: DofLabels) -> NDArray[np.int64]:
+        """(m,) row here of each row of another matrix, -1 where there is none."""
+        at = {key: row for row, key in enumerate(zip(self.node.tolist(), self.component.tolist(), strict=True))}
+        return np.array([at.get(key, -1) for key in zip(other.node.tolist(), other.component.tolist(), strict=True)], dtype=np.int64)
+
 
 @dataclass(frozen=True)
 class DofTable:

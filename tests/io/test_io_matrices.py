@@ -18,7 +18,7 @@ from scipy.sparse import coo_array, csc_array, csr_array, random_array, save_npz
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.hdf5.tools import SEAL
-from lrbc_cli.io.matrices import matrix_market
+from lrbc_cli.io.matrices import columns
 from lrbc_cli.io.matrices.read import FORMATS, detect_format, read_matrix, read_vectors
 from lrbc_cli.io.sparse import stored_triangle
 
@@ -232,7 +232,7 @@ def test_doubles_of_a_general_file_are_told(tmp_path):
 
 @pytest.mark.parametrize("chunk", [1, 7, 2**24])
 def test_an_entry_has_a_line_of_its_own(tmp_path, monkeypatch, chunk):
-    monkeypatch.setattr(matrix_market, "_CHUNK", chunk)
+    monkeypatch.setattr(columns, "_CHUNK", chunk)
     path = tmp_path / "k.mtx"
     banner = "%%MatrixMarket matrix coordinate real general\n2 2 3\n"
     path.write_text(banner + " 1 1 2.0 \n\n\t2  1 3\r\n2 2 4\n")
@@ -392,9 +392,7 @@ MARKET = "%%MatrixMarket matrix coordinate real general\n"
         (MARKET + "2 2 1\n1 1 nan\n", "row 0, column 0"),
         (MARKET + "2 2 1\n1 2 inf\n", "row 0, column 1"),
         (MARKET + "2 3 1\n1 2 1\n", "not square"),
-        ("** Abaqus\n*MATRIX ASSEMBLE, STIFFNESS=K\n", "an Abaqus matrix"),
-        ("1,1, 1,1,  2.5e3\n1,1, 1,2,  2.5e3\n", "an Abaqus matrix"),
-        ("1 1 2.5e3\n1 2 2.5e3\n", "without a header"),
+        ("** Abaqus\n*MATRIX ASSEMBLE, STIFFNESS=K\n", "an input file of Abaqus"),
         ("hello\n", "not known"),
         ("\n\n", "not known"),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
@@ -53,7 +55,11 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
             lines = np.arange(0, s.size, max(1, round((model.terms.size / terms) ** 2)))
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
-            limits = found[group.name] = saturation(values, D[lines], group.terms, typical, group.config.baseline, inputs.statistics.limits)
+            limits = saturation(values, D[lines], group.terms, typical, group.config.baseline, inputs.statistics.limits)
+            if not limits.found and group.config.start is not None:
+                # The local stiffness of solid elements lies decades above that of a spring: it must have room to loosen.
+                limits = replace(limits, lower=min(limits.lower, group.config.start + inputs.statistics.limits.fallback[0]))
+            found[group.name] = limits
         groups.append(_group(group, limits))
     return Parameterisation(tuple(groups)), found
 

@@ -57,7 +57,7 @@ def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> di
     for name, group in ({} if calibration is None else calibration.groups).items():
         found[name] = {}
         for operator, ref in group.matrices.items():
-            matrix = reader.matrix(ref, operator, reader.n, name)
+            matrix = reader.matrix(ref, operator, name)
             whole = operators[operator]
             if matrix.nnz == 0 or (np.iscomplexobj(matrix.data) and not np.iscomplexobj(whole.data)):
                 raise DataError(

@@ -89,7 +89,8 @@ class GroupReader(ModelReader):
         """Read the bolts file, where there is one."""
         file = self.campaign.bolts
         if file is not None:
-            self.bolts = read_points(file)
+            found = read_points(file)
+            self.bolts = replace(found, xyz=found.xyz * self.unit.length)
             self.table(file)
 
     def owned(self, found: list[Terms]) -> tuple[PointTable | None, list[TermGroup]]:
@@ -153,6 +154,7 @@ class GroupReader(ModelReader):
         left = self.vectors(first, f"parameters.{name}")
         right = self.vectors(select.right, f"parameters.{name}") if select.right is not None else left
         positions = read_positions(select.positions, None if self.bolts is None else self.bolts.name)
+        positions = replace(positions, xyz=positions.xyz * self.unit.length)
         self.table(select.positions)
         if self.dofs is not None:
             places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
@@ -186,6 +188,9 @@ class GroupReader(ModelReader):
                     found=component,
                 )
             table = table.only(component)
+        unit = self.unit
+        turns = np.char.startswith(np.array(table.component), "ROT")
+        table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
         vectors, places = bushing_vectors(table, self.dofs)
         count, gap = apart(table, self.dofs)
         if count:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,18 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.protect import require_inputs_apart
+from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import require_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup
-from lrbc_cli.campaign.reading.model_doubts import doubts
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs
 from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Point
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, ResponseConfig
+from lrbc_cli.config.structure import DofSource, FieldDamping, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.tables import read_dof_table
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
@@ -295,31 +296,37 @@ def read_as_exported(campaign: Campaign) -> Inputs:
 
 
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
-    """With the mask of the pressures; the DOF table is read first."""
+    """With the mask of the pressures; fixed DOFs are left out."""
     source = reader.campaign.model
-    if source.dofs is not None:
-        reader.dofs = read_dof_table(source.dofs)
-        reader.table(source.dofs)
-    K = reader.matrix(source.stiffness, "stiffness")
-    n = reader.n = K.shape[0]
+    first = reader.load(source.stiffness)
+    reader.number(numbering(source.dofs, first))
+    K = reader.matrix(source.stiffness, "stiffness", found=first)
+    n = reader.n = reader.rows = K.shape[0]
     if K.nnz == 0:
         raise DataError("the stiffness matrix is empty", file=source.stiffness.path, place=source.stiffness.group, expected="values")
-    M = reader.matrix(source.mass, "mass", n)
+    M = reader.matrix(source.mass, "mass")
     if np.iscomplexobj(M.data):
         raise DataError("the mass matrix is complex", file=source.mass.path, expected="real numbers")
-    if source.dofs is None or reader.dofs is None:
-        return K, M, np.zeros(n, dtype=bool)
-    if reader.dofs.size != n:
+    if reader.labels is not None and reader.labels.size != n:
         raise DataError(
             "the DOF table does not fit the matrices",
-            file=source.dofs,
+            file=source.dofs if isinstance(source.dofs, Path) else source.stiffness.path,
             expected=f"{n} DOFs",
-            found=f"{reader.dofs.size}",
+            found=f"{reader.labels.size}",
             hint="export matrices and DOF table of one model in one run",
         )
-    require_metres(K, M, reader.dofs, source.dofs)
-    reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
-    return K, M, reader.dofs.is_acoustic
+    K, M = reader.scale(K, M)
+    acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
+    fixed, note = fixed_dofs(K, M)
+    if note:
+        reader.notes.append(note)
+        reader.leave_out(fixed)
+        K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
+    if reader.dofs is not None and source.dofs is not None:
+        doubt = require_metres(K, M, reader.dofs, source.dofs.nodes if isinstance(source.dofs, DofSource) else source.dofs)
+        reader.warn(*([doubt] if doubt else []))
+        reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
+    return K, M, acoustic
 
 
 def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArray[np.bool_]) -> sp.csc_array:
@@ -335,7 +342,7 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
     if damping is None:
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
-    return reader.matrix(damping, "damping", reader.n)
+    return reader.matrix(damping, "damping")
 
 
 def _loss(damping: FieldDamping) -> str:

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.model.fem import FeModel
+
+#: Stiffness that no structure has: a penalty [N/m, or N/mm].
+PENALTY = 1e30
 
 
 def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
     """Warnings about the matrices and the terms, in words."""
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
-        found.append("the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; conjugate the matrix")
-    diagonal = np.abs(m.K.diagonal())
-    empty = int(((diagonal == 0) & (np.abs(m.M).sum(axis=0) == 0) & (np.abs(m.K).sum(axis=0) == 0)).sum())
-    if empty:
-        found.append(f"{empty} DOFs have neither stiffness nor mass (fixed or orphan nodes): remove them from the export")
-    structure = diagonal[~m.is_acoustic]
+        found.append(
+            "the imaginary part of the stiffness is negative: with exp(+i omega t) it adds energy; say `conjugate: true` beside its file"
+        )
+    structure = np.abs(m.K.diagonal())[~m.is_acoustic]
     penalty = int((structure > 1e8 * max(float(np.median(structure)), 1e-300)).sum()) if structure.size else 0
     if penalty:
         found.append(
@@ -34,6 +37,15 @@ def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
                 stated = f"parameters {group.name}: the baseline {group.config.baseline:g}"
                 found.append(f"{stated} is more than the stiffness matrix holds there")
     return found
+
+
+def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:
+    """(n,) mask of DOFs that the export left as rows of zeros, or held with a penalty (Abaqus: 1e36), and what is said about them."""
+    empty = (np.abs(K).sum(axis=0) == 0) & (np.abs(M).sum(axis=0) == 0) & (np.abs(K).sum(axis=1) == 0) & (np.abs(M).sum(axis=1) == 0)
+    held = np.abs(K.diagonal()) >= PENALTY
+    counts = ((int(empty.sum()), "empty rows in both matrices"), (int(held.sum()), "a penalty on the diagonal"))
+    told = ", ".join(f"{count} with {text}" for count, text in counts if count)
+    return empty | held, f"fixed DOFs left out: {told}" if told else ""
 
 
 def loss_factor(model: FeModel) -> float:

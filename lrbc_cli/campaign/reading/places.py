@@ -9,13 +9,21 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.units import parse_system
 
 #: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
 #: that of the material. A thousand times the speed in air, or in a thin plate, lies above.
 FASTEST = 2e5
+
+#: Bounds of that speed from below, and of the mass of a node over the cube of the distance to its neighbours [kg/m³]: from thin sheets in
+#: coarse meshes to lead in fine ones.
+SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
+
+#: Systems that are proposed where the numbers fit.
+USUAL_SYSTEMS = ("mm-N-t", "mm-kg-ms", "in-lbf-s", "cm-kg-s")
 
 MILLIMETRES = 1e-3
 
@@ -78,27 +86,57 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
     )
 
 
-def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path) -> None:
+def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path) -> str | None:
     """Refuse coordinates in which waves would be faster than any are.
+
+    Returns
+    -------
+    str or None
+        Units in which the model is more likely written, where masses and distances say so although speeds do not.
 
     Raises
     ------
     DataError
         Where the spacing of the nodes does not fit stiffness over mass: millimetres, or matrices in t, mm and s.
     """
-    stiffness, mass = np.abs(K.diagonal()), np.real(M.diagonal())
-    for field, what in ((dofs.is_acoustic, "air"), (np.isin(dofs.component, ("UX", "UY", "UZ")), "structure")):
-        places = np.unique(dofs.xyz[field], axis=0)
-        if places.shape[0] < 2 or mass[field].mean() <= 0.0:
-            continue
-        spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
-        # Means of the mass and medians of the stiffness: neither massless nodes nor penalties count.
-        speed = spacing * float(np.sqrt(np.median(stiffness[field]) / mass[field].mean()))
-        if speed > FASTEST:
+    translations = np.isin(dofs.component, ("UX", "UY", "UZ"))
+    for field, what in ((dofs.is_acoustic, "air"), (translations, "structure")):
+        found = _speed_and_density(K, M, dofs, field)
+        if found is not None and found[0] > FASTEST:
+            likely = _likely(*found) if what == "structure" else None
             raise DataError(
-                f"the coordinates do not fit the matrices: waves in the {what} would travel at about {speed:.1g} m/s",
+                f"the coordinates do not fit the matrices: waves in the {what} would travel at about {found[0]:.1g} m/s",
                 file=file,
                 expected=f"coordinates in metres, matrices in SI: below {FASTEST:.0e} m/s",
-                found=f"nodes {spacing:.3g} apart, a model of {extents(dofs.xyz)}",
-                hint="are the coordinates millimetres, or the matrices in t, mm and s? export model and coordinates in SI units",
+                found=f"nodes {found[2]:.3g} apart, a model of {extents(dofs.xyz)}",
+                hint="are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
+                f"`units: {likely or 'mm-N-t'}` in the campaign file",
             )
+    found = _speed_and_density(K, M, dofs, translations)
+    if found is None or LIGHTEST < found[1] < HEAVIEST or (likely := _likely(*found)) is None:
+        return None
+    return (
+        f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length: is the model written in other units? "
+        f"With `units: {likely}` in the campaign file speed and mass are those of a structure"
+    )
+
+
+def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
+    """Speed of waves [m/s], mass of a node over the cube of the distance to the next [kg/m³], and that distance [m], roughly."""
+    stiffness, mass = np.abs(K.diagonal())[field], np.real(M.diagonal())[field]
+    places = np.unique(dofs.xyz[field], axis=0)
+    if places.shape[0] < 2 or mass.mean() <= 0.0:
+        return None
+    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+    # Means of the mass and medians of the stiffness: neither massless nodes nor penalties count.
+    return spacing * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / spacing**3, spacing
+
+
+def _likely(speed: float, density: float, _: float) -> str | None:
+    """Systems of units in which both numbers, read as SI, are those of a structure."""
+    fit = []
+    for text in USUAL_SYSTEMS:
+        unit = parse_system(text)
+        if SLOWEST < speed * unit.length / unit.time < FASTEST and LIGHTEST < density * unit.mass / unit.length**3 < HEAVIEST:
+            fit.append(text)
+    return " or ".join(fit) or None

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
+from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
 from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
@@ -14,13 +17,20 @@ from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
+from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable
+from lrbc_cli.model.scaling import Scaling, scaling
 from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
+from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
+
+FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its rotations free"
 
 #: Directions of universal files by the label of a DOF; a pressure has none.
 DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
@@ -36,11 +46,19 @@ class ModelReader:
 
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
+        self.unit = campaign.unit_system
+        self.scaling: Scaling | None = None
         self.notes: list[str] = []
         self.warnings: list[str] = []
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
         self.bolts: PointTable | None = None
+        #: Node and component of each row as exported, and their number, which numbers of DOFs in files count.
+        self.labels: DofLabels | None = None
+        self.rows = 0
+        #: Rows that are left, and the number among them of each row as exported; None where all are.
+        self.kept: NDArray[np.int64] | None = None
+        self.row_of: NDArray[np.int64] | None = None
         self.n = 0
 
     def hash(self, path: Path) -> None:
@@ -57,64 +75,133 @@ class ModelReader:
         """Note warnings, each once: files are read as often as they are named."""
         self.warnings += [warning for warning in warnings if warning not in self.warnings]
 
-    def matrix(self, ref: OperatorRef, operator: str, n: int | None = None, group: str | None = None) -> sp.csc_array:
-        """A square matrix, of order n where that is known already; the share of a further group where named."""
-        what = operator if group is None else f"{operator} of group {group}"
-        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format)
+    def load(self, ref: OperatorRef) -> MatrixFile:
+        """A square matrix as its file has it."""
+        found = read_matrix(ref.path, ref.group, ref.format or self.campaign.model.format, _arrays(ref))
         self.hash(ref.path)
-        matrix = found.matrix
-        self.notes += [f"{what}: {note}" for note in found.notes]
         self.warn(*found.warnings)
-        if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
-            size = matrix.shape[0] if n is None else n
+        return found
+
+    def number(self, found: Numbering) -> None:
+        """Take up what the rows are."""
+        self.dofs, self.labels = found.table, found.labels
+        if self.dofs is not None:
+            self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
+        self.notes += found.notes
+        for path in found.files:
+            # A mesh may be binary, and has no lines.
+            (self.hash if b"\0\0" in head(path, 4096) else self.table)(path)
+
+    def matrix(self, ref: OperatorRef, operator: str, group: str | None = None, found: MatrixFile | None = None) -> sp.csc_array:
+        """A square matrix, in the order of the model's rows; the share of a further group where named."""
+        what = operator if group is None else f"{operator} of group {group}"
+        found = found or self.load(ref)
+        matrix = aligned(found, self.labels, self.rows, ref.path, what)
+        self.notes += [f"{what}: {note}" for note in found.notes]
+        if self.rows and matrix.shape[0] != self.rows:
             raise DataError(
                 f"the {what} matrix has the wrong size",
                 file=ref.path,
                 place=ref.group,
-                expected=f"{size} x {size}" + (", as the stiffness matrix" if n is not None else ""),
+                expected=f"{self.rows} x {self.rows}, as the stiffness matrix",
                 found=f"{matrix.shape[0]} x {matrix.shape[1]}",
                 hint="export all matrices of one model in one run",
             )
-        known = self.dofs is not None and self.dofs.size == matrix.shape[0]
-        matrix, note = whole(matrix, ref, operator, self.dofs.is_acoustic if known and self.dofs else None, what)
+        labels = self.labels
+        acoustic = None if labels is None or labels.size != matrix.shape[0] else labels.component == ACOUSTIC_COMPONENT
+        if ref.conjugate:
+            matrix = matrix.conj()
+        if ref.scale != 1.0:
+            matrix = matrix * (ref.scale if isinstance(ref.scale, float) else complex(*ref.scale))
+        if np.iscomplexobj(matrix.data) and not matrix.data.imag.any():
+            matrix = matrix.real
+            self.notes.append(f"{what}: all imaginary parts are zero")
+        matrix, note = whole(matrix, ref, operator, acoustic, what)
         self.notes += [note] if note else []
         self.notes.append(f"{what}: {matrix.shape[0]} x {matrix.shape[1]}, {matrix.nnz} non-zeros, {found.format}, {matrix.dtype}")
-        return matrix
+        if self.scaling is not None:
+            matrix = self.scaling.matrix(matrix, operator)
+        return matrix if self.kept is None else matrix[:, self.kept][self.kept]
+
+    def scale(self, K: sp.csc_array, M: sp.csc_array) -> tuple[sp.csc_array, sp.csc_array]:
+        """Stiffness and mass in SI; what is read after them is converted too."""
+        if self.unit == SI:
+            return K, M
+        if self.labels is None:
+            raise self.campaign.error(
+                "rows of unknown kind cannot be converted to SI",
+                "units",
+                expected="model.dofs: which rows are displacements, rotations and pressures",
+                found="no DOF table",
+                hint="add it, or export the model in SI units",
+            )
+        self.scaling = scaling(self.unit, self.labels, K, M)
+        unit = self.unit
+        self.notes.append(
+            f"units {unit.text}: length {unit.length:.6g} m, force {unit.force:.6g} N, mass {unit.mass:.6g} kg, time {unit.time:.6g} s"
+        )
+        return self.scaling.matrix(K, "stiffness"), self.scaling.matrix(M, "mass")
+
+    def leave_out(self, fixed: NDArray[np.bool_]) -> None:
+        """Leave out rows from here on; numbers of DOFs in files still count them.
+
+        Parameters
+        ----------
+        fixed : (n,) bool array
+            Of the rows as exported.
+        """
+        self.kept = np.flatnonzero(~fixed)
+        self.row_of = np.where(fixed, -1, np.cumsum(~fixed) - 1)
+        self.n = self.kept.size
+        if self.dofs is not None:
+            at = self.kept
+            self.dofs = DofTable(node=self.dofs.node[at], component=self.dofs.component[at], xyz=self.dofs.xyz[at])
 
     def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
         """Real vectors, one column each, turned round where the file has them as rows."""
-        found = read_vectors(ref.path, ref.group, ref.format)
+        found = read_vectors(ref.path, ref.group, ref.format, _arrays(ref))
         self.hash(ref.path)
         self.warn(*found.warnings)
         matrix = found.matrix
-        if matrix.shape[0] != self.n and matrix.shape[1] == self.n:
+        if matrix.shape[0] != self.rows and matrix.shape[1] == self.rows:
             matrix = matrix.T.tocsc()
-        if matrix.shape[0] != self.n:
+        if matrix.shape[0] != self.rows:
             raise DataError(
                 f"the vectors of {what} do not fit the model",
                 file=ref.path,
                 place=ref.group,
-                expected=f"{self.n} rows",
+                expected=f"{self.rows} rows",
                 found=f"{matrix.shape[0]} x {matrix.shape[1]}",
             )
         if np.iscomplexobj(matrix.data):
             raise DataError(f"the vectors of {what} are complex", file=ref.path, place=ref.group, expected="real numbers")
-        return matrix
+        if self.scaling is not None:
+            matrix = self.scaling.vectors(matrix.tocsc())
+        return matrix if self.kept is None else matrix[self.kept]
 
     def listed(self, path: Path) -> DofList:
         """The DOFs of a list; its coordinates are those of the terms where there is no DOF table."""
         found = read_dof_list(path, None if self.bolts is None else self.bolts.name)
+        if found.xyz is not None:
+            found = replace(found, xyz=found.xyz * self.unit.length)
         self.table(path)
         dofs = found.dof
-        if dofs.size == 0 or dofs.max() >= self.n or dofs.min() < 0:
+        if dofs.size == 0 or dofs.max() >= self.rows or dofs.min() < 0:
             raise DataError(
                 "this list of DOFs does not fit the model",
                 file=path,
-                expected=f"DOFs from 0 to {self.n - 1}",
+                expected=f"DOFs from 0 to {self.rows - 1}",
                 found=str(dofs[:5].tolist()),
             )
+        if self.row_of is not None:
+            fixed = dofs[self.row_of[dofs] < 0]
+            if fixed.size:
+                raise DataError(
+                    "a DOF of this list is fixed in the matrices", file=path, expected="free DOFs", found=f"DOF {fixed[0]}", hint=FREE_IT
+                )
+            dofs = self.row_of[dofs]
         if self.dofs is None:
-            return found
+            return replace(found, dof=dofs)
         own = self.dofs.xyz[dofs]
         if found.xyz is not None:
             wrong = np.flatnonzero(np.abs(found.xyz - own).max(axis=1) > ROUNDING * float(np.ptp(self.dofs.xyz, axis=0).max()))
@@ -165,9 +252,10 @@ class ModelReader:
                 out.append(int(found[0]))
             return DofList(np.array(out), xyz=table.xyz[out])
         assert select.box is not None
-        dofs = in_box(table, select.component, select.box)
+        box = [(low * self.unit.length, high * self.unit.length) for low, high in select.box]
+        dofs = in_box(table, select.component, box)
         if not dofs.size:
-            inside = table.xyz[table.component == select.component]
+            inside = table.xyz[table.component == select.component] / self.unit.length
             low, high = inside.min(axis=0), inside.max(axis=0)
             raise campaign.error(
                 f"no DOF {select.component} lies in this box",
@@ -182,9 +270,14 @@ class ModelReader:
         """One DOF, and where it was found in words."""
         table, campaign = self.dofs, self.campaign
         if point.dof is not None:
-            if point.dof >= self.n:
-                raise campaign.error("this DOF does not exist", *keys, "dof", expected=f"0 to {self.n - 1}", found=point.dof)
-            return point.dof, f"DOF {point.dof}"
+            if point.dof >= self.rows:
+                raise campaign.error("this DOF does not exist", *keys, "dof", expected=f"0 to {self.rows - 1}", found=point.dof)
+            row = point.dof if self.row_of is None else int(self.row_of[point.dof])
+            if row < 0:
+                raise campaign.error(
+                    "this DOF is fixed in the matrices", *keys, "dof", expected="a free DOF", found=point.dof, hint=FREE_IT
+                )
+            return row, f"DOF {point.dof}"
         if table is None:
             raise campaign.error("nodes and coordinates need a DOF table", *keys, hint="add model.dofs, or give {dof: number}")
         assert point.component is not None
@@ -204,11 +297,12 @@ class ModelReader:
                 )
             return int(dofs[0]), f"node {point.node} {point.component}"
         assert point.near is not None
-        found = nearest(table, point.near, point.component)
+        place = [value * self.unit.length for value in point.near]
+        found = nearest(table, place, point.component)
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
-        require_near(np.array([point.near]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
+        require_near(np.array([place]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
         size = spacing(table, dof)
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         if distance > 0.05 * size:
@@ -223,3 +317,7 @@ class ModelReader:
         if self.dofs is None:
             return None, None
         return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))
+
+
+def _arrays(ref: MatrixRef) -> ArrayNames | None:
+    return None if ref.arrays is None else ArrayNames(**ref.arrays.model_dump())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,38 +18,52 @@ ENCODING_VERSION = "0.1.0"
 _VERSIONS = ("0.1.0",)
 
 
-def read_hdf5_matrix(path: Path, group: str | None = None) -> MatrixFile:
+@dataclass(frozen=True)
+class ArrayNames:
+    """What the arrays of a compressed matrix are called, and whether rows (``csr``) or columns (``csc``) are compressed."""
+
+    data: str
+    indices: str
+    indptr: str
+    layout: Literal["csr", "csc"]
+
+
+def read_hdf5_matrix(path: Path, group: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read one matrix of an HDF5 or MATLAB 7.3 file.
 
     Understood are groups ``data, indices, indptr`` with the attributes ``encoding-type`` (``csr_matrix`` or
     ``csc_matrix``) and ``shape``, or with the older ``h5sparse_format`` and ``h5sparse_shape``; MATLAB's sparse
     groups ``data, ir, jc`` with the attribute ``MATLAB_sparse``; and two-dimensional datasets, those of MATLAB
-    transposed, as it stores columns first.
+    transposed, as it stores columns first. Data sets of whole numbers are indices, never matrices.
 
     Parameters
     ----------
     path
         The file.
     group
-        Name of the group or dataset; may be left out where the file holds exactly one matrix.
+        Name of the group or dataset; may be left out where the file holds exactly one matrix. ``a.b`` is ``a/b`` too.
+    arrays
+        Names of the arrays in a group without such attributes; they may count from 1.
 
     Raises
     ------
     DataError
         If the file is damaged, the matrix is not there or it is not well formed.
     """
-    return read_safely(_read, path, group)
+    return read_safely(_read, path, group, arrays)
 
 
-def _read(path: Path, group: str | None) -> MatrixFile:
+def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFile:
     with open_hdf5(path) as file:
         matlab = _is_matlab(file, path)
         notes: list[str] = []
+        if not group and arrays is not None:
+            group = "/"
         if not group:
             group = _only_matrix(file, path)
             notes.append(f"took {group!r}, the only matrix in the file")
         try:
-            node = lookup(file, group, path)
+            node = lookup(file, group if group in file else group.replace(".", "/"), path)
         except KeyError:
             found = listing(_candidates(file))
             raise DataError(
@@ -59,7 +74,7 @@ def _read(path: Path, group: str | None) -> MatrixFile:
                 found=found,
                 hint="name one of these after '#'",
             ) from None
-        matrix = _read_node(node, group, path, matlab, notes)
+        matrix = _read_node(node, group, path, matlab, notes) if arrays is None else _read_arrays(node, group, path, arrays, notes)
     return MatrixFile(matrix, "mat-v7.3" if matlab else "hdf5", tuple(notes))
 
 
@@ -75,7 +90,7 @@ def _is_matlab(file: h5py.File, path: Path) -> bool:
 def _layout(node: Any) -> str | None:
     """Kind of matrix that an object holds, or None."""
     if isinstance(node, h5py.Dataset):
-        return "dense" if len(node.shape or ()) == 2 and (node.dtype.kind in "fiuc" or node.dtype.names == ("real", "imag")) else None
+        return "dense" if len(node.shape or ()) == 2 and (node.dtype.kind in "fc" or node.dtype.names == ("real", "imag")) else None
     if "MATLAB_sparse" in node.attrs and "jc" in node:
         return "matlab"
     kind = text_attribute(node, "encoding-type") or ""
@@ -113,6 +128,32 @@ def _only_matrix(file: h5py.File, path: Path) -> str:
     return names[0]
 
 
+def _mapping(node: Any) -> str | None:
+    """How to name the arrays of a group, where three of them look like those of a compressed matrix."""
+    if not isinstance(node, h5py.Group):
+        return None
+    arrays = {name: item for name, item in node.items() if isinstance(item, h5py.Dataset) and len(item.shape or ()) == 1}
+    whole = sorted((name for name, item in arrays.items() if item.dtype.kind in "iu"), key=lambda name: arrays[name].size)
+    rest = [name for name in arrays if name not in whole]
+    if len(whole) != 2 or len(rest) != 1 or arrays[rest[0]].size != arrays[whole[1]].size:
+        return None
+    return f"say `arrays: {{data: {rest[0]}, indices: {whole[1]}, indptr: {whole[0]}}}` beside `file:` and `group:`"
+
+
+def _read_arrays(node: Any, name: str, path: Path, arrays: ArrayNames, notes: list[str]) -> Any:
+    """A square matrix from arrays of any name, counted from 0 or 1."""
+    missing = [key for key in (arrays.data, arrays.indices, arrays.indptr) if not isinstance(node, h5py.Group) or key not in node]
+    if missing:
+        inside = listing(list(node)) if isinstance(node, h5py.Group) else "a dataset"
+        raise DataError("the group has no such array", file=path, place=name, expected=listing(missing), found=inside)
+    data, indices, indptr = (load(lookup(node, key, path), path) for key in (arrays.data, arrays.indices, arrays.indptr))
+    if np.size(indptr) and np.size(indices) and indptr[0] == 1:
+        indices, indptr = indices - 1, indptr - 1
+        notes.append("indices count from 1")
+    n = int(np.size(indptr)) - 1
+    return from_compressed(arrays.layout, data, indices, indptr, (n, n), path=path, place=name, file_size=path.stat().st_size)
+
+
 def _read_node(node: Any, name: str, path: Path, matlab: bool, notes: list[str]) -> Any:
     size = path.stat().st_size
     layout = _layout(node)
@@ -122,8 +163,10 @@ def _read_node(node: Any, name: str, path: Path, matlab: bool, notes: list[str])
             "this is not a matrix that can be read",
             file=path,
             place=name,
-            expected="a group with 'encoding-type' csr_matrix or csc_matrix, a MATLAB sparse matrix, or a two-dimensional dataset",
+            expected="a group with 'encoding-type' csr_matrix or csc_matrix, a MATLAB sparse matrix, or a two-dimensional dataset of real "
+            "or complex numbers",
             found=inside,
+            hint=_mapping(node),
         )
     if layout == "dense":
         values = load(node, path)

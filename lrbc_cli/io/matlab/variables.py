@@ -1,8 +1,8 @@
 """Matrices in MATLAB files up to version 7 (level 5).
 
-Only numeric and sparse arrays are read; texts, cells, structures and objects are passed over. The elements are parsed
-here: the reader of scipy (1.17) ends the whole process on some damaged files. The layout is that of "MAT-File Format",
-MathWorks.
+Numeric and sparse arrays are read, those in fields of structures as ``name.field``; texts, cells and objects are passed over. The
+elements are parsed here: the reader of scipy (1.17) ends the whole process on some damaged files. The layout is that of "MAT-File
+Format", MathWorks.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ _KINDS = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 6: "doubl
 _NUMERIC = {"double", "single", *(kind for kind in _KINDS.values() if "int" in kind)}
 # Array flags, dimensions and name come before the values of a variable.
 _PREFIX_BYTES = 4096
+
+#: Structures in structures, at most.
+_DEEPEST = 4
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,8 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
         If the file is damaged, the variable is not there or it is not a matrix.
     """
     variables = list_variables(path)
-    names = [name for name, shape, kind in variables if (kind == "sparse" or kind in _NUMERIC) and len(shape) == 2]
+    # Whole numbers are indices and maps.
+    names = [name for name, shape, kind in variables if kind in ("sparse", "double", "single") and len(shape) == 2]
     notes: list[str] = []
     if not group:
         if len(names) != 1:
@@ -133,8 +137,33 @@ def _variables(path: Path) -> list[_Variable]:
         for element, compressed in _elements(content, order, path):
             variable = _describe(element, compressed, order)
             if variable is not None:
-                variables.append(variable)
+                variables += [variable, *_fields(variable, path)]
     return variables
+
+
+def _fields(variable: _Variable, path: Path, depth: int = 1) -> Iterator[_Variable]:
+    """What the fields of one structure hold."""
+    if variable.kind != "struct" or math.prod(variable.shape) != 1 or depth > _DEEPEST:
+        return
+    data, order = variable.element, variable.order
+    if variable.compressed:
+        check_allocation(variable.unpacked, len(data), path, variable.name, compressed=True)
+        data = _unpack(data, 8 + variable.unpacked)[8:]
+    length, position = _read_element(data, variable.values_at, order)
+    names, position = _read_element(data, position, order)
+    size = int(length[0])
+    if size <= 0:
+        raise ValueError(f"field names of {size} characters")
+    for name in (bytes(names[k : k + size].tobytes()).split(b"\0")[0] for k in range(0, names.size, size)):
+        kind, count = struct.unpack_from(order + "II", data, position)
+        element = data[position + 8 : position + 8 + count]
+        if kind != _MATRIX or len(element) < count:
+            raise ValueError(f"a field of {variable.name} is no array")
+        position += 8 + count + -count % 8
+        found = _describe(element, False, order, f"{variable.name}.{name.decode('latin-1')}") if count else None
+        if found is not None:
+            yield found
+            yield from _fields(found, path, depth + 1)
 
 
 def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, bool]]:
@@ -154,8 +183,8 @@ def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, b
         position = start + size + (-size % 8 if kind != _COMPRESSED else 0)
 
 
-def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
-    """Name, shape and class from the first bytes of a variable; None for one without a name."""
+def _describe(element: bytes, compressed: bool, order: str, called: str = "") -> _Variable | None:
+    """Name, shape and class from the first bytes of a variable; None for one without a name, which fields are ``called`` by."""
     start = zlib.decompressobj().decompress(element, _PREFIX_BYTES) if compressed else element[:_PREFIX_BYTES]
     unpacked = len(element)
     if compressed:
@@ -172,7 +201,7 @@ def _describe(element: bytes, compressed: bool, order: str) -> _Variable | None:
     shape = tuple(int(n) for n in dimensions)
     if len(shape) < 2 or min(shape) < 0:
         raise ValueError(f"dimensions {shape}")
-    text = name.astype(np.uint8).tobytes().decode("latin-1")
+    text = called or name.astype(np.uint8).tobytes().decode("latin-1")
     return (
         _Variable(
             name=text,

@@ -28,6 +28,7 @@ from lrbc_cli.io.common import (
     require_file,
 )
 from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.io.matrices.columns import is_number, words_a_line
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_coordinates
 
 BANNER = b"%%matrixmarket"
@@ -35,8 +36,6 @@ _FIELDS = ("real", "complex", "integer", "unsigned-integer", "double")
 # Up to here a compressed file is unpacked before its header is read: room for some thousand lines of comment.
 _HEADER_ROOM = 1 << 20
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
-#: Bytes whose lines are counted at a time: the masks take a few times as much memory.
-_CHUNK = 2**24
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def read_matrix_market(path: Path) -> MatrixFile:
         matrix = canonical(_unpack(values.ravel(), header), path, "matrix")
     else:
         check_dimensions(header.shape, size, path, f"line {header.line}")
-        if not _one_entry_a_line(body, width):
+        if not words_a_line(body, width):
             raise _bad_line(body, header, width, path)
         matrix = _assemble(numbers, body, header, path, size)
         if header.symmetry == "general" and (double := _doubles(numbers, matrix, header)):
@@ -143,23 +142,6 @@ def _numbers(body: bytes, header: _Header, width: int, path: Path) -> NDArray[np
     return numbers.reshape(header.entries, width)
 
 
-def _one_entry_a_line(body: bytes, width: int) -> bool:
-    """Whether every line that is not blank holds as many words as an entry has: else numbers would move from entry to entry."""
-    begin = 0
-    while begin < len(body):
-        end = body.find(b"\n", begin + _CHUNK) + 1 or len(body)
-        chunk = np.frombuffer(body, dtype=np.uint8, count=end - begin, offset=begin)
-        blank = chunk <= ord(" ")
-        words = ~blank
-        words[1:] &= blank[:-1]
-        lines = np.concatenate([[0], np.flatnonzero(chunk == ord("\n")) + 1])
-        count = np.add.reduceat(words, lines[lines < chunk.size], dtype=np.int64)
-        if np.any((count != 0) & (count != width)):
-            return False
-        begin = end
-    return True
-
-
 def _doubles(numbers: NDArray[np.float64], matrix: Any, header: _Header) -> int:
     """Entries of a general file whose place another entry has."""
     if matrix.nnz + int((~numbers[:, 2:].any(axis=1)).sum()) == header.entries:
@@ -177,7 +159,7 @@ def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError
     for number, line in _entry_lines(body, header):
         words = line.split()
         count += 1
-        if len(words) != width or not all(_is_number(word) for word in words):
+        if len(words) != width or not all(is_number(word) for word in words):
             found = repr(line[:60].decode("latin-1"))
             return DataError("an entry cannot be read", file=path, place=f"line {number}", expected=expected, found=found)
     found = f"{count} entries"
@@ -188,14 +170,6 @@ def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError
 
 def _entry_lines(body: bytes, header: _Header) -> list[tuple[int, bytes]]:
     return [(header.line + 1 + number, line) for number, line in enumerate(body.split(b"\n")) if line.strip()]
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return b"_" not in word
 
 
 def _assemble(numbers: NDArray[np.float64], body: bytes, header: _Header, path: Path, size: int) -> Any:
@@ -237,41 +211,17 @@ def _unpack(values: NDArray[Any], header: _Header) -> NDArray[Any]:
     return matrix
 
 
-def explain_text(start: bytes) -> str | None:
-    """Say what a text file that is no Matrix Market file looks like, or None."""
-    lines = [line.strip() for line in start.decode("latin-1").splitlines()]
-    lines = [line for line in lines if line]
-    if any(line.startswith("**") or line.upper().startswith(("*MATRIX", "*USER ELEMENT")) for line in lines[:20]):
-        return "an Abaqus matrix (its keywords start with *), not a Matrix Market file"
-    line = lines[0].removesuffix(",") if lines else ""
-    cells, words = [cell.strip() for cell in line.split(",")], line.replace(",", " ").split()
-    if len(cells) == 5 and all(_is_index(cell.removeprefix("-")) for cell in cells[:4]) and _looks_like_number(cells[4]):
-        return "an Abaqus matrix (row node, row DOF, column node, column DOF, value), not a Matrix Market file"
-    if len(words) == 3 and all(map(_is_index, words[:2])) and _looks_like_number(words[2]):
-        return "a list of row, column, value without a header (Abaqus COORDINATE or CalculiX), not a Matrix Market file"
-    return None
-
-
-def _is_index(word: str) -> bool:
-    return word.isascii() and word.isdigit()
-
-
-def _looks_like_number(word: str) -> bool:
-    return bool(word) and not word.strip("-+.eEdD0123456789")
-
-
 def _header(content: bytes, path: Path) -> _Header:
     stream = io.BytesIO(content)
     banner = stream.readline(1024).decode("latin-1").lower().split()
     if not banner or banner[0] != BANNER.decode():
-        found = explain_text(content[:4096]) or "another first line"
         raise DataError(
             "this is not a Matrix Market file",
             file=path,
             place="line 1",
             expected="a banner '%%MatrixMarket matrix coordinate real general'",
-            found=found,
-            hint="convert the matrix to Matrix Market, HDF5, MATLAB or .npz",
+            found="another first line",
+            hint="leave out `format:`, so that the format is recognised by the content",
         )
     words = (*banner[1:], "", "", "", "")[:4]
     kind, layout, field, symmetry = words

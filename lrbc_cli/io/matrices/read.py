@@ -9,12 +9,18 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.matrices import read_hdf5_matrix
+from lrbc_cli.io.hdf5.matrices import ArrayNames, read_hdf5_matrix
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
-from lrbc_cli.io.matrices.matrix_market import explain_text, is_matrix_market, read_matrix_market
+from lrbc_cli.io.matrices.ansys_full import is_ansys_full, read_ansys_full
+from lrbc_cli.io.matrices.dmig import is_dmig, read_dmig
+from lrbc_cli.io.matrices.foreign import written_by
+from lrbc_cli.io.matrices.harwell_boeing import is_harwell_boeing, read_harwell_boeing
+from lrbc_cli.io.matrices.matrix_market import is_matrix_market, read_matrix_market
 from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.matrices.npz import read_npz_matrix
+from lrbc_cli.io.matrices.op4 import is_op4, read_op4
+from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
 
@@ -31,7 +37,22 @@ FORMATS: dict[str, Callable[[Path, str | None], MatrixFile]] = {
     "mat-v7.3": read_hdf5_matrix,
     "mat-v5": read_mat5_matrix,
     "npz": read_npz_matrix,
+    "abaqus": read_triplets,
+    "triplets": read_triplets,
+    "sierra-sd": read_triplets,
+    "harwell-boeing": read_harwell_boeing,
+    "nastran-op4": read_op4,
+    "nastran-dmig": read_dmig,
+    "ansys-full": read_ansys_full,
 }
+
+#: Those without a mark of their own at a fixed place, by what tells them; in this order.
+_TOLD: tuple[tuple[str, Callable[[bytes], bool]], ...] = (
+    ("nastran-op4", is_op4),
+    ("ansys-full", is_ansys_full),
+    ("harwell-boeing", is_harwell_boeing),
+    ("nastran-dmig", is_dmig),
+)
 
 
 def detect_format(path: Path) -> str:
@@ -54,17 +75,22 @@ def detect_format(path: Path) -> str:
         return "mat-v5"
     if start[:4] == NPZ_SIGNATURE:
         return "npz"
-    text = explain_text(start)
+    for name, told in _TOLD:
+        if told(start):
+            return name
+    if listed := triplets_format(start):
+        return listed
+    program, hint = written_by(path, start)
     raise DataError(
-        f"this is {text}" if text else "the format of this file is not known",
+        f"this is {program}" if program else "the format of this file is not known",
         file=path,
-        expected="Matrix Market (.mtx, .mtx.gz), HDF5, MATLAB (.mat) or .npz",
-        found=text or _describe(start),
-        hint="convert the matrix, for example with scipy.io.mmwrite" if text else "export the matrix in one of these formats",
+        expected="a matrix in one of the formats that `lrbc guide formats` lists",
+        found=program or _describe(start),
+        hint=hint,
     )
 
 
-def read_matrix(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
+def read_matrix(path: Path, group: str | None = None, format: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read a square matrix.
 
     Parameters
@@ -75,6 +101,8 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None)
         Name of the HDF5 group, MATLAB variable or array; may be left out where there is only one.
     format
         One of ``FORMATS``, to skip the detection by content.
+    arrays
+        Names of the arrays of a compressed matrix in HDF5 where they are not the usual ones.
 
     Returns
     -------
@@ -88,12 +116,12 @@ def read_matrix(path: Path, group: str | None = None, format: str | None = None)
     ConfigError
         If ``format`` is unknown.
     """
-    result = read_vectors(path, group, format)
+    result = read_vectors(path, group, format, arrays)
     require_square(result.matrix, path, group or "matrix")
     return result
 
 
-def read_vectors(path: Path, group: str | None = None, format: str | None = None) -> MatrixFile:
+def read_vectors(path: Path, group: str | None = None, format: str | None = None, arrays: ArrayNames | None = None) -> MatrixFile:
     """Read a matrix of any shape, such as excitation, response or parameter vectors.
 
     Parameters and errors are those of ``read_matrix``, except that the matrix may be rectangular.
@@ -104,7 +132,11 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
         format = detect_format(path)
     if format not in FORMATS:
         raise ConfigError("this matrix format is not known", file=path, expected=", ".join(FORMATS), found=format)
-    return FORMATS[format](path, group)
+    if arrays is None:
+        return FORMATS[format](path, group)
+    if format != "hdf5":
+        raise ConfigError("arrays are named of HDF5 files only", file=path, place="arrays", expected="an HDF5 file", found=format)
+    return read_hdf5_matrix(path, group, arrays)
 
 
 def _unpacked_head(path: Path) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import listing, require_file
-from lrbc_cli.io.encoding import read_lines
+from lrbc_cli.io.common import head, listing, require_file
+from lrbc_cli.io.encoding import decode, read_lines
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 
 
@@ -148,6 +149,15 @@ class Table:
                 hint = f"line {self.lines[seen[value]]} holds it already; remove one of the two"
                 raise self.error(index, name, "values that differ", value, "a value stands in the table twice", hint)
             seen[value] = index
+
+
+def is_dof_table(path: Path) -> bool:
+    """Whether a file names DOFs: else it is a table, input file or mesh with the nodes only."""
+    require_file(path)
+    lines = (line.strip() for line in decode(head(path, 1 << 16)).splitlines())
+    header = next((line for line in lines if line and line[0] != "#"), "")
+    cells = [cell.strip(" \"'").lower() for cell in re.split("[,;\t]", header)]
+    return len(cells) > 2 and header[0] not in "*$" and ("node" not in cells or "dof" in cells or "component" in cells)
 
 
 def read_dof_table(path: Path) -> DofTable:

@@ -1,0 +1,171 @@
+"""The DOF table of a model, from one table or from labels of the matrices, maps and coordinates of nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.config.structure import DofSource
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.matrices.read import read_vectors
+from lrbc_cli.io.sparse import MatrixFile
+from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
+from lrbc_cli.io.text.nodes import read_nodes
+from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
+from lrbc_cli.model.dofs import DofLabels, DofTable
+
+
+@dataclass
+class Numbering:
+    """What the rows of the model are.
+
+    Attributes
+    ----------
+    table : DofTable or None
+        With places; None where they are not given.
+    labels : DofLabels or None
+        Node and component of each row, where anything says so.
+    notes : list of str
+    files : list of Path
+        What was read.
+    """
+
+    table: DofTable | None = None
+    labels: DofLabels | None = None
+    notes: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+
+def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numbering:
+    """Find out what the rows are.
+
+    Parameters
+    ----------
+    source : Path or DofSource or None
+        ``model.dofs``.
+    stiffness : MatrixFile
+        Its labels hold where no map is given.
+
+    Raises
+    ------
+    DataError
+        If a file is wrong, nothing says what the rows are, or a node has no coordinates.
+    """
+    if source is None:
+        return Numbering(labels=stiffness.labels)
+    if isinstance(source, Path):
+        if is_dof_table(source):
+            table = read_dof_table(source)
+            return Numbering(table, DofLabels(table.node, table.component), files=[source])
+        source = DofSource.model_construct(nodes=source)
+    found = Numbering(labels=stiffness.labels, files=[source.nodes])
+    n = stiffness.matrix.shape[0]
+    if source.map is not None:
+        found.labels, notes = _mapped(source.map, source, n)
+        found.notes += notes
+        found.files += [source.map, *([source.order] if source.order else [])]
+    node, xyz, what = read_nodes(source.nodes)
+    found.notes.append(f"coordinates: {node.size} nodes, {what}")
+    if found.labels is None:
+        components = source.components
+        if components is None or node.size * len(components) != n:
+            raise DataError(
+                "nothing says which DOF each row of the matrices is",
+                file=source.nodes,
+                expected=f"a map of the {n} rows, or `components:` of which each of the {node.size} nodes has all",
+                found="no map" if components is None else f"{node.size} nodes with {len(components)} components",
+                hint=f"add `map: FILE` under model.dofs{_guess(n, node.size)}; `lrbc guide export` says what each program writes",
+            )
+        order = np.sort(node)
+        found.labels = DofLabels(np.repeat(order, len(components)), np.tile(np.array(components, dtype=np.str_), order.size))
+        found.notes.append(f"rows: nodes in rising order, each {', '.join(components)}; nothing in the files confirms it")
+    _place(found, node, xyz, source.nodes)
+    return found
+
+
+def _mapped(path: Path, source: DofSource, n: int) -> tuple[DofLabels, tuple[str, ...]]:
+    """Labels of the rows, which may stand in the solver's order."""
+    if source.order is None:
+        return read_dof_map(path, n, source.components)
+    order = read_vectors(source.order).matrix
+    order = order.T.tocsc() if order.shape[0] == n else order
+    if order.shape[1] != n or np.any(np.diff(order.indptr) != 1):
+        wrong = "" if order.shape[1] != n else f", {int((np.diff(order.indptr) != 1).sum())} rows do not hold one entry"
+        raise DataError(
+            "the matrix of the order does not fit the matrices",
+            file=source.order,
+            expected=f"{n} rows with one entry each: the place of each row in the map",
+            found=f"{order.shape[1]} x {order.shape[0]}{wrong}",
+            hint="export NOD2BCS of the same .full file; constraint equations and couplings have no single DOF: use HBMAT",
+        )
+    labels, notes = read_dof_map(path, order.shape[0], source.components)
+    return DofLabels(labels.node[order.indices], labels.component[order.indices]), notes
+
+
+def _guess(n: int, nodes: int) -> str:
+    usual = USUAL.get(n // nodes) if n % nodes == 0 else None
+    return f", or `components: [{', '.join(usual)}]`" if usual else ""
+
+
+def _place(found: Numbering, node: Integers, xyz: Floats, path: Path) -> None:
+    """Add the table; inner DOFs, which the FE program added by itself, lie in the middle."""
+    labels = found.labels
+    assert labels is not None
+    order = np.argsort(node)
+    at = np.minimum(np.searchsorted(node[order], labels.node), node.size - 1)
+    known = node[order][at] == labels.node
+    # Numbers beyond those of the model: incompatible modes and expanded shells of CalculiX.
+    inner = ~known & ((labels.node < 0) | (labels.node > node.max()))
+    lost = np.unique(labels.node[~known & ~inner])
+    if lost.size or not known.any():
+        raise DataError(
+            f"{lost.size or 'all'} nodes of the matrices have no coordinates",
+            file=path,
+            expected="every node of the matrices",
+            found=f"no {listing([str(k) for k in lost], 5)}",
+            hint="give the nodes of the model that the matrices were exported from",
+        )
+    component = labels.component.astype(object)
+    if inner.any():
+        component[inner] = [name if name.startswith("INNER") else f"INNER{name}" for name in component[inner]]
+        count = np.unique(labels.node[inner]).size
+        found.notes.append(f"{int(inner.sum())} DOFs of {count} nodes beyond those of {path.name} are inner ones of the FE program")
+    places = np.where(known[:, None], xyz[order][at], xyz.mean(axis=0))
+    found.labels = DofLabels(labels.node, component.astype(np.str_))
+    found.table = DofTable(node=labels.node, component=found.labels.component, xyz=places)
+
+
+def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, what: str) -> sp.csc_array:
+    """Matrix of a file with its rows and columns where the model has them.
+
+    Raises
+    ------
+    DataError
+        If it has a DOF that the model does not have.
+    """
+    if found.labels is not None and labels is not None:
+        at = labels.find(found.labels)
+        lost = np.flatnonzero(at < 0)
+        if lost.size:
+            k = int(lost[0])
+            raise DataError(
+                f"the {what} matrix has DOFs that the model does not have",
+                file=path,
+                expected="DOFs of the stiffness matrix or the DOF table",
+                found=f"node {found.labels.node[k]} {found.labels.component[k]} ({lost.size} in all)",
+                hint="export all matrices and tables of one model in one run",
+            )
+        entries = found.matrix.tocoo()
+        moved = sp.coo_array((entries.data, (at[entries.row], at[entries.col])), shape=(labels.size, labels.size)).tocsc()
+        moved.sort_indices()
+        return moved
+    matrix = found.matrix
+    if not found.sized and max(matrix.shape) < n:
+        matrix = sp.csc_array(matrix)
+        matrix.resize((n, n))
+    return matrix

@@ -1,0 +1,107 @@
+"""Columns of numbers in large text files, parsed at once and checked line by line."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.errors import DataError
+
+#: Bytes whose lines are counted at a time: the masks take a few times as much memory.
+_CHUNK = 2**24
+
+#: What Fortran and tables write beside what numpy reads: exponents with D, commas, semicolons.
+_PLAIN = bytes.maketrans(b"Dd,;\t", b"EE   ")
+
+
+def read_columns(body: bytes, width: int, path: Path, first_line: int, expected: str) -> Floats:
+    """Read lines of as many numbers each, separated by blanks or commas.
+
+    Parameters
+    ----------
+    body
+        The lines; blank ones are passed over.
+    width
+        Numbers that each line holds.
+    first_line
+        Number of the first line of ``body`` in the file.
+    expected
+        What each line holds, in words.
+
+    Returns
+    -------
+    (m, width) float array
+
+    Raises
+    ------
+    DataError
+        For the first line that holds anything else.
+    """
+    plain = body.translate(_PLAIN).strip()
+    numbers = _numbers(plain) if plain else np.zeros(0)
+    if numbers is None or numbers.size % width or not words_a_line(plain, width):
+        raise _bad_line(body, width, path, first_line, expected)
+    return numbers.reshape(-1, width)
+
+
+def read_fixed(text: bytes, width: int) -> Floats | None:
+    """Numbers in cells of so many characters, which may leave no blank between them; None where there is other text."""
+    cells = np.frombuffer(text, dtype=np.uint8).reshape(-1, width)
+    spaced = np.full((cells.shape[0], width + 1), ord(" "), dtype=np.uint8)
+    spaced[:, :width] = cells
+    return _numbers(spaced.tobytes().translate(_PLAIN))
+
+
+def _numbers(text: bytes) -> Floats | None:
+    with warnings.catch_warnings():
+        # Newer versions of numpy raise where older ones warn.
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.fromstring(text, dtype=np.float64, sep=" ")
+        except (ValueError, DeprecationWarning):
+            return None
+
+
+def words_a_line(body: bytes, width: int) -> bool:
+    """Whether every line that is not blank holds as many words: else numbers would move from entry to entry."""
+    begin = 0
+    while begin < len(body):
+        end = body.find(b"\n", begin + _CHUNK) + 1 or len(body)
+        chunk = np.frombuffer(body, dtype=np.uint8, count=end - begin, offset=begin)
+        blank = chunk <= ord(" ")
+        words = ~blank
+        words[1:] &= blank[:-1]
+        lines = np.concatenate([[0], np.flatnonzero(chunk == ord("\n")) + 1])
+        count = np.add.reduceat(words, lines[lines < chunk.size], dtype=np.int64)
+        if np.any((count != 0) & (count != width)):
+            return False
+        begin = end
+    return True
+
+
+def is_number(word: bytes) -> bool:
+    """Whether a word is a number as numpy reads it."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return b"_" not in word
+
+
+def _bad_line(body: bytes, width: int, path: Path, first_line: int, expected: str) -> DataError:
+    for number, line in enumerate(re.split(b"\r?\n", body), start=first_line):
+        words = line.translate(_PLAIN).split()
+        if words and (len(words) != width or not all(map(is_number, words))):
+            return DataError(
+                "an entry cannot be read",
+                file=path,
+                place=f"line {number}",
+                expected=expected,
+                found=repr(line[:60].decode("latin-1")),
+                hint="the file is truncated or of another layout; export it again",
+            )
+    return DataError("the numbers cannot be read", file=path, expected=expected, found="other text")

@@ -1,0 +1,111 @@
+"""Matrices that Nastran punches as DMIG entries, each with the grid point and component of its rows."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import listing, whole
+from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
+from lrbc_cli.model.dofs import COMPONENTS, DofLabels
+
+_SQUARE = (1, 6)
+_COMPLEX = (3, 4)
+#: Exponents that Fortran writes without a letter: 1.5-10.
+_BARE = re.compile(r"(?<=[\d.])([+-]\d+)$")
+
+
+@dataclass
+class _Entries:
+    """Entries of one matrix: column, row, and value."""
+
+    form: int
+    type: int
+    columns: list[tuple[int, int]] = field(default_factory=list)
+    rows: list[tuple[int, int]] = field(default_factory=list)
+    values: list[complex] = field(default_factory=list)
+
+
+def is_dmig(start: bytes) -> bool:
+    """Whether DMIG entries stand among the first bytes of a file."""
+    return re.search(rb"^DMIG[* ]", start, re.MULTILINE) is not None
+
+
+def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
+    """Read one square matrix; of symmetric ones the other triangle is filled in.
+
+    Parameters
+    ----------
+    path
+        A punch file.
+    group
+        Name of the matrix, such as KAAX; may be left out where there is one square matrix.
+
+    Raises
+    ------
+    DataError
+        If an entry cannot be read or there is no such matrix.
+    """
+    found = _parse(path)
+    square = [name for name, entries in found.items() if entries.form in _SQUARE]
+    name = group.upper() if group else square[0] if len(square) == 1 else ""
+    if name not in square:
+        raise DataError(
+            "the file holds no such square matrix" if group else "it is not clear which matrix is meant",
+            file=path,
+            place=group,
+            expected=repr(group) if group else "exactly one square matrix, or its name after '#'",
+            found=listing(square),
+            hint="write file#name",
+        )
+    entries = found[name]
+    keys = sorted({*entries.columns, *entries.rows})
+    at = {key: k for k, key in enumerate(keys)}
+    values = np.array(entries.values)
+    row, column = (np.array([at[key] for key in side], dtype=np.int64) for side in (entries.rows, entries.columns))
+    data = values if entries.type in _COMPLEX else values.real
+    matrix = from_coordinates(data, row, column, (len(keys), len(keys)), path=path, place=name, file_size=path.stat().st_size)
+    matrix, notes = mirrored(matrix) if entries.form == _SQUARE[1] else (matrix, ())
+    component = [COMPONENTS[c - 1] if 0 < c <= len(COMPONENTS) else "SCALAR" for _, c in keys]
+    labels = DofLabels(np.array([node for node, _ in keys], dtype=np.int64), np.array(component, dtype=np.str_))
+    return MatrixFile(matrix, "nastran-dmig", notes, labels=labels)
+
+
+def _parse(path: Path) -> dict[str, _Entries]:
+    """All matrices of a file: lines of 8 and four times 16 characters, as Nastran punches them."""
+    found: dict[str, _Entries] = {}
+    current, column = None, (0, 0)
+    for number, raw in enumerate(whole(path).decode("latin-1").splitlines(), start=1):
+        line = raw.rstrip()
+        try:
+            if line.startswith("DMIG*"):
+                name = line[8:24].strip().upper()
+                current, column = found[name], (int(line[24:40]), int(line[40:56] or 0))
+            elif line.startswith("DMIG"):
+                name, rest = line[8:16].strip().upper(), [line[k : k + 8].strip() for k in range(16, 72, 8)]
+                if rest[0] != "0":
+                    raise ValueError("entries in small fields")
+                found[name], current = _Entries(int(rest[1]), int(rest[2])), None
+            elif line.startswith("*") and current is not None:
+                current.rows.append((int(line[8:24]), int(line[24:40])))
+                current.columns.append(column)
+                current.values.append(complex(_real(line[40:56]), _real(line[56:72])))
+        except (ValueError, KeyError) as error:
+            raise DataError(
+                "an entry cannot be read",
+                file=path,
+                place=f"line {number}",
+                expected="DMIG entries in large fields, as EXTSEOUT(DMIGPCH) writes them",
+                found=repr(line[:72]),
+                hint=f"export them again ({error})",
+            ) from None
+    return found
+
+
+def _real(text: str) -> float:
+    text = text.strip().upper().replace("D", "E")
+    return float(text if "E" in text else _BARE.sub(r"e\1", text)) if text else 0.0

@@ -1,0 +1,57 @@
+"""Files of other programs that hold no matrix that can be read: who wrote them, and what to export instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_ABAQUS = "in Abaqus: *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT in a step of its own"
+_ANSYS = "in Ansys: /AUX2, then HBMAT with mapping, or *SMAT and *EXPORT,...,MMF"
+_NASTRAN = "in Nastran: EXTSEOUT(STIFFNESS,MASS,DMIGPCH), or OUTPUT4 of KAA and MAA"
+_COMSOL = "in COMSOL: mphmatrix and save in LiveLink for MATLAB"
+_MESH = "a mesh goes to `dofs: {nodes: FILE}`"
+
+#: What a file begins with: the program, and what to do.
+_STARTS: tuple[tuple[bytes, str, str], ...] = (
+    (b"CDF", "an exodus mesh or another netCDF file", _MESH),
+    (b"$MeshFormat", "a mesh of gmsh", _MESH),
+    (b"*HEADING", "an input file of Abaqus or CalculiX, not a matrix", _ABAQUS),
+    (b"*NODE", "an input file of Abaqus or CalculiX, not a matrix", _MESH),
+    (b"*", "an input file of Abaqus or CalculiX, not a matrix", _ABAQUS),
+    (b"/COM", "an input file of Ansys, not a matrix", _ANSYS),
+    (b"<?xml", "a file in XML", "export matrices as text"),
+)
+
+#: By the name's ending, where the content does not tell.
+_ENDINGS: dict[str, tuple[str, str]] = {
+    ".odb": ("a database of Abaqus", _ABAQUS),
+    ".sim": ("a database of Abaqus", _ABAQUS),
+    ".rst": ("a result file of Ansys", _ANSYS),
+    ".emat": ("element matrices of Ansys", _ANSYS),
+    ".sub": ("a superelement of Ansys", _ANSYS),
+    ".db": ("a database of Ansys", _ANSYS),
+    ".op2": ("a result file of Nastran", _NASTRAN),
+    ".bdf": ("an input file of Nastran, not a matrix", _NASTRAN),
+    ".dat": ("perhaps an input file, not a matrix", _NASTRAN),
+    ".mph": ("a model of COMSOL", _COMSOL),
+    ".frd": ("results of CalculiX", "in CalculiX: *FREQUENCY, SOLVER=MATRIXSTORAGE writes .sti, .mas and .dof"),
+    ".unv": ("a universal file", "export the matrices; measurements in universal files belong under jobs"),
+    ".uff": ("a universal file", "export the matrices; measurements in universal files belong under jobs"),
+}
+
+
+def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
+    """The program that wrote a file, None where it is not known, and what to export instead.
+
+    Parameters
+    ----------
+    path
+        Its name may tell.
+    start
+        Its first bytes.
+    """
+    first = start.lstrip().upper()
+    for mark, program, hint in _STARTS:
+        if first.startswith(mark.upper()):
+            return program, hint
+    found = _ENDINGS.get(path.suffix.lower())
+    return found if found else (None, "`lrbc guide export` says how to export matrices from each FE program")

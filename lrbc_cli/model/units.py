@@ -1,0 +1,76 @@
+"""Systems of units in which FE programs write models."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+_POUND = 0.45359237
+_GRAVITY = 9.80665
+_UNITS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "MN": 1e6, "lbf": _POUND * _GRAVITY},
+    "mass": {
+        "kg": 1.0,
+        "t": 1e3,
+        "g": 1e-3,
+        "lbm": _POUND,
+        "slug": _POUND * _GRAVITY / 0.3048,
+        "slinch": _POUND * _GRAVITY / 0.0254,
+    },
+    "time": {"s": 1.0, "ms": 1e-3},
+}
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """Three units and the fourth that follows from force = mass length / time².
+
+    Attributes
+    ----------
+    text : str
+        As given, such as ``mm-N-t``.
+    length, force, mass, time : float
+        Each unit in SI.
+    """
+
+    text: str
+    length: float
+    force: float
+    mass: float
+    time: float
+
+
+#: What everything is in where nothing is said.
+SI = UnitSystem("SI", 1.0, 1.0, 1.0, 1.0)
+
+
+def parse_system(text: str) -> UnitSystem:
+    """Three units of length, force, mass and time, joined by hyphens: ``mm-N-t``, ``mm-kg-ms``, ``in-lbf-s``; or ``SI``.
+
+    Raises
+    ------
+    ValueError
+        If a unit is unknown, or they are not three of different kinds.
+    """
+    if text.upper() == "SI":
+        return SI
+    known: dict[str, float] = {}
+    for word in text.split("-"):
+        kind = next((kind for kind, units in _UNITS.items() if word in units), None)
+        if kind is None:
+            raise ValueError(f"'{word}' is no unit of length, force, mass or time")
+        if kind in known:
+            raise ValueError(f"two units of {kind}")
+        known[kind] = _UNITS[kind][word]
+    if len(known) != 3:
+        raise ValueError(f"{len(known)} units")
+    if "length" not in known:
+        known["length"] = known["force"] * known["time"] ** 2 / known["mass"]
+    elif "force" not in known:
+        known["force"] = known["mass"] * known["length"] / known["time"] ** 2
+    elif "mass" not in known:
+        known["mass"] = known["force"] * known["time"] ** 2 / known["length"]
+    else:
+        known["time"] = math.sqrt(known["mass"] * known["length"] / known["force"])
+    return UnitSystem(text, **known)
