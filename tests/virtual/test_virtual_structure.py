@@ -10,12 +10,13 @@ import pytest
 from campaigns import lrbc
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.planning.patches import patches
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.virtual.drift import Drift, Scatter
-from lrbc_cli.virtual.structure import Settings, VirtualStructure, moved_loads, patches
+from lrbc_cli.virtual.structure import Settings, VirtualStructure, moved_loads
 
 FRAME = Path(__file__).parents[2] / "configs" / "frame.yaml"
 EXACT = Settings(noise=0.0, retorque=0.0, perturb=0.0, damping=0.0)
