@@ -30,7 +30,7 @@ from scipy.special import betaincinv
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.campaign.planning.plan import Request, make_plan
+from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.config import load_campaign
@@ -100,6 +100,7 @@ def compare(name: str, config: Path, seed: int, work: Path, request: Request, ar
         raise NumericalError(f"{name}, seed {seed}: the reference job failed")
     if not arguments.unmeasured:
         plan = make_plan(inputs, cache, request)
+    write_plan(inputs.campaign.output, plan)
     outcome, _ = run_jobs(inputs, cache, wanted=[*own], force=True)
     stated = {(bolt.name, loss.decades): loss for bolt in plan.bolts for loss in bolt.losses if bolt.note is None}
     found = []
@@ -197,7 +198,7 @@ def main() -> int:
         found: list[Comparison] = []
         for name, config, seed in wanted:
             start = time.perf_counter()
-            own = compare(name, config, seed, work, Request(draws=arguments.draws), arguments)
+            own = compare(name, config, seed, work, Request(draws=arguments.draws, seed=seed), arguments)
             found += own
             stated, right = np.mean([one.right for one in own]), np.mean([one.verdict == "loose" for one in own])
             print(
@@ -205,12 +206,12 @@ def main() -> int:
                 file=sys.stderr,
                 flush=True,
             )
-    text, holds = report(found)
+            text, holds = report(found)
+            if arguments.markdown:
+                arguments.markdown.write_text(text + "\n", encoding="utf-8", newline="\n")
+            if arguments.json:
+                arguments.json.write_text(json.dumps([asdict(one) for one in found], indent=1) + "\n", encoding="utf-8", newline="\n")
     print(text)
-    if arguments.markdown:
-        arguments.markdown.write_text(text + "\n", encoding="utf-8", newline="\n")
-    if arguments.json:
-        arguments.json.write_text(json.dumps([asdict(one) for one in found], indent=1) + "\n", encoding="utf-8", newline="\n")
     return 0 if holds else 1
 
 

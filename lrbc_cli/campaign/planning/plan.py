@@ -107,14 +107,15 @@ class Request:
         Standard deviation of a line [dB].
     by : str
         ``auto``, ``bolts`` or ``values``.
-    draws : int or None
-        Rehearsals of each bolt and loss; None: as many as are worth the time; 0: linearised figures only.
+    draws, seed : int or None, int
+        Rehearsals of each bolt and loss, as many as are worth the time where None, linearised figures only where 0; and of what is drawn.
     """
 
     state: str | None = None
     noise: float | None = None
     by: str = "auto"
     draws: int | None = None
+    seed: int = 0
 
 
 def make_plan(
@@ -163,7 +164,7 @@ def make_plan(
     draws = draws_for(len(cases), request.draws) if cases else 0
     said: dict[tuple[int, float], list[Draw]] = {}
     if draws:
-        rehearsal = question.rehearsal()
+        rehearsal = question.rehearsal(request.seed)
         said = rehearse(rehearsal, cases, draws, progress)
         assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, draws, about.origin)]
     else:
@@ -243,11 +244,11 @@ class _Question:
             quantity=[response.quantity for response in inputs.responses],
         )
 
-    def rehearsal(self) -> Rehearsal:
+    def rehearsal(self, seed: int) -> Rehearsal:
         """Measurements of the tight state, and with bolts loosened."""
         measured = reference_measurement(self.source.inputs)
         lines = self.grid if measured is None else measured.frequency_hz
-        setting = Setting(self.structure, self.about.noise, self.shapes.joint, measured)
+        setting = Setting(self.structure, self.about.noise, self.shapes.joint, measured, seed)
         return Rehearsal(self.source.inputs, self.source, lines, setting)
 
     def _unknowns(self) -> Unknowns:

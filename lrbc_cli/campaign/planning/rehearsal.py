@@ -50,8 +50,11 @@ MOST_DETUNED, LEAST_DETUNED = 0.05, 1e-5
 #: Rehearsals at a time: more threads than this fight for the interpreter.
 MOST_WORKERS = 4
 
-#: Names of the two jobs of a rehearsal, and the seed: a plan does not change when it is made again.
-TIGHT_JOB, LOOSENED_JOB, SEED = "tight (rehearsed)", "loosened (rehearsed)", 0
+#: Reference jobs that are rehearsed: what one of them missed is in all that is compared with it, so bolts and draws take them by turns.
+REFERENCES = 5
+
+#: Names of the two jobs of a rehearsal.
+TIGHT_JOB, LOOSENED_JOB = "tight (rehearsed)", "loosened (rehearsed)"
 
 
 @dataclass(frozen=True)
@@ -119,12 +122,14 @@ class Setting:
         Bolts that own their terms.
     measured : Measurement or None
         That of the reference job, which tells how noisy the lines are.
+    seed : int
     """
 
     structure: Structure
     noise: Noise
     joint: Bools
     measured: Measurement | None = field(default=None, repr=False)
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -244,7 +249,7 @@ class Rehearsal:
 
     def tight(self, draw: int) -> TightState:
         """Measure and identify the tight state."""
-        rng = np.random.default_rng([SEED, draw])
+        rng = np.random.default_rng([self.setting.seed, draw])
         # Higher and lower by turns.
         detuned = self.detuned * (-1.0) ** draw
         measurement = self._measure(self._true(self.theta, detuned), rng)
@@ -255,14 +260,14 @@ class Rehearsal:
         tight = TightState(inputs, detuned, measurement, result_record(inputs, self.source.stage, result, None))
         if self.scatter is not None:
             return replace(tight, scatter=self.scatter)
-        again = [self._identified(tight, {}, [SEED, draw, 0, k]) for k in range(len(campaign.update.baselines))]
+        again = [self._identified(tight, {}, [self.setting.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
         judged = [judge(evidence, inputs.method.rule, BASELINE).bolts for evidence in again if evidence is not None]
         return replace(tight, scatter=scatter_of(judged))
 
     def loosened(self, bolt: int, loss: float, draw: int, tight: TightState) -> Draw:
         """Loosen one bolt by so many decades, measure, identify and judge."""
         # The same numbers at every loss.
-        evidence = self._identified(tight, {bolt: -loss}, [SEED, draw, bolt + 1])
+        evidence = self._identified(tight, {bolt: -loss}, [self.setting.seed, draw, bolt + 1])
         if evidence is None:
             return Draw("undecided", float("nan"), float("nan"), (), 0)
         found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter).bolts
@@ -323,8 +328,9 @@ def rehearse(
     # As ``run_jobs`` does. Every draw has numbers of its own, so that their order does not matter.
     pool = ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1))
     try:
-        tight = list(pool.map(rehearsal.tight, range(draws)))
-        ends = pool.map(lambda task: rehearsal.loosened(task[1], task[2], task[0], tight[task[0]]), tasks)
+        wanted_tight = sorted({(draw + bolt) % REFERENCES for draw, bolt, _ in tasks})
+        tight = dict(zip(wanted_tight, pool.map(rehearsal.tight, wanted_tight), strict=True))
+        ends = pool.map(lambda task: rehearsal.loosened(task[1], task[2], task[0], tight[(task[0] + task[1]) % REFERENCES]), tasks)
         for done, ((_, bolt, loss), end) in enumerate(zip(tasks, ends, strict=True)):
             found[bolt, loss].append(end)
             progress(f"rehearsal {done + 1} of {len(tasks)}")
@@ -345,7 +351,7 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     """
     setting, update = rehearsal.setting, rehearsal.inputs.campaign.update
     errors, prior = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts
-    joints = bool(setting.joint.all())
+    joints = bool(setting.joint[setting.structure.loosened.any(axis=0)].all())
     losses = ", ".join(f"{loss:g}" for loss in LOSSES[:-1]) + f" or {LOSSES[-1]:g}"
     through = "" if joints else " of the stiffness along half a pitch on both sides"
     told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
