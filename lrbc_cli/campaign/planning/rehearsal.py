@@ -176,10 +176,8 @@ class Rehearsal:
         self.scatter = _scatter(inputs)
         step = SLOPE_STEP * float(grid[-1])
         nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
-        # A change can be no more wrong than two states are.
-        self._most = float(np.sqrt(2.0)) * setting.noise.sigma
         self._error = ChangeError(
-            most=self._most,
+            most=0.0,
             here=self.model.frf,
             nearby=nearby.frf,
             frequency_hz=grid,
@@ -296,8 +294,10 @@ class Rehearsal:
         y = self._true(theta, tight.detuned, drift)
         apart, patterns = self._error(self.theta, theta)
         wrong = inputs.statistics.errors.change_error * np.abs(apart)
-        wrong = np.divide(wrong * self._most, np.hypot(wrong, self._most), out=np.zeros_like(wrong), where=wrong > 0)
         error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
+        # A change can be no more wrong than two states are.
+        most, std = np.sqrt(2.0) * self.setting.noise.sigma, np.sqrt(wrong**2 + np.sum(np.abs(patterns) ** 2, axis=2))
+        error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
         measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
         try:
             return evidence_of(inputs, identify(inputs, self.source, LOOSENED_JOB, reference, measured), reference)

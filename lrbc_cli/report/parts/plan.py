@@ -20,8 +20,6 @@ VERDICTS: tuple[Visibility, ...] = ("detectable", "marginal", "not detectable")
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
-#: Room to the right of the bolts for what the line stands for [points].
-_LABEL = 26.0
 _GLYPH = 0.6
 #: Share of a bolt's place that its bars fill.
 _FILLED = 0.78
@@ -85,9 +83,9 @@ def plan_chart(plan: PlanRecord) -> Chart:
     shown = plan.responses[:_BARS]
     left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
     count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
-    width = float(np.clip(left + RIGHT + _LABEL + 30.0 * count, 560.0, 900.0))
+    width = float(np.clip(left + RIGHT + 36.0 * count, 560.0, 900.0))
     ranked = 20.0 + _BAR * max(len(shown), 1)
-    panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
+    panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
     how = f"{_draws(plan.draws)} each" if plan.rehearsed else "linearised"
     subtitle = f"{_counts(plan)} · {how} · {number(plan.noise.sigma_db, 3)} dB a line"
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
@@ -129,12 +127,13 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
                 ticks.append((at + 0.5, bolt.name))
             at += 1.0
         at += 0.5
-    end = at - 0.5 + _LABEL / cell
+    end = at - 0.5
+    limit = f" (detectable from {100 * plan.limits.detectable:.0f} %)"
     items: list[Item] = [
         Tiles(
             f"plan-loss{k}",
             np.array([box for box, _ in found]).reshape(-1, 4),
-            f"{_decades(decades)} {'gained' if plan.tightened else 'lost'}",
+            f"{_decades(decades)} {'gained' if plan.tightened else 'lost'}{limit if decades == plan.loss else ''}",
             tuple(text for _, text in found),
         )
         for k, (decades, found) in enumerate(boxes.items())
@@ -143,14 +142,12 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
         x, low, high = np.array(spans).T
         gap = np.full(x.size, np.nan)
         items.append(Curve("plan-interval", np.ravel([x, x, x], "F"), np.ravel([low, high, gap], "F"), "95 % interval of these draws"))
-    labels = {"missed": "draws with the bolt called tight", "alarm": "draws with a tight bolt called loose"}
+    labels = {"missed": "missed (share of draws)", "alarm": "alarm (share of draws)"}
     for kind, places in wrong.items():
         if places:
             x, y = np.array(places).T
             items.append(Marks(f"plan-{kind}", x, y, labels[kind]))
-    limit = plan.limits.detectable
-    # What the line stands for, beyond the last bolt where nothing covers it.
-    items += [LevelLine("plan-limit", limit), Word("text", 0.995 * end, limit + 0.045, f"{100 * limit:.0f} %", 7.0, anchor="end")]
+    items.append(LevelLine("plan-limit", plan.limits.detectable))
     return Panel(Axis("", 0.0, end, tuple(ticks)), linear_axis("probability of a right verdict", 0.0, 1.0, 5), tuple(items), weight)
 
 
