@@ -5,8 +5,8 @@
 
 Each seed is a structure of its own, written by `lrbc rehearse`: the campaign's model with stiffness, mass and damping a little off, every
 bolt loosened alone by 0.5, 1 and 2 decades. It is calibrated where the campaign says how, then planned from its tight job (--unmeasured:
-before anything is measured), then run as by `lrbc update`. A seed has one tight job, so that its rehearsals share what is off. Tight bolts
-scatter as the prior says unless --retorque does. The frame sample where nothing is given; --virtual takes the models of
+before anything is measured), then run as by `lrbc update`. A seed has one tight job, so that its rehearsals share what is off. The changes
+of tight bolts scatter as the prior says unless --retorque does. The frame sample where nothing is given; --virtual takes the models of
 ``data_samples/virtual.py`` (cover, lap, space-frame, flange). Exit code 1 where a bin misses its limit.
 """
 
@@ -73,7 +73,8 @@ def compare(name: str, config: Path, seed: int, work: Path, request: Request, ar
     joints = any(group.bolt is not None for group in inputs.groups)
     retorque = arguments.retorque
     if retorque is None:
-        retorque = np.log(10.0) * (prior.joint_tight_std if joints else prior.tight_std)
+        # The prior is one of changes between two jobs, and each of them scatters.
+        retorque = np.log(10.0) * (prior.joint_tight_std if joints else prior.tight_std) / np.sqrt(2.0)
     reference = inputs.campaign.update.reference or "tight"
     lines = parse_lines(None, inputs.campaign.reduction.band)
     jobs = {reference: []} | {f"loose-{n}": [bolt] for n, bolt in enumerate(inputs.bolts.name)}

@@ -339,7 +339,7 @@ def test_bolts_at_the_corners_of_the_soundbox_are_blind(tmp_path: Any) -> None:
     found = rows(outcome.json)
     assert all(found[name]["verdict"] == "not detectable" for name in ("B01", "B02", "B03", "B15", "B16", "B17"))
     assert all("beyond the ends" in found[name]["note"] for name in ("B01", "B02", "B16", "B17"))
-    assert all(found[f"B{k:02d}"]["verdict"] == "detectable" for k in range(6, 13))
-    # What fits of every other bolt, not linearised, leave of these changes: 4.4, 4.3 and 4.1 standard deviations.
-    np.testing.assert_allclose([found[name]["d_prime"] for name in ("B06", "B08", "B12")], [4.4, 4.27, 4.14], rtol=0.15)
+    assert all(at(found[f"B{k:02d}"], 2.0)["right"] > 0.8 for k in range(6, 13))
+    # What fits of every other bolt, not linearised, leave of these losses: 3.5, 3.3 and 3.3 standard deviations.
+    np.testing.assert_allclose([at(found[name])["d_prime"] for name in ("B06", "B08", "B12")], [3.51, 3.31, 3.28], rtol=0.25)
     assert outcome.json["seconds"]["plan"] > 0
