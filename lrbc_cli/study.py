@@ -23,7 +23,6 @@ from lrbc_cli.campaign.jobs.evidence import evidence_of
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.jobs.results import identified_tree, with_judgement
 from lrbc_cli.campaign.planning.plan import Request, make_plan
-from lrbc_cli.campaign.planning.rehearsal import DRAWS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
@@ -284,8 +283,8 @@ class Study:
             raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
         return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_records(other.record for other in baselines))
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int = DRAWS) -> PlanRecord:
-        """What the planned responses can tell of each bolt: the record of ``plan.json``, see ``lrbc guide sensors``.
+    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int | None = None) -> PlanRecord:
+        """What `lrbc update` will say of each bolt if it alone is loose: the record of ``plan.json``, see ``lrbc guide sensors``.
 
         Parameters
         ----------
@@ -293,8 +292,8 @@ class Study:
             ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's stored result, else ``initial``.
         noise_db : float or None
             Standard deviation of a line [dB]; None: what the reference job tells.
-        draws : int
-            Rehearsals of each bolt; 0 gives linearised figures only.
+        draws : int or None
+            Rehearsals of each bolt and loss; None: about 150 in all; 0 gives linearised figures only.
         """
         return make_plan(self.inputs, self._folder, Request(state, noise_db, draws=draws), progress=self._progress)
 

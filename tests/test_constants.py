@@ -34,8 +34,8 @@ ALLOWED = {
         *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10", "SLOWEST", "LIGHTEST", "HEAVIEST", "PENALTY"),
     },
     "figures of `lrbc plan`, before anything is judged": {
-        *("LOOSENING", "SIGMA_DB", "FACTOR", "RANGE_DB", "SEEN", "BLIND", "LINES", "DRAWS", "NOISE_SHARE"),
-        *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "TIGHT", "LOOSENED", "SEED"),
+        *("LOSSES", "LOSS", "SIGMA_DB", "FACTOR", "RANGE_DB", "DETECTABLE", "HIDDEN", "LINES", "NOISE_SHARE"),
+        *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "REHEARSALS", "DRAWS", "REFERENCES"),
     },
     "the campaign file: its limits, and what its short forms stand for": {
         "DIRECTIONS",

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
-from lrbc_cli.campaign.planning.rehearsal import DRAWS
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.report import draw_plan, plan_text
@@ -24,10 +23,9 @@ from lrbc_cli.report import draw_plan, plan_text
 @click.option(
     "--draws",
     type=click.IntRange(min=0),
-    default=DRAWS,
-    show_default=True,
     metavar="N",
-    help="Rehearsals of each bolt: drawn, identified and judged as by `lrbc update`; 0: linearised figures only.",
+    help="Rehearsals of each bolt and loss: drawn, identified and judged as by `lrbc update`; 0: linearised figures only. Absent: 1 to 5, "
+    "about 150 in all.",
 )
 @click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
 def plan(
@@ -40,10 +38,10 @@ def plan(
     noise: float | None,
     state: str | None,
     by: str,
-    draws: int,
+    draws: int | None,
     accept_tolerance: bool,
 ) -> None:
-    """Tell from the model alone which bolts the responses can see, and rank the responses; no measurement is needed."""
+    """Tell what `lrbc update` will say of each bolt if it alone is loose, and rank the responses; no measurement is needed."""
     inputs = load(config, overrides, calibration=calibration)
     output = inputs.campaign.output
     request = Request(state, noise, by, draws)

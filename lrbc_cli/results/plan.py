@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar, Literal
 
 from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, Share, StoredRecord
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
-Visibility = Literal["seen", "weak", "blind"]
+#: Whether a loosened bolt will be called loose.
+Visibility = Literal["detectable", "marginal", "not detectable"]
 
 
 class PlannedNoise(NoiseRecord):
@@ -16,18 +18,11 @@ class PlannedNoise(NoiseRecord):
     source: str
 
 
-class Limit(Record):
-    """A probability of a right verdict, and the d' to which it belongs."""
-
-    probability: float
-    d_prime: float
-
-
 class VisibilityLimits(Record):
-    """At and above which a bolt is seen, and below which it is blind."""
+    """Probability of a right verdict from which on a bolt is detectable, and below which it is not."""
 
-    seen: Limit
-    blind: Limit
+    detectable: float
+    not_detectable: float
 
 
 class PlannedNuisance(Record):
@@ -39,31 +34,76 @@ class PlannedNuisance(Record):
 
 
 class Rehearsals(Record):
-    """What the rehearsals of one bolt said of it, and which tight bolts they called loose."""
+    """What the rehearsals of one bolt and loss said.
+
+    Attributes
+    ----------
+    draws, loose, undecided, tight : int
+        How many, and the verdicts on the bolt itself.
+    alarms : int
+        Draws in which a tight bolt was called loose.
+    alarmed : dict
+        These bolts, and how often each was.
+    judged : int
+        Verdicts on tight bolts.
+    change, probability_loose : (draws,) arrays
+        As found at the bolt.
+    """
 
     draws: int
     loose: int
     undecided: int
     tight: int
-    right: int
-    wrong: int
-    others_loose: dict[str, int]
+    alarms: int
+    alarmed: dict[str, int]
+    judged: int
     change: Gaps
     probability_loose: Gaps
 
 
-class LinearisedFigures(Record):
-    """What follows from d'."""
+class PlannedLoss(Record):
+    """What will be said where a bolt alone has lost so much.
 
-    probability_correct: Gap
-    expected_change: Gap
-    expected_probability_loose: Gap
+    Attributes
+    ----------
+    decades, change : float
+        As asked, and as far as the bounds let it; negative where it is loosened.
+    d_prime : float
+    right : float or None
+        Probability of a right verdict on the bolt: loose.
+    right95 : two floats or None
+        Its 95 % interval by the draws of this bolt alone.
+    missed, alarm : float or None
+        Probability that it is called tight, and that a tight bolt is called loose.
+    linearised : float
+        What d' says of ``right``.
+    """
+
+    decades: float
+    change: Gap
+    d_prime: Gap
+    right: Gap
+    right95: Many[float] | None = None
+    missed: Gap = math.nan
+    alarm: Gap = math.nan
+    linearised: Gap
+    rehearsal: Rehearsals | None = None
+
+
+class LossSum(Record):
+    """All bolts at one loss: mean probability of a right verdict; verdicts of the rehearsals on all bolts, and wrong ones among them."""
+
+    decades: float
+    right: Gap
+    draws: int
+    verdicts: int
+    missed: int
+    alarms: int
 
 
 class WithAll(Record):
     """The same with all responses."""
 
-    verdict: Visibility
     d_prime: Gap
     std: Gap
 
@@ -76,19 +116,15 @@ class PlannedBolt(Record):
     group: str | None = None
     arc_length: float | None = None
     verdict: Visibility
-    d_prime: Gap
-    probability_correct: Gap
     std: Gap
-    lower95: Gap
-    upper95: Gap
     variance_removed: Gap
-    change: Gap
-    expected_change: Gap
-    expected_probability_loose: Gap
-    rehearsal: Rehearsals | None = None
-    linearised: LinearisedFigures
+    losses: Many[PlannedLoss]
     all_responses: WithAll
     note: str | None = None
+
+    def at(self, decades: float) -> PlannedLoss:
+        """What is said of one of the losses."""
+        return next(loss for loss in self.losses if loss.decades == decades)
 
 
 class Worst(Record):
@@ -99,13 +135,18 @@ class Worst(Record):
 
 
 class Sum(Record):
-    """Bolts by what can be seen of them."""
+    """What a set of responses tells of all bolts."""
 
-    seen: int
-    weak: int
-    blind: int
     bits: Gap
     worst: Worst | None = None
+
+
+class PlannedSum(Sum):
+    """And bolts by what can be seen of them."""
+
+    detectable: int
+    marginal: int
+    not_detectable: int
 
 
 class Worth(Record):
@@ -156,7 +197,10 @@ class PlanRecord(StoredRecord):
     state: str
     state_job: str | None = None
     noise: PlannedNoise
-    change: float
+    #: What is asked of every bolt, and on which of these its word and all d' rest [decades].
+    losses: Many[float]
+    loss: float
+    tightened: bool
     unknowns: str
     prior_std: float
     confidence: Share
@@ -169,7 +213,8 @@ class PlanRecord(StoredRecord):
     lines: Lines
     nuisances: Many[PlannedNuisance] = ()
     bolts: Many[PlannedBolt]
-    planned: Sum
+    by_loss: Many[LossSum]
+    planned: PlannedSum
     all_responses: Sum
     responses: Many[Worth]
     order: Many[Chosen]
@@ -181,4 +226,4 @@ class PlanRecord(StoredRecord):
     @property
     def rehearsed(self) -> bool:
         """Whether verdicts are those of rehearsals; else they follow from d'."""
-        return any(bolt.rehearsal is not None for bolt in self.bolts)
+        return self.draws > 0

@@ -5,20 +5,21 @@ Every response contributes a sum of its own, so that a set of responses is judge
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
-from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.misfit import Sensitive
 from lrbc_cli.updating.residuals import DataResidual, ResidualOptions
 
-#: Change of the log10 values by which a bolt is loosened, or tightened where all are free [decades]: less than a removed bolt changes.
-LOOSENING = 1.5
+#: Losses of stiffness that are asked of every bolt [decades]: two thirds, nine tenths and all but a hundredth of it; the one on which the
+#: word for a bolt rests, and what responses are worth.
+LOSSES, LOSS = (0.5, 1.0, 2.0), 1.0
 
 #: Standard deviation of a line where none is known [dB], noise and model error of a calibrated model, and its correlation factor: see
 #: ``Noise``. Identifications of the virtual rigs have factors from 1.5 to 2.4.
@@ -27,8 +28,8 @@ SIGMA_DB, FACTOR = 1.0, 2.0
 #: Values this far below the strongest of their quantity drown in the noise of the measuring chain [dB].
 RANGE_DB = 80.0
 
-#: A bolt is seen where the probability of a correct verdict is at least the first, and blind where it is below the second.
-SEEN, BLIND = 0.8, 0.2
+#: A bolt is detectable where the probability of a right verdict is at least the first, and not detectable where it is below the second.
+DETECTABLE, HIDDEN = 0.8, 0.2
 
 #: Changes smaller than this are none [decades]: the value stands at its bound.
 LEAST_CHANGE = 1e-6
@@ -51,8 +52,6 @@ class Experiment:
     secant : (R, K, K) float array
         The same with the columns of the bolts replaced by slopes over their finite changes: about a saturated state a tangent hides
         what neighbours can imitate.
-    loosened : (N, K, K) float array
-        Fisher information of the planned responses together, about the state with this bolt changed.
     product : (N, R, K) float array
         ``Jᵀd/s²`` with the secant J and the differences d that the finite change makes.
     square : (N, R) float array
@@ -64,7 +63,6 @@ class Experiment:
     change: Floats
     tangent: Floats
     secant: Floats
-    loosened: Floats
     product: Floats
     square: Floats
 
@@ -110,33 +108,22 @@ class Unknowns:
         Their precision.
     columns : (N,) int array
         See ``Experiment``.
-    bounds : (size, 2) float array
-        Of theta: a change stops there.
     """
 
     T: Floats
     prior: Floats
     columns: Integers
-    bounds: Floats
-
-    def changed(self, theta: Floats, bolt: int, change: float) -> tuple[Floats, float]:
-        """Theta with a bolt changed, as far as the bounds let it, and by how much its unknown has changed."""
-        shape = self.T[:, self.columns[bolt]]
-        there = np.clip(theta + change * shape, self.bounds[:, 0], self.bounds[:, 1])
-        # The bounds may stop some of the values: the mean of what is left, as the shape weighs them.
-        return there, float(shape @ (there - theta)) / float(shape @ shape)
 
 
 def experiment(
     model: Sensitive,
     theta: Floats,
     unknowns: Unknowns,
+    changed: Callable[[int], tuple[Complexes, float]],
     *,
-    change: float,
     variance: float,
     options: ResidualOptions,
     quantity: Sequence[str],
-    planned: Integers,
 ) -> Experiment:
     """Evaluate the model about the state and about the state with each bolt changed.
 
@@ -146,33 +133,29 @@ def experiment(
         FRFs of all responses at the lines that are to be compared.
     theta : (size,) float array
     unknowns : Unknowns
-    change : float
-        Of the unknown of a bolt [decades].
+    changed : callable
+        FRFs with one of the bolts changed, and by how much [decades]: as far as its bounds let it.
     variance : float
         ``s²`` of a residual, correlation included [dB²].
     options : ResidualOptions
         How differences are formed.
     quantity : sequence of str
         Of each response.
-    planned : int array
-        Responses that an identification will use.
     """
     N, K = unknowns.columns.size, unknowns.T.shape[1]
     y, J = _evaluate(model, theta, options)
     scaled = _Scaled(y, fading(y, quantity) / np.sqrt(variance), unknowns.T, options)
     tight = [rows for _, rows in scaled(y, J)]
     chords = [rows.copy() for rows in tight]
-    loosened, square, moved = np.zeros((N, K, K)), np.zeros((N, len(tight))), np.zeros(N)
+    square, moved = np.zeros((N, len(tight))), np.zeros(N)
     differences: dict[int, list[Floats]] = {}
     for n in np.flatnonzero(unknowns.columns >= 0).tolist():
-        there, by = unknowns.changed(theta, n, change)
+        there, by = changed(n)
         if abs(by) < LEAST_CHANGE:
             continue
-        found = scaled(*_evaluate(model, there, options))
-        moved[n], differences[n] = by, [d for d, _ in found]
-        loosened[n] = sum(found[r][1].T @ found[r][1] for r in planned)
-        square[n] = [d @ d for d, _ in found]
-        for rows, (d, _) in zip(chords, found, strict=True):
+        differences[n] = [d for d, _ in scaled(there, J)]
+        moved[n], square[n] = by, [d @ d for d in differences[n]]
+        for rows, d in zip(chords, differences[n], strict=True):
             rows[:, unknowns.columns[n]] = d / by
     product = np.zeros((N, len(tight), K))
     for n, parts in differences.items():
@@ -183,7 +166,6 @@ def experiment(
         change=moved,
         tangent=np.array([rows.T @ rows for rows in tight]),
         secant=np.array([rows.T @ rows for rows in chords]),
-        loosened=loosened,
         product=product,
         square=square,
     )
@@ -259,12 +241,6 @@ def chance(distance: Floats, confidence: float) -> Floats:
     return np.asarray(ndtr(0.5 * away - np.log(confidence / (1.0 - confidence)) / away))
 
 
-def distance_for(probability: float, confidence: float) -> float:
-    """The d' at which ``chance`` is this: ``q + sqrt(q² + 2 ln(c/(1-c)))`` with ``Phi(q)`` the probability."""
-    q = float(ndtri(probability))
-    return float(q + np.sqrt(q**2 + 2.0 * np.log(confidence / (1.0 - confidence))))
-
-
 def bits_of(distance: Floats) -> float:
     """``sum ½ log2(1 + d'²)``: by how much the variances of the bolts' changes fall, each expected to be as large as its finite change."""
     return float(0.5 * np.sum(np.log2(1.0 + distance**2)))
@@ -311,32 +287,6 @@ def outlook(of: Experiment, responses: Sequence[int] | Integers, confidence: flo
     return Outlook(std, removed, distance, chance(distance, confidence))
 
 
-def expectation(of: Experiment, limit: float) -> tuple[Floats, Floats]:
-    """What an identification from the planned responses finds at each bolt where that bolt is changed, linearised there.
-
-    Parameters
-    ----------
-    of : Experiment
-    limit : float
-        Change below which an identification calls a bolt loose [decades].
-
-    Returns
-    -------
-    expected : (N,) float array
-        Mean of the change that is found: the prior draws it to zero [decades].
-    loose : (N,) float array
-        Probability of being loose that is stated then; NaN where the bolt is not loosened.
-    """
-    expected, loose = np.zeros(of.columns.size), np.full(of.columns.size, np.nan)
-    for n in np.flatnonzero(of.change):
-        c = of.columns[n]
-        there = _inverse(of.prior + of.loosened[n])
-        expected[n] = of.change[n] * (1.0 - there[c] @ of.prior[:, c])
-        if of.change[n] < 0:
-            loose[n] = ndtr((limit - expected[n]) / max(float(np.sqrt(max(there[c, c], 0.0))), 1e-12))
-    return expected, loose
-
-
 def _inverse(precision: Floats) -> Floats:
     # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
     if not precision.size:
@@ -345,9 +295,9 @@ def _inverse(precision: Floats) -> Floats:
     return np.asarray(np.linalg.inv(precision + floor * np.eye(precision.shape[0])))
 
 
-def verdict(correct: float) -> str:
-    """``seen``, ``weak`` or ``blind``."""
-    return "seen" if correct >= SEEN else ("weak" if correct >= BLIND else "blind")
+def verdict(right: float) -> str:
+    """``detectable``, ``marginal`` or ``not detectable``, by the probability of a right verdict."""
+    return "detectable" if right >= DETECTABLE else "marginal" if right >= HIDDEN else "not detectable"
 
 
 def greedy(of: Experiment, most: int = 24) -> list[tuple[int, Floats]]:

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.planning.patches import patches
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import options_of
 from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -23,7 +24,6 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.places import Edge, foot, pitch_of
 from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Drift, Scatter
 
@@ -60,54 +60,6 @@ class Settings:
     perturb: float = 0.005
     damping: float = 0.1
     scatter: Scatter = field(default_factory=Scatter)
-
-
-def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:
-    """Share of each bolt in each parameter of the stiffness groups that it owns, or that lie near it along an edge.
-
-    Returns
-    -------
-    dict
-        By bolt and group: (k,) weights, 1 for what it owns, else ``exp(-(r / reach)^4)``, r along the edge, summing to at most 1 over the
-        bolts.
-
-    Raises
-    ------
-    ConfigError
-        Where there are no bolts, or no stiffness groups that they own or lie along.
-    """
-    campaign, bolts = inputs.campaign, inputs.bolts
-    groups = [g for g in inputs.groups if g.config.kind == "stiffness"]
-    edges = [g for g in groups if g.xyz is not None and g.arc_length is not None]
-    joints = [g for g in groups if g.bolt is not None]
-    if bolts is None or not (edges or joints):
-        raise ConfigError(
-            "bolts cannot be loosened" + (": the campaign has none" if bolts is None else ": no stiffness group has positions"),
-            file=campaign.path,
-            expected="bolts: a CSV file, and a group of kind stiffness whose terms have coordinates",
-        )
-    own = {name: {g.name: np.where(g.bolt == b, 1.0, 0.0) for g in joints if np.any(g.bolt == b)} for b, name in enumerate(bolts.name)}
-    rest = np.array([bool(edges) and not own[name] for name in bolts.name])
-    reach = reach or 0.5 * pitch_of(bolts.xyz[rest])
-    weights: dict[str, dict[str, Floats]] = {name: own[name] for name in bolts.name}
-    for name, xyz in zip(np.array(bolts.name)[rest].tolist(), bolts.xyz[rest], strict=True):
-        feet = {}
-        for group in edges:
-            assert group.xyz is not None
-            assert group.arc_length is not None
-            feet[group.name] = foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz)
-        nearest = min(distance for _, distance in feet.values())
-        for group in edges:
-            at, distance = feet[group.name]
-            if distance <= nearest + 0.5 * (reach or 0.0):
-                along = np.abs(np.asarray(group.arc_length) - at)
-                weights[name][group.name] = np.exp(-((along / reach) ** 4)) if reach else np.ones(group.count)
-    for group in edges:
-        total = np.sum([w[group.name] for w in weights.values() if group.name in w], axis=0)
-        for w in weights.values():
-            if group.name in w:
-                w[group.name] = w[group.name] / np.maximum(total, 1.0)
-    return weights
 
 
 def moved_loads(inputs: Inputs, offset: tuple[float, float]) -> sp.csc_array:

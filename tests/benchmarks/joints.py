@@ -157,7 +157,7 @@ def run_campaign(task: Task, draws: int | None) -> tuple[list[StateScore], float
     found = results_of(task)
     seen = {}
     if draws is not None:
-        seen = {bolt.name: bolt.verdict == "seen" for bolt in make_plan(found.inputs, task.cache, Request(draws=draws)).bolts}
+        seen = {bolt.name: bolt.verdict == "detectable" for bolt in make_plan(found.inputs, task.cache, Request(draws=draws)).bolts}
     before = found.trees[found.reference]
     scores = [score_state(task.name, tree, before, found.truth[job], found.roles[job], seen) for job, tree in found.trees.items()]
     return scores, None if found.calibration is None else found.calibration.misfit
@@ -335,7 +335,7 @@ def main() -> int:
     parser.add_argument("--virtual", type=designs, action="append", metavar="DESIGN:SEEDS", help="as cover:1-5 (seed 1 of every design)")
     parser.add_argument("--exact", action="store_true", help="states of the nominal models themselves, without noise")
     parser.add_argument("--states", type=int, default=75, metavar="N", help="of each campaign, with --exact (75)")
-    parser.add_argument("--plan", type=int, nargs="?", const=0, metavar="DRAWS", help="detectable is what `lrbc plan` calls seen (0 draws)")
+    parser.add_argument("--plan", type=int, nargs="?", const=0, metavar="DRAWS", help="detectable is what `lrbc plan` calls so (0 draws)")
     parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
     parser.add_argument("--out", type=Path, help="keep generated measurements and results here")

@@ -10,12 +10,14 @@ import pytest
 from campaigns import lrbc
 from samples import reduced_cache, sample
 
+from lrbc_cli.campaign.planning.patches import Structure, patches
+from lrbc_cli.campaign.planning.rehearsal import estimates
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.frf import read_frf
 from lrbc_cli.virtual.drift import Drift, Scatter
-from lrbc_cli.virtual.structure import Settings, VirtualStructure, moved_loads, patches
+from lrbc_cli.virtual.structure import Settings, VirtualStructure, moved_loads
 
 FRAME = Path(__file__).parents[2] / "configs" / "frame.yaml"
 EXACT = Settings(noise=0.0, retorque=0.0, perturb=0.0, damping=0.0)
@@ -61,6 +63,38 @@ def test_patches_share_the_edge() -> None:
     assert np.all(np.diff(centres) > 0.04)
     with pytest.raises(ConfigError, match="the campaign has none"):
         patches(replace(inputs, bolts=None), None)
+
+
+@pytest.mark.parametrize("loss", [0.5, 2.0])
+def test_a_plan_loosens_what_a_rehearsal_loosens(loss: float) -> None:
+    """The stiffness of the terms: were it the values that are smoothed, neighbours would give most of it back."""
+    virtual = structure(replace(EXACT, depth=loss))
+    inputs, smoothed = virtual.inputs, virtual.parameters
+    own = Structure.of(inputs, smoothed, smoothed.initial, by_bolt=True)
+    values = own.parameters.slices[0][0]
+    assert np.array_equal(own.parameters.groups[0].smoothing, np.eye(values.stop - values.start))
+    # The same structure, whichever way it is written.
+    s = virtual.s
+    np.testing.assert_allclose(own.parameters.dynamic(own.theta, s), smoothed.dynamic(smoothed.initial, s), rtol=1e-12)
+    for bolt, name in enumerate(("B1", "B4")):
+        there, by = own.changed(3 * bolt, -loss)
+        drawn = np.array(virtual.profile([name])[1]["left_edge"])
+        assert by == pytest.approx(-loss)
+        np.testing.assert_allclose((there - own.theta)[values], drawn - smoothed.initial[values], atol=1e-3)
+        assert (own.theta - there)[values].max() > 0.95 * loss
+
+
+def test_probabilities_of_few_draws() -> None:
+    """By a bolt's own draws and the share among the others as one more; intervals by its own draws."""
+    probability, interval = estimates([3, 0, 2], [3, 3, 3])
+    np.testing.assert_allclose(probability, [(3 + 2.5 / 7) / 4, (0 + 5.5 / 7) / 4, (2 + 3.5 / 7) / 4])
+    assert interval[0][1] == 1.0
+    assert interval[1][0] == 0.0
+    _, (eight, none) = estimates([8, 0], [10, 10])
+    np.testing.assert_allclose(eight, [0.502, 0.955], atol=0.02)
+    np.testing.assert_allclose(none, [0.0, 0.217], atol=0.01)
+    alone, _ = estimates([5], [5])
+    assert alone == pytest.approx(5.5 / 6)
 
 
 def test_nothing_wrong_and_nothing_loose_is_the_model(tmp_path: Path) -> None:

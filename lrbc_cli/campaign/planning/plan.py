@@ -15,8 +15,18 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
 from lrbc_cli.campaign.jobs.results import calibration_tree
-from lrbc_cli.campaign.planning.rehearsal import DRAWS, Draw, Rehearsal, Setting, assumptions, reference_measurement, rehearse, threshold
-from lrbc_cli.campaign.planning.worth import Target, judged
+from lrbc_cli.campaign.planning.patches import Structure
+from lrbc_cli.campaign.planning.rehearsal import (
+    Draw,
+    Rehearsal,
+    Setting,
+    assumptions,
+    draws_for,
+    reference_measurement,
+    rehearse,
+    threshold,
+)
+from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.campaign.simulate import job_values, parse_lines
@@ -28,7 +38,7 @@ from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read_job, versions, write
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.information import BLIND, FACTOR, LOOSENING, SEEN, SIGMA_DB, Experiment, Unknowns, distance_for, experiment
+from lrbc_cli.updating.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
@@ -97,14 +107,15 @@ class Request:
         Standard deviation of a line [dB].
     by : str
         ``auto``, ``bolts`` or ``values``.
-    draws : int
-        Rehearsals of each bolt; 0: linearised figures only.
+    draws, seed : int or None, int
+        Rehearsals of each bolt and loss, as many as are worth the time where None, linearised figures only where 0; and of what is drawn.
     """
 
     state: str | None = None
     noise: float | None = None
     by: str = "auto"
-    draws: int = DRAWS
+    draws: int | None = None
+    seed: int = 0
 
 
 def make_plan(
@@ -142,22 +153,37 @@ def make_plan(
     question = _Question(
         source=source, parameters=parameters, grid=grid, about=about, shapes=shapes, targets=tuple(_targets(inputs, parameters, shapes, by))
     )
-    found = question.experiment()
-    draws: dict[int, list[Draw]] = {}
-    assumes = [f"state: {about.state.words}", *_linearised(inputs, by, question.change, request.draws, joints=shapes.joints_only)]
-    rehearsal = question.rehearsal() if by == "bolts" and question.change < 0 and request.draws > 0 and found.change.any() else None
-    if rehearsal is not None:
-        draws = rehearse(rehearsal, [(int(n), int(found.columns[n])) for n in np.flatnonzero(found.change)], request.draws, progress)
-        assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, request.draws, about.origin)]
+    tightened = about.state.kind == "free"
+    asked = [question.experiment(loss if tightened else -loss) for loss in LOSSES]
+    cases = [
+        (n, loss)
+        for loss, found in zip(LOSSES, asked, strict=True)
+        for n in np.flatnonzero(found.change).tolist()
+        if by == "bolts" and not tightened
+    ]
+    draws = draws_for(len(cases), request.draws) if cases else 0
+    said: dict[tuple[int, float], list[Draw]] = {}
+    if draws:
+        rehearsal = question.rehearsal(request.seed)
+        said = rehearse(rehearsal, cases, draws, progress)
+        assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, draws, about.origin)]
+    else:
+        assumes = [f"state: {about.state.words}", *_linearised(inputs, by, tightened, request.draws, joints=shapes.joints_only)]
+    prospects = [
+        Prospect(loss, found, [said.get((n, loss), []) for n in range(len(question.targets))])
+        for loss, found in zip(LOSSES, asked, strict=True)
+    ]
     tree = _settings(inputs, about) | {
-        "change": question.change,
+        "losses": LOSSES,
+        "loss": LOSS,
+        "tightened": tightened,
         "unknowns": by,
         "method": "rehearsed" if draws else "linearised",
-        "draws": request.draws if draws else 0,
+        "draws": draws,
         "assumes": assumes,
         "lines": {"count": int(question.selected.size), "frequency_hz": grid[question.selected]},
         "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in question.nuisances],
-        **judged(inputs, found, question.targets, draws),
+        **judged(inputs, prospects, question.targets),
         "notes": ["no bolts: every value along the edges stands for itself"] if by == "values" else [],
         "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
     }
@@ -176,11 +202,6 @@ class _Question:
     shapes: Shapes
     targets: tuple[Target, ...]
 
-    @property
-    def change(self) -> float:
-        """Of one target at a time [decades]."""
-        return LOOSENING if self.about.state.kind == "free" else -LOOSENING
-
     @cached_property
     def selected(self) -> Integers:
         """Lines that an identification would use."""
@@ -189,34 +210,45 @@ class _Question:
         return _lines(inputs, self.grid, model.frf(self.about.theta))
 
     @cached_property
+    def structure(self) -> Structure:
+        """About the state."""
+        return Structure.of(self.source.inputs, self.parameters, self.about.theta, self.shapes.by_bolt)
+
+    @cached_property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Of all responses."""
         inputs = self.source.inputs
         return nuisances_of(inputs, inputs.campaign.update.nuisances, np.arange(len(inputs.responses)))
 
-    def experiment(self) -> Experiment:
-        """FRFs about the state and with each target changed."""
+    def experiment(self, change: float) -> Experiment:
+        """FRFs about the state and with each target changed by so many decades."""
         inputs, s = self.source.inputs, 2j * np.pi * self.grid
         model: Sensitive = self.source.model(s, self.parameters, self.selected)
         if self.nuisances and self.source.stage is not None:
             affine, every = affine_model(inputs, self.source.stage), np.arange(len(inputs.responses))
             model = ExtendedFrf(affine, s[self.selected], self.parameters, self.nuisances, every)
+        structure = self.source.model(s, self.structure.parameters, self.selected)
+
+        def changed(bolt: int) -> tuple[Complexes, float]:
+            there, by = self.structure.changed(bolt, change)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return structure.frf(there), by
+
         return experiment(
             model,
             np.concatenate([self.about.theta, np.zeros(len(self.nuisances))]),
             self._unknowns(),
-            change=self.change,
+            changed,
             variance=self.about.noise.variance,
             options=inputs.method.residual,
             quantity=[response.quantity for response in inputs.responses],
-            planned=inputs.used,
         )
 
-    def rehearsal(self) -> Rehearsal:
+    def rehearsal(self, seed: int) -> Rehearsal:
         """Measurements of the tight state, and with bolts loosened."""
         measured = reference_measurement(self.source.inputs)
         lines = self.grid if measured is None else measured.frequency_hz
-        setting = Setting(self.about.theta, self.about.noise, self.shapes, self.change, measured)
+        setting = Setting(self.structure, self.about.noise, self.shapes.joint, measured, seed)
         return Rehearsal(self.source.inputs, self.source, lines, setting)
 
     def _unknowns(self) -> Unknowns:
@@ -231,8 +263,7 @@ class _Question:
             rows = penalty_rows(parameters) / self.source.inputs.statistics.values.std
             prior[:m, :m] = rows.T @ rows
         prior[m:, m:] = np.diag([1.0 / nuisance.std**2 for nuisance in nuisances])
-        bounds = np.vstack([parameters.bounds, np.array([nuisance.bounds for nuisance in nuisances]).reshape(-1, 2)])
-        return Unknowns(T, prior, np.array([target.column for target in self.targets], dtype=np.int64), bounds)
+        return Unknowns(T, prior, np.array([target.column for target in self.targets], dtype=np.int64))
 
 
 def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
@@ -247,10 +278,7 @@ def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
         "confidence": update.confidence,
         "loose_change": threshold(inputs),
         "identification": inputs.resolved(True).tree(),
-        "limits": {
-            word: {"probability": value, "d_prime": distance_for(value, update.confidence)}
-            for word, value in (("seen", SEEN), ("blind", BLIND))
-        },
+        "limits": {"detectable": DETECTABLE, "not_detectable": HIDDEN},
         "provenance": {
             "versions": versions(),
             "inputs": inputs.hashes,
@@ -379,16 +407,16 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
     return targets
 
 
-def _linearised(inputs: Inputs, by: str, change: float, draws: int, *, joints: bool) -> list[str]:
+def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, joints: bool) -> list[str]:
     """What figures assume that no rehearsal stands behind."""
     update, values = inputs.campaign.update, inputs.statistics.values
     std = values.joint_std if joints else values.std
     if by == "values":
         why = "values along the edges are not bolts that it judges"
-    elif change > 0:
+    elif tightened:
         why = "it judges no bolts that are tightened"
     else:
-        why = "--draws 0" if draws < 1 else "no bolt can be loosened"
+        why = "--draws 0" if draws == 0 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
         f"normal prior of {std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
@@ -397,29 +425,13 @@ def _linearised(inputs: Inputs, by: str, change: float, draws: int, *, joints: b
 
 
 COLUMNS = (
-    "name",
-    "group",
-    "x",
-    "y",
-    "z",
-    "arc_length_m",
-    "verdict",
-    "d_prime",
-    "probability_correct",
-    "std",
-    "lower95",
-    "upper95",
-    "variance_removed",
-    "change",
-    "expected_change",
-    "expected_probability_loose",
-    "d_prime_all_responses",
-    "note",
+    *("name", "group", "x", "y", "z", "arc_length_m", "verdict", "std", "variance_removed", "loss", "change", "d_prime"),
+    *("right", "right_low", "right_high", "missed", "alarm", "draws", "note"),
 )
 
 
 def write_plan(output: Path, record: PlanRecord) -> None:
-    """Write ``plan.csv`` and ``plan.json``.
+    """Write ``plan.csv``, a row for each bolt and loss, and ``plan.json``.
 
     Raises
     ------
@@ -429,7 +441,10 @@ def write_plan(output: Path, record: PlanRecord) -> None:
     rows = []
     for bolt in record.bolts:
         position = [None] * 3 if bolt.position is None else list(bolt.position)
-        plain = [getattr(bolt, key) for key in COLUMNS[6:16]]
-        rows.append([bolt.name, bolt.group, *position, bolt.arc_length, *plain, bolt.all_responses.d_prime, bolt.note])
+        own = [bolt.name, bolt.group, *position, bolt.arc_length, bolt.verdict, bolt.std, bolt.variance_removed]
+        for loss in bolt.losses:
+            draws = 0 if loss.rehearsal is None else loss.rehearsal.draws
+            said = [loss.decades, loss.change, loss.d_prime, loss.right, *(loss.right95 or (None, None)), loss.missed, loss.alarm]
+            rows.append([*own, *said, draws, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)
     write(output / "plan.json", record)

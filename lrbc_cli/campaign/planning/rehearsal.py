@@ -8,38 +8,38 @@ identification allows for: see ``Rehearsal.loosened``.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.special import betaincinv
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
-from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.jobs.evidence import evidence_of
-from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
+from lrbc_cli.campaign.jobs.judging import scatter_of_records
 from lrbc_cli.campaign.jobs.results import result_record
+from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.decide import judge
+from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, TIGHT, Evidence, judge, scatter_of
 from lrbc_cli.updating.extended import ExtendedFrf
+from lrbc_cli.updating.information import LOSSES
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.residuals import DB, coherence_sigma, decibel
-from lrbc_cli.updating.shapes import Shapes
 
-#: Draws a bolt: with three, all right is an estimate of 0.875 and none 0.125 (see ``promised``), so that both words can be had.
-DRAWS = 3
+#: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.
+REHEARSALS, DRAWS = 150, (1, 5)
 
 #: Noise of a response where no coherence tells, over its root mean square along the band: that of the measuring chain of the virtual rigs.
 NOISE_SHARE = 0.004
@@ -50,8 +50,11 @@ MOST_DETUNED, LEAST_DETUNED = 0.05, 1e-5
 #: Rehearsals at a time: more threads than this fight for the interpreter.
 MOST_WORKERS = 4
 
-#: Names of the two jobs of a rehearsal, and the seed: a plan does not change when it is made again.
-TIGHT, LOOSENED, SEED = "tight (rehearsed)", "loosened (rehearsed)", 0
+#: Reference jobs that are rehearsed: what one of them missed is in all that is compared with it, so bolts and draws take them by turns.
+REFERENCES = 5
+
+#: Names of the two jobs of a rehearsal.
+TIGHT_JOB, LOOSENED_JOB = "tight (rehearsed)", "loosened (rehearsed)"
 
 
 @dataclass(frozen=True)
@@ -66,29 +69,43 @@ class Draw:
         Found there [decades]; NaN where nothing was found.
     probability : float
         Of being loose, as stated; NaN where the model did not explain the measurement.
-    others : tuple of str
+    alarms : tuple of str
         Tight bolts that were called loose.
+    judged : int
+        How many tight bolts were called tight or loose.
     """
 
     verdict: str
     change: float
     probability: float
-    others: tuple[str, ...]
-
-    @property
-    def right(self) -> bool:
-        """The loosened bolt is called loose, and no other."""
-        return self.verdict == "loose" and not self.others
-
-    @property
-    def wrong(self) -> bool:
-        """The loosened bolt is called tight, or a tight one loose."""
-        return self.verdict == "tight" or bool(self.others)
+    alarms: tuple[str, ...]
+    judged: int
 
 
-def promised(draws: Sequence[Draw]) -> float:
-    """Probability of a right verdict: the mean of its posterior after these draws, with Jeffreys' prior."""
-    return (sum(draw.right for draw in draws) + 0.5) / (len(draws) + 1.0)
+def draws_for(cases: int, wanted: int | None) -> int:
+    """Draws of each of so many bolts and losses: as wanted, else by ``REHEARSALS``."""
+    return int(np.clip(REHEARSALS // max(cases, 1), *DRAWS)) if wanted is None else wanted
+
+
+def estimates(hits: Sequence[int], draws: Sequence[int]) -> tuple[Floats, Floats]:
+    """Probability of something that so many draws of each bolt had.
+
+    Parameters
+    ----------
+    hits, draws : sequences of int
+        Of each bolt.
+
+    Returns
+    -------
+    (N,) float array
+        Their share, with the share among the other bolts as one further draw: of few draws alone, all and none would be certainties.
+    (N, 2) float array
+        95 % interval by the draws of this bolt alone (Jeffreys' prior).
+    """
+    k, n = np.array(hits, dtype=float), np.array(draws, dtype=float)
+    others = (k.sum() - k + 0.5) / (n.sum() - n + 1.0)
+    interval = betaincinv((k + 0.5)[:, None], (n - k + 0.5)[:, None], np.array([0.025, 0.975]))
+    return (k + others) / (n + 1.0), np.where(np.column_stack([k == 0, k == n]), [0.0, 1.0], interval)
 
 
 @dataclass(frozen=True)
@@ -97,33 +114,33 @@ class Setting:
 
     Attributes
     ----------
-    theta : (size,) float array
-        The tight state.
+    structure : Structure
+        In the tight state.
     noise : Noise
         What the model lacks in that state: its resonances lie beside the true ones, see ``Rehearsal.detuned``.
-    shapes : Shapes
-        Of the bolts.
-    change : float
-        Of the loosened bolt [decades].
+    joint : (n,) bool array
+        Bolts that own their terms.
     measured : Measurement or None
         That of the reference job, which tells how noisy the lines are.
+    seed : int
     """
 
-    theta: Floats
+    structure: Structure
     noise: Noise
-    shapes: Shapes
-    change: float
+    joint: Bools
     measured: Measurement | None = field(default=None, repr=False)
+    seed: int = 0
 
 
 @dataclass(frozen=True)
 class TightState:
-    """A rehearsal of the reference job: its campaign, by which share frequencies are off, its measurement and its result."""
+    """A rehearsed reference job: campaign, by which share frequencies are off, measurement, result; scatter of baselines [decades]."""
 
     inputs: Inputs
     detuned: float
     measurement: Measurement
     record: JobRecord
+    scatter: float = 0.0
 
 
 def reference_measurement(inputs: Inputs) -> Measurement | None:
@@ -154,13 +171,11 @@ class Rehearsal:
     def __init__(self, inputs: Inputs, source: FrfSource, grid: Floats, setting: Setting) -> None:
         self.inputs, self.source, self.setting, self.frequency = inputs, source, setting, grid
         self.s = 2j * np.pi * grid
-        self.parameters: Parameterisation = parameterise(inputs, source, self.s)[0]
+        self.parameters, self.theta = setting.structure.parameters, setting.structure.theta
         self.model = source.model(self.s, self.parameters)
-        self.theta = np.clip(setting.theta, *self.parameters.bounds.T)
         self.scatter = _scatter(inputs)
         step = SLOPE_STEP * float(grid[-1])
         nearby = source.model(self.s + 2j * np.pi * step, self.parameters)
-        # How wrong it may be is known with the result of the tight state.
         self._error = ChangeError(
             most=0.0,
             here=self.model.frf,
@@ -232,85 +247,92 @@ class Rehearsal:
 
     def tight(self, draw: int) -> TightState:
         """Measure and identify the tight state."""
-        rng = np.random.default_rng([SEED, draw])
+        rng = np.random.default_rng([self.setting.seed, draw])
         # Higher and lower by turns.
         detuned = self.detuned * (-1.0) ** draw
         measurement = self._measure(self._true(self.theta, detuned), rng)
         campaign = self.inputs.campaign
-        update = campaign.update.model_copy(update={"reference": TIGHT, "baselines": ()})
-        inputs = with_job(replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {}, "update": update})), TIGHT)
-        result = identify(inputs, self.source, TIGHT, measurements={TIGHT: measurement})
-        return TightState(inputs, detuned, measurement, result_record(inputs, self.source.stage, result, None))
+        update = campaign.update.model_copy(update={"reference": TIGHT_JOB, "baselines": ()})
+        inputs = with_job(replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {}, "update": update})), TIGHT_JOB)
+        result = identify(inputs, self.source, TIGHT_JOB, measurements={TIGHT_JOB: measurement})
+        tight = TightState(inputs, detuned, measurement, result_record(inputs, self.source.stage, result, None))
+        if self.scatter is not None:
+            return replace(tight, scatter=self.scatter)
+        again = [self._identified(tight, {}, [self.setting.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
+        judged = [judge(evidence, inputs.method.rule, BASELINE).bolts for evidence in again if evidence is not None]
+        return replace(tight, scatter=scatter_of(judged))
 
-    def loosened(self, column: int, bolt: int, draw: int, tight: TightState) -> Draw:
-        """Loosen one bolt, measure, identify and judge.
-
-        The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
-        the change is another than the model predicts by errors as of ``ChangeError``, whose levels neighbouring lines share.
-        """
-        inputs, reference = with_job(tight.inputs, LOOSENED), tight.record
-        rng = np.random.default_rng([SEED, draw, bolt + 1])
-        shapes = self.setting.shapes
-        z = np.zeros(shapes.T.shape[1])
-        bolts, first = np.unique(shapes.bolts, return_index=True)
-        felt, prior = bolts >= 0, inputs.statistics.bolts
-        spread = np.where(shapes.joint[first[felt]], prior.joint_tight_std, prior.tight_std)
-        z[bolts[felt]] = spread * rng.standard_normal(spread.size)
-        z[column] = self.setting.change
-        theta = np.clip(self.theta + shapes.T @ z, *self.parameters.bounds.T)
-        drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
-        y = self._true(theta, tight.detuned, drift)
-        # The reference job explains itself so well: a change can be no more wrong than two states are.
-        most = np.sqrt(2.0) * max(reference.noise.sigma_db, reference.misfit_db.final)
-        change, patterns = replace(self._error, most=most)(self.theta, theta)
-        wrong = inputs.statistics.errors.change_error * np.abs(change)
-        wrong = np.divide(wrong * most, np.hypot(wrong, most), out=np.zeros_like(wrong), where=wrong > 0)
-        error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
-        measured = {TIGHT: tight.measurement, LOOSENED: self._measure(y * np.exp(error / DB), rng)}
-        try:
-            result = identify(inputs, self.source, LOOSENED, reference, measured)
-        except NumericalError:
-            return Draw("undecided", float("nan"), float("nan"), ())
-        update = inputs.campaign.update
-        evidence = evidence_of(inputs, result, reference)
-        found = judge(evidence, inputs.method.rule, role_of(update, LOOSENED), self.scatter).bolts
-        assert inputs.bolts is not None
-        own = found[bolt]
+    def loosened(self, bolt: int, loss: float, draw: int, tight: TightState) -> Draw:
+        """Loosen one bolt by so many decades, measure, identify and judge."""
+        # The same numbers at every loss.
+        evidence = self._identified(tight, {bolt: -loss}, [self.setting.seed, draw, bolt + 1])
+        if evidence is None:
+            return Draw("undecided", float("nan"), float("nan"), (), 0)
+        found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter).bolts
+        own, others = found[bolt], [one for i, one in enumerate(found) if i != bolt]
         return Draw(
             own.verdict,
             float("nan") if own.change is None else own.change,
             float("nan") if own.probability_loose is None else own.probability_loose,
-            tuple(name for i, name in enumerate(inputs.bolts.name) if i != bolt and found[i].verdict == "loose"),
+            tuple(one.name for one in others if one.verdict == LOOSE),
+            sum(one.verdict in (LOOSE, TIGHT) for one in others),
         )
+
+    def _identified(self, tight: TightState, changes: Mapping[int, float], seed: Sequence[int]) -> Evidence | None:
+        """Measure and identify a state with these changes by bolt; None where the identification fails.
+
+        The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
+        the change is another than the model predicts by errors as of ``ChangeError``, whose levels neighbouring lines share.
+        """
+        inputs, reference = with_job(tight.inputs, LOOSENED_JOB), tight.record
+        rng = np.random.default_rng(seed)
+        joint, prior = self.setting.joint, inputs.statistics.bolts
+        change = np.where(joint, prior.joint_tight_std, prior.tight_std) * rng.standard_normal(joint.size)
+        change[list(changes)] = list(changes.values())
+        theta = np.clip(self.theta + self.setting.structure.loosened @ change, *self.parameters.bounds.T)
+        drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
+        y = self._true(theta, tight.detuned, drift)
+        apart, patterns = self._error(self.theta, theta)
+        wrong = inputs.statistics.errors.change_error * np.abs(apart)
+        error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
+        # A change can be no more wrong than two states are.
+        most, std = np.sqrt(2.0) * self.setting.noise.sigma, np.sqrt(wrong**2 + np.sum(np.abs(patterns) ** 2, axis=2))
+        error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
+        measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
+        try:
+            return evidence_of(inputs, identify(inputs, self.source, LOOSENED_JOB, reference, measured), reference)
+        except NumericalError:
+            return None
 
 
 def rehearse(
-    rehearsal: Rehearsal, wanted: Sequence[tuple[int, int]], draws: int, progress: Callable[[str], None] = lambda _: None
-) -> dict[int, list[Draw]]:
-    """Rehearse every bolt so many times.
+    rehearsal: Rehearsal, wanted: Sequence[tuple[int, float]], draws: int, progress: Callable[[str], None] = lambda _: None
+) -> dict[tuple[int, float], list[Draw]]:
+    """Rehearse every bolt and loss so many times.
 
     Parameters
     ----------
     rehearsal : Rehearsal
-    wanted : sequence of (int, int)
-        Bolts, and their columns among the unknowns.
+    wanted : sequence of (int, float)
+        Bolts and losses [decades].
     draws : int
     progress : callable
 
     Returns
     -------
     dict
-        Draws by bolt.
+        Draws by bolt and loss.
     """
-    found: dict[int, list[Draw]] = {bolt: [] for bolt, _ in wanted}
-    tasks = [(draw, bolt, column) for draw in range(draws) for bolt, column in wanted]
+    found: dict[tuple[int, float], list[Draw]] = {case: [] for case in wanted}
+    tasks = [(draw, *case) for draw in range(draws) for case in wanted]
     # As ``run_jobs`` does. Every draw has numbers of its own, so that their order does not matter.
     pool = ThreadPoolExecutor(min(MOST_WORKERS, os.cpu_count() or 1))
     try:
-        tight = list(pool.map(rehearsal.tight, range(draws)))
-        ends = pool.map(lambda task: rehearsal.loosened(task[2], task[1], task[0], tight[task[0]]), tasks)
-        for done, ((_, bolt, _), end) in enumerate(zip(tasks, ends, strict=True)):
-            found[bolt].append(end)
+        wanted_tight = sorted({(draw + bolt) % REFERENCES for draw, bolt, _ in tasks})
+        tight = dict(zip(wanted_tight, pool.map(rehearsal.tight, wanted_tight), strict=True))
+        ends = pool.map(lambda task: rehearsal.loosened(task[1], task[2], task[0], tight[(task[0] + task[1]) % REFERENCES]), tasks)
+        for done, ((_, bolt, loss), end) in enumerate(zip(tasks, ends, strict=True)):
+            found[bolt, loss].append(end)
             progress(f"rehearsal {done + 1} of {len(tasks)}")
     finally:
         pool.shutdown(cancel_futures=True)
@@ -329,8 +351,9 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     """
     setting, update = rehearsal.setting, rehearsal.inputs.campaign.update
     errors, prior = rehearsal.inputs.statistics.errors, rehearsal.inputs.statistics.bolts
-    joints = setting.shapes.joints_only
-    through = "" if joints else " through its own shape, which reaches to its neighbours along the edge"
+    joints = bool(setting.joint[setting.structure.loosened.any(axis=0)].all())
+    losses = ", ".join(f"{loss:g}" for loss in LOSSES[:-1]) + f" or {LOSSES[-1]:g}"
+    through = "" if joints else " of the stiffness along half a pitch on both sides"
     told = setting.measured is not None and bool((setting.measured.coherence > 0.0).any() or setting.measured.sigma_db is not None)
     chain = f"as in the measurement of {update.reference}" if told else f"{100 * NOISE_SHARE:g} % of the rms of each response (assumed)"
     kinds = {"factor": "speed of sound", "gain": "gains of the responses", "shift": "point of the hammer"}
@@ -340,15 +363,15 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [
         *reference,
-        f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt",
+        f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt and loss",
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
         f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "
         f"{100 * update.confidence:g} %",
-        f"a bolt alone loses {abs(setting.change):g} decades{through}; tight ones scatter by {scatter:g}",
+        f"a bolt alone loses {losses} decades{through}; tight ones scatter by {scatter:g}",
         f"model discrepancy {setting.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
         f"{100 * rehearsal.detuned:.2g} % beside the model's",
         f"errors of the changes that the model predicts: {100 * errors.shift_error:g} % of the shift of a resonance, "
-        f"{100 * errors.change_error:g} % of the change of a level",
+        f"{100 * errors.change_error:g} % of the change of a level, at most about {np.sqrt(2.0) * setting.noise.sigma:.2g} dB",
         f"noise of the measurement: {chain}",
         f"drift between the jobs, as update.nuisances allows: {drifts}"
         if drifts
@@ -367,8 +390,8 @@ def threshold(inputs: Inputs) -> float:
     return rule.mixture_change if mixes(inputs) else rule.loose_change
 
 
-def _scatter(inputs: Inputs) -> float:
-    """That of the baselines that have a result, as ``lrbc update`` takes it."""
+def _scatter(inputs: Inputs) -> float | None:
+    """That of the baselines that have a result, as ``lrbc update`` takes it; None where none of several has one: they are rehearsed too."""
     found = []
     for name in inputs.campaign.update.baselines:
         try:
@@ -376,7 +399,7 @@ def _scatter(inputs: Inputs) -> float:
         except DataError:
             continue
         found += [record] if isinstance(record, JobRecord) else []
-    return scatter_of_records(found)
+    return scatter_of_records(found) if found or not inputs.campaign.update.baselines else None
 
 
 def _along(rng: np.random.Generator, shape: tuple[int, ...], factor: float) -> Floats:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Floats, Integers
-from lrbc_cli.campaign.planning.rehearsal import Draw, promised, threshold
+from lrbc_cli.campaign.planning.rehearsal import Draw, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.confidence import NORMAL_95
-from lrbc_cli.updating.information import Experiment, Outlook, bits_of, distances, expectation, greedy, outlook, verdict
+from lrbc_cli.updating.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
 
 #: Why nothing can be said of a bolt.
-_NOT_FELT = "no identified spring near this bolt: it lies beyond the ends of the edge"
+_NOT_FELT = "no identified stiffness at this bolt: it owns no terms, and lies beyond the ends of every edge"
 _HELD = "the bounds of the values leave no room for a change"
 
 
@@ -30,57 +29,53 @@ class Target:
     column: int
 
 
-def judged(inputs: Inputs, found: Experiment, targets: Sequence[Target], draws: Mapping[int, Sequence[Draw]]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Prospect:
+    """What is asked of the targets at one loss, and what its rehearsals said of each; empty where it was not rehearsed."""
+
+    decades: float
+    experiment: Experiment
+    draws: Sequence[Sequence[Draw]]
+
+
+def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target]) -> dict[str, Any]:
     """Bolts, responses and excitations of ``plan.json``.
 
-    What an identification would say of a bolt is counted where it was rehearsed, else linearised.
+    What an identification would say of a bolt is counted where it was rehearsed, else linearised. What responses are worth is linearised,
+    at the loss on which the words rest.
     """
     update, used = inputs.campaign.update, inputs.used
-    every = np.arange(found.responses)
+    main = next(one for one in prospects if one.decades == LOSS)
+    found, every = main.experiment, np.arange(main.experiment.responses)
     now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
-    expected, loose = expectation(found, threshold(inputs))
-    bolts, words = [], []
-    for n, target in enumerate(targets):
-        felt = target.column >= 0
-        own = draws.get(n, ())
-        correct = promised(own) if own else float(now.correct[n])
-        words.append(verdict(correct))
-        note = None if felt and found.change[n] else (_HELD if felt else _NOT_FELT)
-        bolts.append(
-            {
-                "name": target.name,
-                "position": target.position,
-                "group": target.group,
-                "arc_length": target.arc_length,
-                "verdict": words[-1],
-                "d_prime": now.distance[n],
-                "probability_correct": correct,
-                "std": now.std[n],
-                "lower95": -NORMAL_95 * now.std[n],
-                "upper95": NORMAL_95 * now.std[n],
-                "variance_removed": now.removed[n],
-                "change": found.change[n],
-                "expected_change": _mean([draw.change for draw in own]) if own else expected[n],
-                "expected_probability_loose": _mean([draw.probability for draw in own]) if own else loose[n],
-                "rehearsal": _counted(own) if own else None,
-                "linearised": {
-                    "probability_correct": now.correct[n],
-                    "expected_change": expected[n],
-                    "expected_probability_loose": loose[n],
-                },
-                "all_responses": {"verdict": verdict(best.correct[n]), "d_prime": best.distance[n], "std": best.std[n]},
-                "note": note,
-            }
-        )
+    said = {one.decades: _losses(one, outlook(one.experiment, used, update.confidence)) for one in prospects}
+    words = [verdict(entry["right"]) for entry in said[LOSS]]
+    bolts = [
+        {
+            "name": target.name,
+            "position": target.position,
+            "group": target.group,
+            "arc_length": target.arc_length,
+            "verdict": words[n],
+            "std": now.std[n],
+            "variance_removed": now.removed[n],
+            "losses": [entries[n] for entries in said.values()],
+            "all_responses": {"d_prime": best.distance[n], "std": best.std[n]},
+            "note": None if target.column >= 0 and found.change[n] else _HELD if target.column >= 0 else _NOT_FELT,
+        }
+        for n, target in enumerate(targets)
+    ]
     # Bolts that no set of these responses can see would hide what a response does for the others.
-    seen = np.array([verdict(value) != "blind" for value in best.correct])
-    tree: dict[str, Any] = {"bolts": bolts, "planned": _sum(now, words, seen, targets)}
-    tree["all_responses"] = _sum(best, [verdict(value) for value in best.correct], seen, targets)
+    seen = best.correct >= HIDDEN
+    counts = {word.replace(" ", "_"): words.count(word) for word in ("detectable", "marginal", "not detectable")}
+    tree: dict[str, Any] = {"bolts": bolts, "by_loss": [_by_loss(one.decades, said[one.decades]) for one in prospects]}
+    tree["planned"] = counts | {"bits": now.bits, "worst": _worst(now.distance, seen, targets)}
+    tree["all_responses"] = {"bits": best.bits, "worst": _worst(best.distance, seen, targets)}
     tree["responses"] = _responses(inputs, found, now, seen, targets)
-    chosen: list[dict[str, Any]] = []
-    for r, distance in greedy(found):
-        chosen.append({"name": inputs.responses[r].name, "bits": bits_of(distance), "worst": _worst(distance, seen, targets)})
-    tree["order"] = chosen
+    tree["order"] = [
+        {"name": inputs.responses[r].name, "bits": bits_of(distance), "worst": _worst(distance, seen, targets)}
+        for r, distance in greedy(found)
+    ]
     tree["excitations"] = [
         _set(inputs, found, now, seen, targets, name, np.flatnonzero(inputs.input_of == load))
         for load, name in enumerate(inputs.excitations)
@@ -89,28 +84,51 @@ def judged(inputs: Inputs, found: Experiment, targets: Sequence[Target], draws: 
     return tree
 
 
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
+def _losses(prospect: Prospect, linear: Outlook) -> list[dict[str, Any]]:
+    """Each bolt at one loss."""
+    entries: list[dict[str, Any]] = [
+        {"decades": prospect.decades, "change": change, "d_prime": distance, "right": correct, "linearised": correct}
+        for change, distance, correct in zip(prospect.experiment.change, linear.distance, linear.correct, strict=True)
+    ]
+    at = [n for n, draws in enumerate(prospect.draws) if draws]
+    counted = [_counted(prospect.draws[n]) for n in at]
+    draws = [one["draws"] for one in counted]
+    figures = {key: estimates([one[what] for one in counted], draws) for key, what in _COUNTS.items()}
+    for k, n in enumerate(at):
+        entries[n] |= {key: value[k] for key, (value, _) in figures.items()}
+        entries[n] |= {"right95": figures["right"][1][k], "rehearsal": counted[k]}
+    return entries
+
+
+#: Probabilities, and the counts that they are estimated from.
+_COUNTS = {"right": "loose", "missed": "tight", "alarm": "alarms"}
 
 
 def _counted(draws: Sequence[Draw]) -> dict[str, Any]:
     """What the rehearsals of one bolt said of it, and which tight bolts they called loose."""
-    others = [name for draw in draws for name in draw.others]
+    alarms = [name for draw in draws for name in draw.alarms]
     return {
         "draws": len(draws),
         **{word: sum(draw.verdict == word for draw in draws) for word in ("loose", "undecided", "tight")},
-        "right": sum(draw.right for draw in draws),
-        "wrong": sum(draw.wrong for draw in draws),
-        "others_loose": {name: others.count(name) for name in dict.fromkeys(others)},
+        "alarms": sum(bool(draw.alarms) for draw in draws),
+        "alarmed": {name: alarms.count(name) for name in dict.fromkeys(alarms)},
+        "judged": sum(draw.judged for draw in draws),
         "change": [draw.change for draw in draws],
         "probability_loose": [draw.probability for draw in draws],
     }
 
 
-def _sum(what: Outlook, words: Sequence[str], seen: Bools, targets: Sequence[Target]) -> dict[str, Any]:
-    counts = {word: words.count(word) for word in ("seen", "weak", "blind")}
-    return counts | {"bits": what.bits, "worst": _worst(what.distance, seen, targets)}
+def _by_loss(decades: float, entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    counted = [entry["rehearsal"] for entry in entries if "rehearsal" in entry]
+    missed = sum(one["tight"] for one in counted)
+    return {
+        "decades": decades,
+        "right": float(np.mean([entry["right"] for entry in entries])) if entries else float("nan"),
+        "draws": sum(one["draws"] for one in counted),
+        "verdicts": missed + sum(one["loose"] + one["judged"] for one in counted),
+        "missed": missed,
+        "alarms": sum(sum(one["alarmed"].values()) for one in counted),
+    }
 
 
 def _worst(distance: Floats, among: Bools, targets: Sequence[Target]) -> dict[str, Any] | None:

@@ -9,57 +9,88 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.drawing.chart import Axis, Chart, Item, LevelLine, Marks, Panel, Tiles, Word, linear_axis, number
+from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, LevelLine, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, SMALL, TOP
 from lrbc_cli.report.drawing.svg import legend, own_size, svg
 from lrbc_cli.report.html import Cell, Markup, figure, table, tag
-from lrbc_cli.results.plan import Excitation, PlannedBolt, PlanRecord, Visibility, Worst, Worth
+from lrbc_cli.results.plan import Excitation, PlannedBolt, PlannedLoss, PlanRecord, Visibility, Worst, Worth
 from lrbc_cli.results.store import read
 
-VERDICTS: tuple[Visibility, ...] = ("seen", "weak", "blind")
-#: What people read for the keys of ``plan.json``.
-WORDS: dict[Visibility, str] = {"seen": "detectable", "weak": "marginal", "blind": "not detectable"}
+VERDICTS: tuple[Visibility, ...] = ("detectable", "marginal", "not detectable")
 
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
-#: Room to the right of the bolts for what the lines stand for [points].
-_LABEL = 26.0
 _GLYPH = 0.6
-#: Bars are cut at this many times the limit of what is seen.
-_CUT = 5.0
+#: Share of a bolt's place that its bars fill.
+_FILLED = 0.78
 
 
 def _along(plan: PlanRecord) -> list[list[PlannedBolt]]:
-    """Bolts edge by edge, in order along each."""
+    """Bolts edge by edge, in order along each; joints group by group."""
     edges: dict[str | None, list[PlannedBolt]] = {}
     for bolt in plan.bolts:
         edges.setdefault(bolt.group, []).append(bolt)
     return [sorted(bolts, key=lambda bolt: math.inf if bolt.arc_length is None else bolt.arc_length) for bolts in edges.values()]
 
 
-def _rehearsed(bolt: PlannedBolt) -> str:
-    """Right verdicts, of how many."""
-    return "" if bolt.rehearsal is None else f"{bolt.rehearsal.right}/{bolt.rehearsal.draws}"
+def _moved(plan: PlanRecord) -> str:
+    return "tightened" if plan.tightened else "loosened"
 
 
-def _others(bolt: PlannedBolt) -> tuple[str, ...]:
+def _decades(value: float) -> str:
+    return f"{value:g} decade{'' if value == 1.0 else 's'}"
+
+
+def _draws(count: int) -> str:
+    return f"{count} draw{'' if count == 1 else 's'}"
+
+
+def _counts(plan: PlanRecord) -> str:
+    """Bolts by their words."""
+    return f"{plan.planned.detectable} detectable, {plan.planned.marginal} marginal, {plan.planned.not_detectable} not detectable"
+
+
+def _right(loss: PlannedLoss) -> str:
+    """Probability of a right verdict, its interval, and draws with it of all."""
+    if loss.rehearsal is None or loss.right95 is None:
+        return _plain(loss.right, 2)
+    low, high = loss.right95
+    return f"{loss.right:.2f} ({low:.2f} to {high:.2f}) {loss.rehearsal.loose}/{loss.rehearsal.draws}"
+
+
+def _wrong_draws(bolt: PlannedBolt) -> tuple[str, str]:
+    """Draws in which it was called tight, and in which a tight bolt was called loose, of all, over the losses."""
+    own = [loss.rehearsal for loss in bolt.losses if loss.rehearsal is not None]
+    draws = sum(one.draws for one in own)
+    return (f"{sum(one.tight for one in own)}/{draws}", f"{sum(one.alarms for one in own)}/{draws}") if draws else ("", "")
+
+
+def _alarmed(bolt: PlannedBolt) -> tuple[str, ...]:
     """Tight bolts that its rehearsals called loose."""
-    return () if bolt.rehearsal is None else tuple(bolt.rehearsal.others_loose)
+    return tuple(dict.fromkeys(name for loss in bolt.losses if loss.rehearsal is not None for name in loss.rehearsal.alarmed))
+
+
+def _wrong(plan: PlanRecord) -> str:
+    """Wrong verdicts among all, in words."""
+    missed, alarms = sum(one.missed for one in plan.by_loss), sum(one.alarms for one in plan.by_loss)
+    verdicts = sum(one.verdicts for one in plan.by_loss)
+    wrong = f"{missed + alarms} of {verdicts} verdicts of the rehearsals wrong"
+    return f"{wrong}: {missed} missed (loose, called tight), {alarms} false alarms (tight, called loose)"
 
 
 def plan_chart(plan: PlanRecord) -> Chart:
-    """Return d' of every bolt along the edges, and below it what every response is worth."""
+    """Return the probability of a right verdict on every bolt at each loss, and below it what every response is worth."""
     shown = plan.responses[:_BARS]
     left = max(50.0, 16.0 + _GLYPH * SMALL * max((len(_cut(entry.name)) for entry in shown), default=1))
     count = sum(len(edge) for edge in _along(plan)) + 0.5 * (len(_along(plan)) - 1)
-    width = float(np.clip(left + RIGHT + _LABEL + 30.0 * count, 560.0, 900.0))
+    width = float(np.clip(left + RIGHT + 36.0 * count, 560.0, 900.0))
     ranked = 20.0 + _BAR * max(len(shown), 1)
-    panels = (_bolts(plan, (width - left - RIGHT - _LABEL) / count, _BOLTS), _ranking(shown, ranked))
-    counts = f"{plan.planned.seen} detectable, {plan.planned.weak} marginal, {plan.planned.blind} not detectable"
-    planned = sum(entry.planned for entry in plan.responses)
-    subtitle = f"{_state(plan)} · {number(plan.noise.sigma_db, 3)} dB a line · {counts} with {planned} planned responses"
-    alt = " ".join(f"{WORDS[word]}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
-    return Chart(f"Detectable loosening · {plan.campaign}", subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
+    panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
+    how = f"{_draws(plan.draws)} each" if plan.rehearsed else "linearised"
+    subtitle = f"{_counts(plan)} · {how} · {number(plan.noise.sigma_db, 3)} dB a line"
+    alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
+    title = f"Each bolt {_moved(plan)} alone: right verdicts · {_cut(plan.campaign, 40)}"
+    return Chart(title, subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
 
 
 def _cut(name: str, limit: int = 24) -> str:
@@ -74,63 +105,50 @@ def _state(plan: PlanRecord) -> str:
 
 
 def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
-    highest = max(
-        [1.25 * plan.limits.seen.d_prime, *(1.12 * value for bolt in plan.bolts for value in (bolt.d_prime, bolt.all_responses.d_prime))]
-    )
-    high = min(highest, _CUT * plan.limits.seen.d_prime)
-    boxes: dict[str, list[tuple[tuple[float, ...], str]]] = {word: [] for word in VERDICTS}
-    words: list[Item] = []
-    rings: list[tuple[float, float]] = []
+    boxes: dict[float, list[tuple[tuple[float, ...], str]]] = {decades: [] for decades in plan.losses}
+    wrong: dict[str, list[tuple[float, float]]] = {"missed": [], "alarm": []}
+    spans: list[tuple[float, ...]] = []
     ticks: list[tuple[float, str]] = []
-    at = 0.0
-    edges = _along(plan)
-    for edge in edges:
+    bar, at = _FILLED / len(plan.losses), 0.0
+    for edge in _along(plan):
         every = max(1, math.ceil((_GLYPH * SMALL * max(len(bolt.name) for bolt in edge) + 3.0) / cell))
         for index, bolt in enumerate(edge):
-            top = min(bolt.d_prime, high)
-            correct = fmt.probability(bolt.probability_correct)
-            text = f"{bolt.name}, {WORDS[bolt.verdict]}: d' {number(bolt.d_prime, 3)}, correct verdict {correct}"
-            # A blind bolt keeps a visible foot.
-            boxes[bolt.verdict].append(((at + 0.17, at + 0.83, 0.0, max(top, 0.012 * high)), text))
-            if bolt.all_responses.d_prime > bolt.d_prime + 0.005 * high:
-                rings.append((at + 0.5, min(bolt.all_responses.d_prime, high)))
-            if cell >= 18.0:
-                inside = top > 0.12 * high
-                # Above a ring that would cover it.
-                above = min(bolt.all_responses.d_prime, high) if bolt.all_responses.d_prime < bolt.d_prime + 0.09 * high else top
-                level = top - 0.05 * high if inside else above + 0.05 * high
-                # Clear of the lines.
-                for limit in sorted((plan.limits.seen.d_prime, plan.limits.blind.d_prime), reverse=True):
-                    if abs(level - limit) < 0.035 * high:
-                        level = limit - 0.04 * high if inside else limit + 0.04 * high
-                role = f"on-{bolt.verdict}" if inside else "text"
-                words.append(Word(role, at + 0.5, level, f"{bolt.d_prime:.{1 if bolt.d_prime < 99.95 else 0}f}", 7.0))
+            for k, loss in enumerate(bolt.losses):
+                x = at + 0.5 * (1.0 - _FILLED) + k * bar
+                # What is never found keeps a visible foot.
+                height = max(0.0 if math.isnan(loss.right) else loss.right, 0.012)
+                boxes[loss.decades].append(((x, x + 0.92 * bar, 0.0, height), f"{bolt.name}, {_decades(loss.decades)}: {_right(loss)}"))
+                if loss.right95 is not None:
+                    spans.append((x + 0.46 * bar, *loss.right95))
+                if loss.rehearsal is not None:
+                    for kind, count in (("missed", loss.rehearsal.tight), ("alarm", loss.rehearsal.alarms)):
+                        wrong[kind] += [(x + 0.46 * bar, count / loss.rehearsal.draws)] if count else []
             if index % every == 0:
                 ticks.append((at + 0.5, bolt.name))
             at += 1.0
         at += 0.5
-    how = "right verdict when rehearsed" if plan.rehearsed else "verdict correct"
-    labels = {
-        "seen": f"detectable: {how}, {100 * plan.limits.seen.probability:.0f} % or more",
-        "weak": "marginal",
-        "blind": f"not detectable: below {100 * plan.limits.blind.probability:.0f} %",
-    }
+    end = at - 0.5
+    limit = f" (detectable from {100 * plan.limits.detectable:.0f} %)"
     items: list[Item] = [
-        Tiles(f"plan-{word}", np.array([box for box, _ in found]).reshape(-1, 4), labels[word], tuple(text for _, text in found))
-        for word, found in boxes.items()
+        Tiles(
+            f"plan-loss{k}",
+            np.array([box for box, _ in found]).reshape(-1, 4),
+            f"{_decades(decades)} {'gained' if plan.tightened else 'lost'}{limit if decades == plan.loss else ''}",
+            tuple(text for _, text in found),
+        )
+        for k, (decades, found) in enumerate(boxes.items())
     ]
-    # What is rehearsed does not follow from d': there are no limits to draw.
-    drawn = [] if plan.rehearsed else [(limit.d_prime, limit.probability) for limit in (plan.limits.seen, plan.limits.blind)]
-    items += [LevelLine("plan-limit", limit) for limit, _ in drawn]
-    room = _LABEL / cell
-    # What the lines stand for, beyond the last bolt where nothing covers it.
-    words += [
-        Word("text", at - 0.5 + 0.96 * room, limit + 0.035 * high, f"{100 * chance:.0f} %", 7.0, anchor="end") for limit, chance in drawn
-    ]
-    if rings:
-        items.append(Marks("plan-all", np.array([x for x, _ in rings]), np.array([y for _, y in rings]), "with all responses"))
-    axis = Axis("", 0.0, at - 0.5 + room, tuple(ticks))
-    return Panel(axis, linear_axis("d' of a loosened bolt", 0.0, high, 5), (*items, *words), weight)
+    if spans:
+        x, low, high = np.array(spans).T
+        gap = np.full(x.size, np.nan)
+        items.append(Curve("plan-interval", np.ravel([x, x, x], "F"), np.ravel([low, high, gap], "F"), "95 % interval of these draws"))
+    labels = {"missed": "missed (share of draws)", "alarm": "alarm (share of draws)"}
+    for kind, places in wrong.items():
+        if places:
+            x, y = np.array(places).T
+            items.append(Marks(f"plan-{kind}", x, y, labels[kind]))
+    items.append(LevelLine("plan-limit", plan.limits.detectable))
+    return Panel(Axis("", 0.0, end, tuple(ticks)), linear_axis("probability of a right verdict", 0.0, 1.0, 5), tuple(items), weight)
 
 
 def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
@@ -175,41 +193,37 @@ def plan_text(output: Path) -> str:
     if plan is None:
         return ""
     planned = [entry.name for entry in plan.responses if entry.planned]
-    moved = "loosened" if plan.change < 0 else "tightened"
+    asked = ", ".join(f"{decades:g}" for decades in plan.losses)
     lines = [
-        f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {moved} by {abs(plan.change):g} decades",
+        f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {_moved(plan)} by {asked} decades",
         f"noise {plan.noise.sigma_db:.2g} dB a line, correlation factor {plan.noise.correlation_factor:.2g} ({plan.noise.source})",
+        _means(plan),
         "",
     ]
-    head = ["bolt", "verdict", "d'", "correct", "d' all", "std", "95 % interval", "found", "p(loose)"]
-    head += ["right"] if plan.rehearsed else []
+    head = ["bolt", "verdict", *(f"right at {decades:g}" for decades in plan.losses)]
+    head += [*(["missed", "alarm"] if plan.rehearsed else []), f"d' at {plan.loss:g}", "with all", "std"]
     rows = [
         [
             bolt.name,
-            WORDS[bolt.verdict],
-            _plain(bolt.d_prime, 1),
-            _plain(bolt.probability_correct, 2),
+            bolt.verdict,
+            *(_right(loss) for loss in bolt.losses),
+            *(_wrong_draws(bolt) if plan.rehearsed else ()),
+            _plain(bolt.at(plan.loss).d_prime, 1),
             _plain(bolt.all_responses.d_prime, 1),
             _plain(bolt.std, 2),
-            "" if math.isnan(bolt.std) else f"+-{1.96 * bolt.std:.2f}",
-            _plain(bolt.expected_change, 2) if bolt.note is None else "",
-            _plain(bolt.expected_probability_loose, 2),
-            *([_rehearsed(bolt)] if plan.rehearsed else []),
         ]
         for bolt in plan.bolts
     ]
     lines += _columns(head, rows, left=2)
     lines += [
-        f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(_others(bolt))}" for bolt in plan.bolts if _others(bolt)
+        f"with {bolt.name} loosened a tight bolt was called loose: {', '.join(_alarmed(bolt))}" for bolt in plan.bolts if _alarmed(bolt)
     ]
     notes: dict[str, list[str]] = {}
     for bolt in plan.bolts:
         if bolt.note is not None:
             notes.setdefault(bolt.note, []).append(bolt.name)
     lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
-    lines.append(
-        f"{plan.planned.seen} detectable, {plan.planned.weak} marginal, {plan.planned.blind} not detectable with {', '.join(planned)}"
-    )
+    lines += [f"{_counts(plan)} with {', '.join(planned)}", *([_wrong(plan)] if plan.rehearsed else [])]
     lines += ["", *_worths("response", plan.responses, plan.planned.worst)]
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
@@ -259,12 +273,12 @@ def _columns(head: Sequence[str], rows: Sequence[Sequence[str]], left: int, last
     return text
 
 
-def _how(plan: PlanRecord) -> str:
-    """What the probability of a correct verdict rests on."""
-    if plan.rehearsed:
-        draws = max(bolt.rehearsal.draws for bolt in plan.bolts if bolt.rehearsal is not None)
-        return f", counted in {draws} rehearsals of each bolt: the bolt called loose, and no other"
-    return ", by the likelihood ratio" if plan.assumes else ""
+def _means(plan: PlanRecord) -> str:
+    """What the figures are."""
+    asked = f"right: probability that the bolt is called {'tight' if plan.tightened else 'loose'} where it alone has changed so"
+    if not plan.rehearsed:
+        return f"{asked}, by d' (linearised, not rehearsed)"
+    return f"{asked} (95 % interval), draws in which it was; missed: draws with it called tight; alarm: with a tight one called loose"
 
 
 def plan_parts(plan: PlanRecord) -> list[Markup | None]:
@@ -273,29 +287,26 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     text = (
         f"From the model alone, {_state(plan)}, with {number(plan.noise.sigma_db, 3)} dB of noise a line (correlation factor "
         f"{number(plan.noise.correlation_factor, 3)}, {plan.noise.source}) on {plan.lines.count} lines: each bolt in turn is "
-        f"{'loosened' if plan.change < 0 else 'tightened'} by {number(abs(plan.change), 3)} decades. d' tells how many standard "
-        "deviations the FRFs then lie from what the other unknowns can imitate. A verdict with "
-        f"{100 * plan.confidence:.0f} % confidence is correct with the probability of the table, and missing or wrong otherwise"
-        f"{_how(plan)}. The standard deviation is that of the change in the present state, prior included."
+        f"{_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. A bolt is detectable where a right verdict has a "
+        f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d' tells how many standard deviations "
+        "the FRFs then lie from what the other unknowns can imitate; std is that of a small change in the present state, prior included."
+        + (f" {_wrong(plan)}." if plan.rehearsed else "")
     )
     rows: list[list[str | Cell]] = [
         [
             bolt.name,
-            WORDS[bolt.verdict],
-            fmt.fixed(bolt.d_prime, 1),
-            fmt.probability(bolt.probability_correct),
+            bolt.verdict,
+            *(_right(loss) for loss in bolt.losses),
+            *(_wrong_draws(bolt) if plan.rehearsed else ()),
+            fmt.fixed(bolt.at(plan.loss).d_prime, 1),
             fmt.fixed(bolt.all_responses.d_prime, 1),
             fmt.fixed(bolt.std, 2),
-            fmt.probability(bolt.variance_removed),
-            fmt.fixed(bolt.expected_change, 2) if bolt.note is None else fmt.MISSING,
-            fmt.MISSING if math.isnan(bolt.expected_probability_loose) else fmt.probability(bolt.expected_probability_loose),
-            _rehearsed(bolt) or fmt.MISSING,
-            bolt.note or (f"called loose with it: {', '.join(_others(bolt))}" if _others(bolt) else ""),
+            bolt.note or (f"called loose with it: {', '.join(_alarmed(bolt))}" if _alarmed(bolt) else ""),
         ]
         for bolt in plan.bolts
     ]
-    head = ["Bolt", "", "d'", "Correct verdict", "d' with all responses", "Std [decades]", "Prior variance removed"]
-    head += ["Change found where loosened", "Probability stated then", "Rehearsals with a right verdict", "Note"]
+    head = ["Bolt", "", *(f"Right at {_decades(decades)}" for decades in plan.losses), *(["Missed", "Alarm"] if plan.rehearsed else [])]
+    head += ["d'", "d' with all responses", "Std [decades]", "Note"]
     worth: list[list[str | Cell]] = [
         [
             entry.name,
