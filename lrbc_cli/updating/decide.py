@@ -46,6 +46,9 @@ class DecisionRule:
     joint_margin : float
         The same of joints, where tight states scatter by a quarter of a decade. A choice; with ``joint_spread`` a joint is loose from 3.3
         of these standard deviations on (1 tight one in 2000), and tight down to 1.7.
+    joint_scatter : float
+        Standard deviation of the changes of joints between tight states where no baseline tells it [decades]: torques that scatter by 30 %
+        in both states, and a seat. 0.18 to 0.28 on virtual rigs.
     joint_spread : float
         Share of that scatter by which the posterior of a joint's change is widened: the rest is what tight joints do, not an error of this
         change. A choice.
@@ -63,6 +66,7 @@ class DecisionRule:
     misfit_margin: float = 1.5
     scatter_margin: float = 4.0
     joint_margin: float = 2.5
+    joint_scatter: float = 0.2
     joint_spread: float = 0.5
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
@@ -408,6 +412,8 @@ def _by_role(
         posterior = bolt.change
         # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
+        if bolt.joint and not scatter:
+            scatter = rule.joint_scatter
         limit = rule.limit(own, scatter, bolt.joint)
         scatter *= rule.joint_spread if bolt.joint else 1.0
         probability = posterior.below(limit, scatter)
