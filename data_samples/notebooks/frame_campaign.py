@@ -87,4 +87,4 @@ profile = study.plot_profile(loose)
 # %%
 plan = study.plan("initial", noise_db=0.5, draws=0)
 for bolt in plan.bolts:
-    print(f"  {bolt.name}: detectability d' = {bolt.d_prime:.1f}")
+    print(f"  {bolt.name}: detectability d' = {bolt.at(1.0).d_prime:.1f} at a loss of one decade")

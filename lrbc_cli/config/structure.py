@@ -75,7 +75,7 @@ class FieldDamping(Strict):
 
     alpha: float = Field(default=0.0, ge=0, description="Mass-proportional coefficient [1/s].")
     beta: float = Field(default=0.0, ge=0, description="Stiffness-proportional coefficient [s].")
-    loss_factor: float = Field(default=0.0, ge=0, description="Loss factor of hysteretic (structural) damping.")
+    loss_factor: float = Field(default=0.0, ge=0, le=1.0, description="Loss factor of hysteretic (structural) damping; 0.02 is 2 %.")
 
 
 class ProportionalDamping(Strict):
@@ -265,7 +265,7 @@ class GroupDampingConfig(Strict):
     beta: Annotated[float, Field(ge=0)] | None = Field(
         default=None, description="Stiffness-proportional coefficient [s]; absent: that of the structure in `model.damping`."
     )
-    loss_factor: Annotated[float, Field(ge=0)] | None = Field(
+    loss_factor: Annotated[float, Field(ge=0, le=1.0)] | None = Field(
         default=None, description="Loss factor of hysteretic damping; absent: that of the structure in `model.damping`."
     )
 

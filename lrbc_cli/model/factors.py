@@ -220,9 +220,7 @@ def make_recipe(
     -------
     Recipe
     """
-    pieces: list[Piece] = []
-    names: list[str] = []
-    proportional: list[str] = []
+    pieces, names, proportional = list[Piece](), list[str](), list[str]()
     present = [name for name, there in zip(FIELDS, (structural, acoustic), strict=True) if there]
     for name in present:
         stiffness, mass = {f"stiffness.{name}": 1.0}, {f"mass.{name}": 1.0}

@@ -73,4 +73,6 @@ def parse_system(text: str) -> UnitSystem:
         known["mass"] = known["force"] * known["time"] ** 2 / known["length"]
     else:
         known["time"] = math.sqrt(known["mass"] * known["length"] / known["force"])
+        if not any(math.isclose(known["time"], unit, rel_tol=1e-3) for unit in (1.0, 1e-3, 1e-6)):
+            raise ValueError(f"its unit of time would be {known['time']:.4g} s; with N and mm the mass is in t")
     return UnitSystem(text, **known)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar, Literal
 
 from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, Share, StoredRecord
@@ -84,8 +83,8 @@ class PlannedLoss(Record):
     d_prime: Gap
     right: Gap
     right95: Many[float] | None = None
-    missed: Gap = math.nan
-    alarm: Gap = math.nan
+    missed: Gap
+    alarm: Gap
     linearised: Gap
     rehearsal: Rehearsals | None = None
 

@@ -172,7 +172,7 @@ def gauss_newton_by_levels(
     coarse_iterations: int = 25,
     first_iterations: tuple[int, int] = (3, 8),
     hop_rounds: int = 3,
-    unexplained_db: float = 1.0,
+    unexplained_db: float = 3.0,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
 
@@ -198,7 +198,8 @@ def gauss_newton_by_levels(
     hop_rounds : int
         How often valleys beside that end are looked for, see ``hops``.
     unexplained_db : float
-        Mean difference of the best end above which, without a span, single values are tried, see ``single_values`` [dB].
+        Mean difference of the best end above which, without a span, single values are tried, see ``single_values``: where it would not be
+        called explained [dB].
 
     Returns
     -------

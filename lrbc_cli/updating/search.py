@@ -121,7 +121,8 @@ def search(
     kept: int = 3,
     gain: float = 0.03,
     exchanged: int = 4,
-    paired: int = 0,
+    paired: bool = False,
+    partners: int = 16,
 ) -> tuple[dict[str, Floats], int]:
     """States of loosened bolts that come nearest to a measurement, as starts of a descent.
 
@@ -137,11 +138,9 @@ def search(
     width, kept : int
         Lines of descent side by side, and best states returned. 8 among joints (by trial on virtual rigs: from 7 dB on the two best
         led astray), 2 along edges, where descents pass a change on from hat to hat.
-    gain : float
-        A further change has to lower the misfit by this share.
-    exchanged : int
-        Changes up to which one bolt is tried for another.
-    paired : int
+    gain, exchanged : float, int
+        Share by which a further change has to lower the misfit; changes up to which one bolt is tried for another.
+    paired, partners : bool, int
         Where no single change helps any more, changes at any two bolts at once are tried instead of an exchange, of so many that singly
         come nearest; and all of it again without pairs of neighbours at the beginning, which can lead elsewhere.
 
@@ -159,12 +158,12 @@ def search(
 
     def exchange(nearest: Sequence[Combination]) -> Iterator[Combination]:
         # One bolt for another: each put back once, and all tables without it. Of many, descents move what is left between them.
-        few = nearest[0].changes if len(nearest[0].changes) <= exchanged else ()
+        few = nearest[0].changes if 1 < len(nearest[0].changes) <= exchanged else ()
         without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
-        return (state for parent in without if parent.changes for state in table.table(parent))
+        return (state for parent in without for state in table.table(parent))
 
     def by_pairs(nearest: Sequence[Combination]) -> Iterator[Combination]:
-        return (state for parent in nearest[:2] for state in table.pairs(parent, paired))
+        return (state for parent in nearest[:2] for state in table.pairs(parent, partners))
 
     ways = [(neighbours, by_pairs), ((), by_pairs)] if paired else [(neighbours, exchange)]
     ends = [state for first, last in ways for state in _climb(table, first, last, width, gain)]

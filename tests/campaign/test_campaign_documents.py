@@ -39,6 +39,7 @@ def store(folder: Path, tree: dict[str, Any] | str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_every_file_fits_the_printed_schema(frame: Folder) -> None:
     """Those of a whole campaign, a failed job among them; no file has a key that the schema does not name."""
     tree = frame.tree()

@@ -309,6 +309,18 @@ def test_lists_of_dofs(box: Folder) -> None:
         assert part in result.stderr
 
 
+def test_a_baseline_that_the_matrix_does_not_hold(box: Folder) -> None:
+    """A loss would look small, since what is identified begins above it: an all-clear that is not earned."""
+    tree = box.tree()
+    tree["parameters"]["springs"]["baseline"] = 3e6
+    box.write(tree)
+    for command in ("reduce", "update", "plan"):
+        result = box.run(command)
+        assert result.code == 3
+        for part in ("parameters.springs.baseline", "does not hold what is subtracted", "fix:"):
+            assert part in result.stderr
+
+
 def test_baseline(box: Folder) -> None:
     """A model whose matrices contain springs already is the same as one without, in value and in result."""
     before = {job: box.result(job) for job in BOX_TRUTH}

@@ -17,6 +17,7 @@ from systems import csc
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.model.units import parse_system
 
 DATA = Path(__file__).parents[1] / "data"
 N, PITCH = 6, 0.05
@@ -168,6 +169,12 @@ def test_every_layout_gives_the_same_model(folder: Folder, layout: str, units: s
     np.testing.assert_allclose(inputs.dofs.xyz[:, 0].max(), 0.3)
     assert inputs.groups[0].xyz is not None
     np.testing.assert_allclose(inputs.groups[0].xyz[:, 0], [0.05, 0.2])
+
+
+@pytest.mark.parametrize("units", ["mm-N-kg", "mm-kN-t"])
+def test_a_slip_gives_a_unit_of_time_that_nobody_has(units: str) -> None:
+    with pytest.raises(ValueError, match="unit of time"):
+        parse_system(units)
 
 
 @pytest.mark.parametrize("units", ["mm-kg-ms", "in-lbf-s", "kN-m-ms"])

@@ -56,6 +56,7 @@ def outside(tree: Any) -> None:
             assert "no term within half a pitch" in bolt["note"]
 
 
+@pytest.mark.slow
 def test_bolts_that_no_term_reaches(longer: Folder) -> None:
     """Reference job, baseline, job with loose bolts and unexplained job alike."""
     outcome = longer.run("update")

@@ -58,6 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     return Folder(Path(folder.path))
 
 
+@pytest.mark.slow
 def test_the_plan_states_what_the_update_states(folder: Folder) -> None:
     updated = folder.run("update", "--json")
     assert updated.code == 0, updated.stderr

@@ -147,6 +147,7 @@ def test_an_earlier_reference_of_other_groups_does_not_stand_in(frame: Folder) -
         assert {bolt["verdict"] for bolt in frame.result(name)["bolts"]} == {"undecided"}
 
 
+@pytest.mark.slow
 def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     """Its scatter decides what counts as loose: what was judged without it is judged again."""
     folder = two_jobs(tmp_path / "frame")

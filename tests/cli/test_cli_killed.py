@@ -88,9 +88,8 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     return folder
 
 
-@pytest.mark.parametrize(
-    "file", [pytest.param("model.h5", marks=pytest.mark.slow), "calibration.json", pytest.param("campaign.json", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["model.h5", "calibration.json", "campaign.json"])
 def test_calibrate(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     folder = two_jobs(tmp_path / "frame")
     kill(folder, file, "calibrate")
@@ -106,6 +105,7 @@ def test_calibrate(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     assert found(folder) == {"tight": found(undisturbed)["tight"]}
 
 
+@pytest.mark.slow
 def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     """The calibration that was there stays in use, and so do the results that rest on it."""
     folder = undisturbed.copy(tmp_path / "frame")

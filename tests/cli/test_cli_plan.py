@@ -83,6 +83,7 @@ def test_without_jobs(bare: Folder) -> None:
         np.testing.assert_allclose([float(row[key]) for row in table], wanted, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_figures_are_counted_in_rehearsals(bare: Folder) -> None:
     few_bolts(bare)
     tree = planned(bare, draws=2)

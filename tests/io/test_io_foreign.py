@@ -283,11 +283,28 @@ def test_coordinates_that_cannot_be_used(tmp_path: Path) -> None:
         (f"*NODE\n{'9' * 30}, 0, 0, 0\n", "line 2"),
         ("*NODE, SYSTEM=C\n1, 0, 0, 0\n", "rectangular"),
         ("GRID    1       7       0.0     0.0     0.0\n", "basic system"),
+        ("GRID,1,,0.,0.,0.,5\n", "displacements in the basic system"),
+        ("GRID    1               0.0     0.0     0.0            5\n", "displacements in the basic system"),
+        ("*PART, NAME=A\n*NODE\n1, 0, 0, 0\n*END PART\n*INSTANCE, NAME=A1, PART=A\n500., 0., 0.\n", "at the place of its part"),
         ("*NODE, NSET=ALL\n*ELEMENT\n", "holds no nodes"),
     ):
         path.write_text(text)
         with pytest.raises(DataError, match=message):
             read_nodes(path)
+
+
+def test_what_stands_twice(tmp_path: Path) -> None:
+    """Two runs in one file would be added; a map with one DOF twice leaves another out."""
+    matrix, dofs = tmp_path / "K.mtx", tmp_path / "K.dof"
+    entries = "1,1,1,1,2.\n1,1,2,1,-1.\n2,1,2,1,3.\n"
+    matrix.write_text(entries)
+    assert read_matrix(matrix).matrix.shape == (2, 2)
+    matrix.write_text(2 * entries)
+    with pytest.raises(DataError, match="stand twice"):
+        read_matrix(matrix)
+    dofs.write_text("1.1\n1.2\n1.1\n")
+    with pytest.raises(DataError, match="one DOF stands twice"):
+        read_dof_map(dofs, 3)
 
 
 def test_meshes_by_meshio(tmp_path: Path) -> None:

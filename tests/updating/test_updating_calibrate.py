@@ -139,6 +139,7 @@ class TestRecovery:
         np.testing.assert_allclose(fit.solution.theta[:2], levels, atol=0.05)
         assert fit.factors["stiffness.structure"] == pytest.approx(1.02, rel=0.005)
 
+    @pytest.mark.slow
     def test_intervals_hold_what_they_promise(self):
         """Two standard deviations over several draws of the noise."""
         model, recipe = duct_model()

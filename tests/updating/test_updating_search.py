@@ -77,7 +77,7 @@ def test_pairs_at_their_own_levels_are_tried_where_single_changes_end(seed: int)
     assert list(table.table(start))
     found = {state.changes: state for state in table.pairs(start, PADS)}
     assert len(found) == 1 + 2 * PADS + 4 * PADS * (PADS - 1) // 2
-    wide, evaluations = search(misfit, shapes, parameters.bounds, PAIRS, levels=levels, paired=PADS)
+    wide, evaluations = search(misfit, shapes, parameters.bounds, PAIRS, levels=levels, paired=True)
     nearest = next(iter(wide.values()))
     assert misfit.mean_db(misfit.model.frf(nearest)) <= min(state.misfit_db for state in found.values()) / 0.97
     assert evaluations > search(misfit, shapes, parameters.bounds, PAIRS, levels=levels)[1]

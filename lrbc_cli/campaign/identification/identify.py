@@ -36,9 +36,6 @@ from lrbc_cli.updating.starts import prior_draws
 
 log = logging.getLogger(__name__)
 
-#: Joints of which pairs are tried where single changes leave a measurement unexplained.
-PAIRED = 16
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
 
@@ -203,7 +200,7 @@ class _Job:
             )
             if self.shapes.joints_only and solution.evaluation.misfit_db > method.rule.misfit_margin:
                 # Nothing that would be called explained: changes at two joints at once may lead there.
-                further, more = search(misfit, self.shapes, bounds, self._pairs(), paired=PAIRED)
+                further, more = search(misfit, self.shapes, bounds, self._pairs(), paired=True)
                 again = gauss_newton_by_levels(
                     misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
                 )

@@ -87,7 +87,15 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
 def _losses(prospect: Prospect, linear: Outlook) -> list[dict[str, Any]]:
     """Each bolt at one loss."""
     entries: list[dict[str, Any]] = [
-        {"decades": prospect.decades, "change": change, "d_prime": distance, "right": correct, "linearised": correct}
+        {
+            "decades": prospect.decades,
+            "change": change,
+            "d_prime": distance,
+            "right": correct,
+            "linearised": correct,
+            "missed": None,
+            "alarm": None,
+        }
         for change, distance, correct in zip(prospect.experiment.change, linear.distance, linear.correct, strict=True)
     ]
     at = [n for n, draws in enumerate(prospect.draws) if draws]

@@ -80,6 +80,8 @@ def obtain_reduction(
     ------
     ConfigError
         Where the cache cannot be written.
+    DataError
+        See ``require_baselines``.
     NumericalError
         Where there is not enough memory, and where the tolerance is not reached and not accepted; what was built is kept.
     """
@@ -100,11 +102,51 @@ def obtain_reduction(
     if reduction is None:
         reduction = _built(inputs, decision, progress)
         cache.store(decision, parts, reduction)
+    require_baselines(inputs, reduction.model)
     stage = ReductionStage(reduction, decision, time.perf_counter() - start)
     if not reduction.reached and not accept:
         missed(stage)
         raise _missed(inputs, stage)
     return stage
+
+
+def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, rounding: float = 1e-11) -> None:
+    """What is subtracted as a baseline has to be in the matrix: without it no motion may have a negative stiffness.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    model : ReducedModel
+    share : float
+        Of what a motion loses by the baselines, that may be missing in the matrix.
+    rounding : float
+        Of the largest stiffness.
+
+    Raises
+    ------
+    DataError
+        Where a motion shows that it is not there.
+    """
+    terms, n = inputs.model.terms, model.structure
+    baseline = np.where(terms.power == 0, terms.baseline, 0.0)
+    if not baseline.any():
+        return
+    K, left, right = model.K.real[:n, :n], model.left[:n].real, model.right[:n].real
+    taken = (left * baseline) @ right.T
+    values, vectors = np.linalg.eigh(0.5 * (K + K.T - taken - taken.T))
+    x = vectors[:, 0]
+    each = baseline * (left.T @ x) * (right.T @ x)
+    lacking = float(each.sum() - x @ K @ x)
+    if values[0] > -rounding * np.abs(values).max() or lacking < share * float(each.sum()):
+        return
+    group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
+    raise DataError(
+        f"parameters.{group.name}.baseline: the stiffness matrix does not hold what is subtracted from it",
+        file=inputs.campaign.path,
+        expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
+        found=f"a motion that keeps {100.0 * float(x @ K @ x) / float(each.sum()):.2g} % of the stiffness that the baselines take from it",
+        hint="leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds",
+    )
 
 
 def _built(inputs: Inputs, decision: cache.CacheDecision, progress: Callable[[str], None]) -> Reduction:

@@ -99,10 +99,26 @@ def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
         n = int(index.max(initial=0)) - base + 1
         if base < 0:
             raise DataError("a row is negative", file=path, expected="rows and columns from 1", found=base)
+    _once(row, column, n, path)
     matrix, notes = mirrored(from_coordinates(numbers[:, -1], row, column, (n, n), path=path, place="matrix", file_size=len(content)))
     if labels is None and base == 0:
         notes = (*notes, "rows and columns count from 0")
     return MatrixFile(matrix, kind, notes, tuple(warnings), labels=labels, sized=labels is not None)
+
+
+def _once(row: NDArray[np.int64], column: NDArray[np.int64], n: int, path: Path) -> None:
+    """Assembled matrices hold each entry once: two runs written to one file, or its steps, would be added."""
+    place, count = np.unique(row * n + column, return_counts=True)
+    again = np.flatnonzero(count > 1)
+    if again.size:
+        first = int(place[again[0]])
+        raise DataError(
+            "entries stand twice in the file",
+            file=path,
+            expected="each entry of an assembled matrix once",
+            found=f"{again.size} that stand twice or more, the first at row {first // n + 1}, column {first % n + 1}",
+            hint="keep the matrix of one step and one run; element matrices (MATRIX OUTPUT of elements) have to be assembled",
+        )
 
 
 def _labelled(numbers: Floats, path: Path) -> tuple[DofLabels, NDArray[np.int64], NDArray[np.int64]]:

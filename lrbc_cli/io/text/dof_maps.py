@@ -61,6 +61,7 @@ def read_dof_map(path: Path, n: int, components: Sequence[str] | None = None) ->
             found=f"{labels.size}",
             hint="export matrices and map of one model in one run",
         )
+    _once(labels, path)
     return labels, notes
 
 
@@ -82,6 +83,21 @@ def _read(path: Path, n: int, components: Sequence[str] | None) -> tuple[DofLabe
         order = np.argsort([int(m[1]) for m in found], kind="stable")
         labels = _labels([int(found[k][2]) for k in order], [found[k][3].upper() for k in order])
     return labels, notes
+
+
+def _once(labels: DofLabels, path: Path) -> None:
+    seen: set[tuple[int, str]] = set()
+    for row, pair in enumerate(zip(labels.node.tolist(), labels.component.tolist(), strict=True), start=1):
+        if pair in seen:
+            raise DataError(
+                "one DOF stands twice in the DOF map",
+                file=path,
+                place=f"row {row} of the matrices",
+                expected="each component of a node once",
+                found=f"node {pair[0]} {pair[1]}",
+                hint="export matrices and map of one model in one run",
+            )
+        seen.add(pair)
 
 
 def _labels(node: Sequence[int] | Integers, component: Sequence[str]) -> DofLabels:

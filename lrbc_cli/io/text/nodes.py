@@ -114,6 +114,9 @@ def _keyword_nodes(lines: list[str], path: Path) -> Iterator[_Cells]:
     inside = False
     for k, line in enumerate(lines, start=1):
         text = line.strip().upper()
+        moved = k < len(lines) and re.match(r"\s*[-+.\d]", lines[k]) is not None
+        if text.startswith("*INSTANCE") and moved and any(cell.strip(" +-0.eE") for cell in lines[k].split(",")):
+            raise _wrong(path, k + 1, "input file", "an instance at the place of its part", lines[k].strip(), "write the assembly flat")
         if text.startswith("*") and not text.startswith("**"):
             inside = _KEYWORD.match(text) is not None
             if inside and re.search(r"SYSTEM\s*=\s*[CS]", text):
@@ -128,15 +131,16 @@ def _grids(lines: list[str], path: Path) -> Iterator[_Cells]:
         if not _GRID.match(line.upper()):
             continue
         if "," in line:
-            cells = [part.strip() for part in line.split(",")][1:6]
+            cells = [part.strip() for part in line.split(",")][1:7]
         elif line[:8].rstrip().endswith("*"):
-            cells = [line[at : at + 16] for at in range(8, 72, 16)] + [lines[k][8:24] if k < len(lines) else ""]
+            cells = [line[at : at + 16] for at in range(8, 72, 16)] + [lines[k][at : at + 16] if k < len(lines) else "" for at in (8, 24)]
         else:
-            cells = [line[at : at + 8] for at in range(8, 48, 8)]
-        if cells[1:] and cells[1].strip() not in ("", "0"):
-            hint = "write the nodes in the basic system"
-            raise _wrong(path, k, "input file of Nastran", "coordinates in the basic system", f"system {cells[1].strip()}", hint)
-        yield k, [cells[0], *cells[2:]]
+            cells = [line[at : at + 8] for at in range(8, 56, 8)]
+        for at, what in ((1, "coordinates"), (5, "displacements")):
+            if cells[at:] and cells[at].strip() not in ("", "0"):
+                found = f"{what} in system {cells[at].strip()}"
+                raise _wrong(path, k, "input file of Nastran", f"{what} in the basic system", found, "write the nodes in the basic system")
+        yield k, [cells[0], *cells[2:5]]
 
 
 def _nblock(lines: list[str], at: int, path: Path) -> Iterator[_Cells]:
