@@ -67,6 +67,11 @@ class Content:
     plan: PlanRecord | None = None
 
     @property
+    def along_edges(self) -> bool:
+        """Whether values lie along an edge; else they are those of joints."""
+        return any(group.arc_length is not None for job in self.done for group in job.parameters.values())
+
+    @property
     def done(self) -> list[JobRecord]:
         """The jobs that have a result."""
         return [job for job in self.jobs if isinstance(job, JobRecord)]
@@ -252,7 +257,7 @@ def _verdicts(content: Content) -> _Section:
         wide = any(not chart.panels[0].y.ticks for chart in content.maps.values())
         parts.append(
             details(
-                f"Maps of the edge ({len(maps)})",
+                f"Maps of the {'edge' if content.along_edges else 'joints'} ({len(maps)})",
                 key_of_all,
                 tag("div", *maps, class_="grid pairs"),
                 open_=not wide and len(maps) <= _PROFILES,
@@ -277,15 +282,15 @@ def _profiles(content: Content) -> _Section | None:
         return None
     drawn = [_drawn(chart, id=f"profile-{index}") for index, chart in enumerate(content.profiles.values())]
     first, rest = drawn[:_PROFILES], drawn[_PROFILES:]
-    text = (
-        "Identified values along the edge, all jobs on one scale (paper, Fig. 6). "
-        "Bolts stand below the profile; stripes mark those that are judged loose or undecided"
-    )
+    text = "Identified values along the edge, all jobs on one scale (paper, Fig. 6). Bolts stand below the profile"
+    if not content.along_edges:
+        text = "Identified values of each bolt, all jobs on one scale"
+    text += "; stripes mark those that are judged loose or undecided"
     text += ", and those outside, of which nothing is observable." if any(b.outside for job in content.done for b in job.bolts) else "."
     richest = max(content.profiles.values(), key=lambda chart: len(chart.legend()))
     more = details(f"{len(rest)} further profiles", tag("div", *rest, class_="grid profiles")) if rest else None
     kinds = {group.kind for job in content.done for group in job.parameters.values()}
-    title = "Stiffness along the edge" if kinds == {"stiffness"} else "Identified profiles"
+    title = f"Stiffness {'along the edge' if content.along_edges else 'of the joints'}" if kinds == {"stiffness"} else "Identified profiles"
     return "profiles", title, [tag("p", text), legend(richest), tag("div", *first, class_="grid profiles"), more]
 
 

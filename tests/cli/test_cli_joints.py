@@ -74,6 +74,10 @@ def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
     assert copy.run("report").code == 0
     for name in ("profile.png", "map.png"):
         assert (copy.out / "single" / name).stat().st_size > 10_000
+    page = (copy.out / "report.html").read_text(encoding="utf-8")
+    assert "Stiffness of the joints" in page
+    assert "Maps of the joints" in page
+    assert "along the edge" not in page
 
 
 def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
