@@ -71,6 +71,10 @@ class DecisionRule:
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
 
+    def scatter(self, measured: float, joint: bool) -> float:
+        """Standard deviation of the changes between tight states [decades]: as baselines tell it, or of joints without any as assumed."""
+        return self.joint_scatter if joint and not measured else measured
+
     def limit(self, change: float, scatter: float, joint: bool = False) -> float:
         """A threshold, or further down where tight states scatter that much [decades]."""
         return min(change, -(self.joint_margin if joint else self.scatter_margin) * scatter)
@@ -412,8 +416,7 @@ def _by_role(
         posterior = bolt.change
         # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
-        if bolt.joint and not scatter:
-            scatter = rule.joint_scatter
+        scatter = rule.scatter(scatter, bolt.joint)
         limit = rule.limit(own, scatter, bolt.joint)
         scatter *= rule.joint_spread if bolt.joint else 1.0
         probability = posterior.below(limit, scatter)

@@ -139,6 +139,7 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
     """Theta with single values moved until the mean absolute difference falls no more: a compass search, each step the best of a table.
 
     Between two lines a sharp peak leaves next to no trace, and a descent on squares ends in the valley where it began; a table passes over.
+    Damping exponents stay.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
     while step >= least:
         frf = model.nearby(theta) if isinstance(model, FrfModel) else model.frf
         table = []
-        for k, way in product(range(theta.size), (step, -step)):
+        for k, way in product(np.flatnonzero(~model.parameters.is_damping).tolist(), (step, -step)):
             trial = theta.copy()
             trial[k] = np.clip(theta[k] + way, *bounds[k])
             table.append((misfit.mean_db(frf(trial)), k, way, trial))

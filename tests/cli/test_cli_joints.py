@@ -85,6 +85,7 @@ def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
     assert copy.run("plan", "--draws", "0").code == 0
     plan = json.loads((copy.out / "plan.json").read_text())
     assert {bolt["name"]: bolt["group"] for bolt in plan["bolts"]} == dict.fromkeys(BOLTS, "axial, rocking")
+    assert plan["loose_change"] == max(bolt["threshold"] for bolt in folder.result("single")["bolts"]) == -0.5
     done = copy.run("rehearse", "--out", str(tmp_path / "rehearsed"), "--loose", "B9", "--depth", "1")
     assert done.code == 0, done.stderr
     drawn = json.loads((tmp_path / "rehearsed" / "rehearsal.json").read_text())

@@ -248,6 +248,26 @@ def test_scatter_is_the_rms_of_judged_changes() -> None:
     assert found == pytest.approx(np.sqrt((0.09 + 0.16) / 2))
 
 
+@pytest.mark.parametrize(
+    ("mean", "scatter", "word", "limit"),
+    [
+        # Without a baseline: what torques that scatter by 30 % do is no alarm, and what lies between is not decided.
+        (-0.36, 0.0, "undecided", -0.5),
+        (-0.75, 0.0, "loose", -0.5),
+        (-0.1, 0.0, "tight", -0.5),
+        # A baseline that hardly scatters tells more.
+        (-0.45, 0.02, "loose", -0.35),
+        (-0.75, 0.3, "undecided", -0.75),
+    ],
+)
+def test_joints_without_a_baseline_are_judged_by_an_assumed_scatter(mean: float, scatter: float, word: str, limit: float) -> None:
+    rule = replace(RULE, loose_change=RULE.mixture_change)
+    found = one(replace(changed(mean, 0.05), joint=True), rule, scatter=scatter)
+    assert (found.verdict, found.threshold) == (word, pytest.approx(limit))
+    edge = one(changed(mean, 0.05), rule)
+    assert edge.threshold == rule.loose_change
+
+
 class TestAlternatives:
     """States of nearly equal probability, by the bolts that lie below their thresholds there."""
 

@@ -173,7 +173,7 @@ def make_plan(
         Prospect(loss, found, [said.get((n, loss), []) for n in range(len(question.targets))])
         for loss, found in zip(LOSSES, asked, strict=True)
     ]
-    tree = _settings(inputs, about) | {
+    tree = _settings(inputs, about, shapes.joints_only) | {
         "losses": LOSSES,
         "loss": LOSS,
         "tightened": tightened,
@@ -266,7 +266,7 @@ class _Question:
         return Unknowns(T, prior, np.array([target.column for target in self.targets], dtype=np.int64))
 
 
-def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
+def _settings(inputs: Inputs, about: About, joints: bool) -> dict[str, Any]:
     """What of ``plan.json`` stands before anything is computed."""
     update = inputs.campaign.update
     return {
@@ -276,7 +276,7 @@ def _settings(inputs: Inputs, about: About) -> dict[str, Any]:
         "noise": {"sigma_db": about.noise.sigma, "correlation_factor": about.noise.factor, "source": about.origin},
         "prior_std": inputs.statistics.values.std,
         "confidence": update.confidence,
-        "loose_change": threshold(inputs),
+        "loose_change": threshold(inputs, joints),
         "identification": inputs.resolved(True).tree(),
         "limits": {"detectable": DETECTABLE, "not_detectable": HIDDEN},
         "provenance": {
@@ -419,7 +419,7 @@ def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, 
         why = "--draws 0" if draws == 0 else "no bolt can be loosened"
     return [
         f"linearised, not rehearsed ({why}): `lrbc update` may find less",
-        f"normal prior of {std:g} decades; loose below {threshold(inputs):g} decades, with {100 * update.confidence:g} %",
+        f"normal prior of {std:g} decades; loose below {threshold(inputs, joints):g} decades, with {100 * update.confidence:g} %",
         "the model is right but for the noise, and nothing drifts but what update.nuisances names",
     ]
 

@@ -360,12 +360,13 @@ def assumptions(rehearsal: Rehearsal, draws: int, origin: str) -> list[str]:
     drifts = ", ".join(dict.fromkeys(kinds[nuisance.kind] for nuisance in rehearsal.nuisances))
     values, mixture = rehearsal.inputs.statistics.values, mixes(rehearsal.inputs)
     std, scatter = (values.joint_std, prior.joint_tight_std) if joints else (values.std, prior.tight_std)
+    beside = " (lower beside a bolt that is loose)" if mixture and not joints else ""
     reference = [] if update.reference else ["a reference job with all bolts tight is measured too, though update.reference names none"]
     return [
         *reference,
         f"judged by rehearsal: measurements are drawn, identified and judged as `lrbc update` does, {draws} for each bolt and loss",
         f"prior of the verdicts: {'each bolt tight or loose (mixture)' if mixture else f'normal, {std:g} decades'}; loose "
-        f"below {threshold(rehearsal.inputs):g} decades{' (lower beside a bolt that is loose)' if mixture else ''}, with "
+        f"below {threshold(rehearsal.inputs, joints):g} decades{beside}, with "
         f"{100 * update.confidence:g} %",
         f"a bolt alone loses {losses} decades{through}; tight ones scatter by {scatter:g}",
         f"model discrepancy {setting.noise.sigma:.2g} dB a line ({origin}), as of a structure whose frequencies lie "
@@ -384,10 +385,11 @@ def mixes(inputs: Inputs) -> bool:
     return inputs.resolved(True).mixture
 
 
-def threshold(inputs: Inputs) -> float:
-    """Change below which `lrbc update` calls a bolt loose, before the scatter of tight states and loose neighbours lower it [decades]."""
+def threshold(inputs: Inputs, joints: bool) -> float:
+    """Change below which `lrbc update` calls a bolt loose, before the scatter of baselines and loose neighbours lower it [decades]."""
     rule = inputs.method.rule
-    return rule.mixture_change if mixes(inputs) else rule.loose_change
+    change = rule.mixture_change if mixes(inputs) else rule.loose_change
+    return change if inputs.campaign.update.baselines else rule.limit(change, rule.scatter(0.0, joints), joints)
 
 
 def _scatter(inputs: Inputs) -> float | None:

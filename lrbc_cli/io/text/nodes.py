@@ -139,7 +139,7 @@ def _grids(lines: list[str], path: Path) -> Iterator[_Cells]:
         for at, what in ((1, "coordinates"), (5, "displacements")):
             if cells[at:] and cells[at].strip() not in ("", "0"):
                 found = f"{what} in system {cells[at].strip()}"
-                raise _wrong(path, k, "input file of Nastran", f"{what} in the basic system", found, "write the nodes in the basic system")
+                raise _wrong(path, k, "input file of Nastran", f"{what} in the basic system", found, f"export {what} in the basic system")
         yield k, [cells[0], *cells[2:5]]
 
 
