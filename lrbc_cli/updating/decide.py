@@ -422,6 +422,9 @@ def _by_role(
         probability = posterior.below(limit, scatter)
         word = rule.word(probability)
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
+        # That tight states scatter excuses a change; it clears no bolt, least of all one that the data do not see.
+        if word == TIGHT and rule.word(posterior.below(own, 0.0)) != TIGHT:
+            word, note = UNDECIDED, "no more than tight states scatter, but not clearly above the threshold without that"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         return word, note, change, float(np.hypot(posterior.std, scatter)), probability, limit
     if evidence.missing_reference is not None:

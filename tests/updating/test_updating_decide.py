@@ -28,6 +28,7 @@ from lrbc_cli.updating.decide import (
     validity,
 )
 from lrbc_cli.updating.mixture import ChangeSamples
+from lrbc_cli.updating.priors import BoltPrior
 
 RULE = DecisionRule()
 PLACE = BoltEvidence(name="B1", position=(0.0, 0.0, 0.0), log10_stiffness=4.0, felt=4.0)
@@ -266,6 +267,20 @@ def test_joints_without_a_baseline_are_judged_by_an_assumed_scatter(mean: float,
     assert (found.verdict, found.threshold) == (word, pytest.approx(limit))
     edge = one(changed(mean, 0.05), rule)
     assert edge.threshold == rule.loose_change
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.1, 0.2, 0.3, 0.8])
+@pytest.mark.parametrize("joint", [False, True])
+def test_a_bolt_that_the_data_do_not_see_is_never_tight(scatter: float, joint: bool) -> None:
+    """Its posterior is the prior, of which little lies below a threshold that wide scatter has lowered."""
+    prior = BoltPrior()
+    tight, loose, mean = (0.15, 0.8, -1.5) if joint else (0.05, 0.3, -0.6)
+    sampled = SampledChange(count=(1.0,), loose=(prior.loose_share,), means=((0.0,), (mean,)), stds=((tight,), (loose,)))
+    unseen = replace(changed(prior.loose_share * mean, 0.3, sampled=sampled), joint=joint)
+    assert one(unseen, scatter=scatter).verdict == "undecided"
+    assert one(replace(changed(0.0, 1.0 if joint else 0.35), joint=joint), scatter=scatter).verdict == "undecided"
+    # One that is seen, and has not changed.
+    assert one(replace(changed(-0.02, 0.05), joint=joint), scatter=scatter).verdict == "tight"
 
 
 class TestAlternatives:
