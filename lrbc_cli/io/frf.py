@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,9 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
     """
     path = Path(path)
-    return READERS[detect_frf_format(path)](path, layout)
+    found = READERS[detect_frf_format(path)](path, layout)
+    records = [replace(record, number=record.number or at + 1, file=str(path)) for at, record in enumerate(found.records)]
+    return replace(found, records=tuple(records))
 
 
 def write_frf(path: Path, frf: FrfSet) -> None:

@@ -143,6 +143,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
         reference_node=function.reference_node or None,
         reference_direction=abs(function.reference_direction),
         place=f"record {function.record}",
+        number=function.record,
     )
 
 
