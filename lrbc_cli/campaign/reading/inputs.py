@@ -18,7 +18,7 @@ from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import require_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_roles
 from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Point
@@ -316,6 +316,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             hint="export matrices and DOF table of one model in one run",
         )
     K, M = reader.scale(K, M)
+    require_roles(K, M, source, reader.campaign.reduction.band)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
     fixed, note = fixed_dofs(K, M)
     if note:
