@@ -38,7 +38,7 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
             for line in findings.warnings:
                 say(f"  {line}")
     for error in findings.errors.values():
-        complain(error.message)
+        complain(problem.message)
     return max((error.exit_code for error in findings.errors.values()), default=0)
 
 

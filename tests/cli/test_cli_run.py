@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import webbrowser
 from pathlib import Path
 
 import pytest
-from campaigns import Folder, environment, frame, lrbc
+from campaigns import ROOT, Folder, environment, frame, lrbc
 
 from lrbc_cli.cli import terminal
 
 pytestmark = pytest.mark.usefixtures("plain")
+
+SAMPLE = ROOT / "data_samples" / "frame"
 
 
 @pytest.fixture
@@ -33,32 +36,37 @@ def small(frame_once: Folder, tmp_path: Path) -> Folder:
     return folder
 
 
-def test_one_command_to_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, seen = frame(tmp_path / "new"), []
+def test_from_files_to_the_page_without_an_edit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files, seen = tmp_path / "files", []
+    for part in ("points.csv", "model", "frf/tight.csv", "frf/loose-2.csv"):
+        source, to = SAMPLE / part, files / part
+        to.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if source.is_dir() else shutil.copy)(source, to)
     monkeypatch.setattr(webbrowser, "open", lambda url: seen.append(url) or True)
-    tree = folder.tree()
-    del tree["jobs"]["loose-all"]
-    tree["jobs"]["lost"] = {"frf": "data/lost.csv"}
-    folder.write(tree)
+    folder, out = Folder(tmp_path / "new"), tmp_path / "new" / "output"
+    assert lrbc("init", "--from", files, folder.path).code == 0
+    checked = folder.run("check")
+    assert (checked.code, checked.stderr) == (0, "")
     first = folder.run("run", "--open", "--fail-on-loose")
-    # A job failed, which comes before the bolt that is loose; the others have their sentence, and the page is written.
-    assert first.code == 5
-    assert seen == [(folder.out / "report.html").as_uri()]
-    assert "<html" in (folder.out / "report.html").read_text()
-    assert (folder.out / "calibration.json").is_file()
-    tight, loose, lost, page = first.stdout.splitlines()
+    assert first.code == 6, first.stderr
+    assert seen == [(out / "report.html").as_uri()]
+    assert "<html" in (out / "report.html").read_text()
+    assert (out / "calibration.json").is_file()
+    tight, loose, page, verdict = first.stdout.splitlines()
     assert tight.startswith("tight: the reference job, taken as tight")
     assert loose.startswith("loose-2: B3, B4 loose")
-    assert lost.startswith("lost: failed:")
-    assert lost.endswith("the file does not exist")
-    assert page == f"report: {folder.out / 'report.html'}"
-    assert first.stderr.count("the file does not exist") == 1
-    stamps = {name: (folder.out / name).stat().st_mtime_ns for name in ("calibration.json", "loose-2/result.json")}
-    again = folder.run("run", "--json", "--fail-on-loose")
-    assert again.code == again.json["exit_code"] == 5
-    assert again.json["kept"] == ["tight", "loose-2"]
-    assert again.json["calibration"]["used"] is True
-    assert {name: (folder.out / name).stat().st_mtime_ns for name in stamps} == stamps
+    assert page == f"report: {out / 'report.html'}"
+    assert verdict == "a bolt is loose"
+    with folder.config.open("a") as file:
+        file.write("  lost: {frf: lost.csv}\n")
+    stamps = {name: (out / name).stat().st_mtime_ns for name in ("calibration.json", "loose-2/result.json")}
+    again = folder.run("run")
+    # A job failed; what is finished is kept, and the report is written.
+    assert again.code == 5
+    assert again.stdout.splitlines()[2].startswith("lost: failed:")
+    assert again.stderr.count("the file does not exist") == 1
+    assert "lost" in (out / "report.html").read_text()
+    assert {name: (out / name).stat().st_mtime_ns for name in stamps} == stamps
     assert len(seen) == 1
 
 
