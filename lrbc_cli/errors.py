@@ -31,6 +31,8 @@ class LrbcError(Exception):
     """
 
     exit_code, kind = 1, "internal"
+    #: Further errors that were found beside it.
+    others: tuple[LrbcError, ...] = ()
 
     def __init__(
         self,

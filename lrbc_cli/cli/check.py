@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.check import check as examine
-from lrbc_cli.campaign.reading.files import unusable_files
+from lrbc_cli.campaign.files import unusable_files
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
@@ -37,20 +37,21 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
             say("warnings")
             for line in findings.warnings:
                 say(f"  {line}")
-    for error in findings.errors.values():
-        complain(problem.message)
-    return max((error.exit_code for error in findings.errors.values()), default=0)
+    for unusable in findings.errors.values():
+        complain(unusable.message)
+    return max((unusable.exit_code for unusable in findings.errors.values()), default=0)
 
 
 def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:
     """Say what stopped the reading, and which other files cannot be read."""
     found = unusable_files(campaign)
-    errors = [first, *(error for several in found.values() for error in several if error.message != first.message)]
+    errors = {error.message: error for error in (first, *first.others, *(error for several in found.values() for error in several))}
     if as_json:
         trees = {key: [error.tree() for error in several] for key, several in found.items()}
-        say_json({"campaign": campaign.name, "exit_code": first.exit_code, "error": first.tree(), "errors": trees})
-    for error in errors:
-        complain(error.message)
+        beside = [error.tree() for error in first.others]
+        say_json({"campaign": campaign.name, "exit_code": first.exit_code, "error": first.tree(), "others": beside, "errors": trees})
+    for message in errors:
+        complain(message)
     if len(errors) > 1 and not as_json:
-        say(f"{len(errors)} inputs cannot be used; all other files can be read by themselves")
+        say(f"{len(errors)} things to mend; all other files can be read by themselves")
     return first.exit_code

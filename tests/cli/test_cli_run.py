@@ -149,6 +149,19 @@ def test_check_reads_on(tmp_path: Path) -> None:
     assert set(tree["errors"]) == {"model.stiffness", "bolts", "tight"}
 
 
+def test_check_reads_on_in_the_campaign_file(tmp_path: Path) -> None:
+    folder = frame(tmp_path / "new")
+    folder.replace("hammer: {near: [0.16, 0.12, 0.0], component: UZ}", "hammer: {node: 48, component: UX}")
+    folder.replace("acc1: {near: [0.32, 0.28, 0.0]", "acc1: {near: [320, 280, 0]")
+    (folder.data / "model" / "edge.csv").unlink()
+    result = folder.run("check")
+    assert result.code == 2
+    for said in ("node 48 has no DOF UX", "are these millimetres?", "edge.csv: the file does not exist"):
+        assert result.stderr.count(said) == 1
+    # Others stop at the first.
+    assert folder.run("reduce").stderr.count("fix:") == 1
+
+
 @pytest.mark.parametrize("name", ["check", "update", "plan"])
 def test_stiffness_and_mass_exchanged(tmp_path: Path, name: str) -> None:
     folder = frame(tmp_path / "new")
