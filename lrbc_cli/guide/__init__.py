@@ -20,6 +20,8 @@ TOPICS: dict[str, str] = {
     "statistics": "the statistical model: residuals, covariance, priors, decision",
     "api": "the interface for Python, from its docstrings",
     "troubleshooting": "messages and their causes",
+    "limits": "what the method and this version cannot do",
+    "glossary": "the words, one line each",
 }
 
 
