@@ -11,6 +11,7 @@ from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.terminal import say
 from lrbc_cli.config import load_campaign
 from lrbc_cli.report import summary_text, write_report
 
@@ -27,5 +28,5 @@ def report(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
     if as_json:
         say_json({"report": page})
     else:
-        click.echo(summary_text(campaign.output, jobs or None))
-        click.echo(f"report: {page}")
+        say(summary_text(campaign.output, jobs or None), finding=True)
+        say(f"report: {page}")

@@ -53,7 +53,8 @@ def campaign_page(schema: Mapping[str, Any]) -> str:
         "# The campaign file",
         "",
         "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors.",
-        "`lrbc init` writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
+        "`lrbc init` writes a commented file, `lrbc init --from DIR` one for the files of a folder (`lrbc guide formats`), both with",
+        "the JSON Schema beside it, for completion and help in editors. `configs/frame.yaml` of the source is a complete one.",
         "",
     ]
     seen: set[str] = set()

@@ -114,10 +114,12 @@ class _Run:
         self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
+        self.workers = 1
+        self.taken: list[float] = []
 
     def all(self, accept: bool, workers: int) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
-        campaign, outcome = self.inputs.campaign, self.outcome
+        campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
             if p.kept:
                 self._keep(p)
@@ -178,6 +180,8 @@ class _Run:
         return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
+        if self.workers < 2:
+            self.progress(f"{name}: identifying, {self._ahead(1)}")
         try:
             record = work()
         except LrbcError as error:
@@ -189,7 +193,18 @@ class _Run:
         else:
             self.outcome.results[name] = record
             misfit, seconds = record.misfit_db, record.seconds["total"]
-            self.progress(f"{name}: {record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s")
+            self.taken.append(seconds)
+            text = f"{record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s"
+            self.progress(f"{name}: {text}; {self._ahead(0)}")
+
+    def _ahead(self, begun: int) -> str:
+        """How many of the jobs are through, and how long the others will take by those that ran."""
+        through = len(self.outcome.results) + len(self.outcome.failed)
+        text = f"{through + begun} of {len(self.names)} jobs"
+        rest = len(self.names) - through
+        if not rest or not self.taken:
+            return text
+        return f"{text}, about {rest * sum(self.taken) / len(self.taken) / min(self.workers, rest):.0f} s left"
 
     def _failed(self, name: str, error: LrbcError) -> None:
         self.outcome.failed.append(name)
