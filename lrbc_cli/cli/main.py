@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
     "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
+    "watch": ("lrbc_cli.cli.watch:watch", "Judge and report measurements as their files arrive."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
     "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign or result files."),

@@ -27,6 +27,7 @@ from lrbc_cli.config.structure import (
     ResponseConfig,
     SelectConfig,
 )
+from lrbc_cli.config.watch import WatchConfig
 
 __all__ = [
     "ArraysConfig",
@@ -52,6 +53,7 @@ __all__ = [
     "SelectConfig",
     "TextFormat",
     "UpdateConfig",
+    "WatchConfig",
     "campaign_schema",
     "load_campaign",
     "write_skeleton",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
@@ -285,6 +286,11 @@ class JobConfig(Strict):
         description="Further files with measurements of the same state on the same lines; FRFs are averaged, their scatter tells "
         "the noise of the lines.",
     )
+
+    @property
+    def all_files(self) -> tuple[Path, ...]:
+        """Every file that is read for it."""
+        return (self.frf, *(() if self.coherence is None else (self.coherence,)), *self.repeats)
 
     @model_validator(mode="after")
     def _other_files(self) -> JobConfig:

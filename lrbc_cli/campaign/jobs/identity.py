@@ -115,8 +115,8 @@ def judgement(inputs: Inputs, name: str) -> Identity:
             "version": cache.digest(JUDGEMENT_VERSION),
             "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
-            # What is known of the bolts is told with the verdicts.
-            "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items()}),
+            # What is known of the bolts is told with the verdicts; a job that says nothing, as one that has just arrived, changes nothing.
+            "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items() if job.removed}),
         }
     )
 
