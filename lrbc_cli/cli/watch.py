@@ -71,7 +71,7 @@ def watch(
     say(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
     if given:
         say("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
-    run = Watch(session, tell, say, Pace(interval=interval, settle=min(Pace.settle, interval)))
+    run = Watch(session, tell, say, Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval))
     run.run(once)
     if run.failed:
         return 5
