@@ -48,7 +48,7 @@ def watch(
     """
     if fail_on_loose and not once:
         raise click.UsageError("--fail-on-loose needs --once: without it this command has no end")
-    given = [("watch.folder", str(folder.absolute()))] if folder is not None else []
+    given: list[tuple[str, str | list[str]]] = [("watch.folder", str(folder.absolute()))] if folder is not None else []
     given += [("watch.pattern", list(patterns))] if patterns else []
     overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
     program = None if hook is None else Hook(hook)

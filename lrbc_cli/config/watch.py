@@ -122,10 +122,10 @@ def with_folder(campaign: Campaign) -> Found:
             jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
             taken[name.lower()] = name
     suffix = Path(watch.patterns[0]).suffix
-    for name in (update.reference, *update.baselines, None if calibration is None else calibration.job):
-        if name is not None and name.lower() not in taken and "*" not in suffix:
-            jobs[name] = job(watch.folder / f"{name}{suffix}", like, OWN)
-            taken[name.lower()] = name
+    for tight in (update.reference, *update.baselines, None if calibration is None else calibration.job):
+        if tight is not None and tight.lower() not in taken and "*" not in suffix:
+            jobs[tight] = job(watch.folder / f"{tight}{suffix}", like, OWN)
+            taken[tight.lower()] = tight
     return Found(campaign.model_copy(update={"jobs": FrozenDict(jobs)}), left)
 
 

@@ -57,9 +57,9 @@ class Arrivals:
         return sorted(ready, key=lambda name: self._jobs[name].since)
 
     @property
-    def waiting(self) -> bool:
-        """Whether a job has files that are not done with."""
-        return any(not job.done for job in self._jobs.values())
+    def next(self) -> float | None:
+        """When the next job is to be looked at again, by the clock of ``look``; None where all are done with."""
+        return min((job.again for job in self._jobs.values() if not job.done), default=None)
 
     def there(self, name: str) -> bool:
         """Whether all files of a job are there."""

@@ -26,7 +26,7 @@ class Pace:
     """Seconds: between looks without an event, that files must stay as they are, that a cut one is waited for, until a retry."""
 
     interval: float = 2.0
-    settle: float = 0.5
+    settle: float = 0.3
     patience: float = 15.0
     retry: float = 20.0
 
@@ -120,12 +120,12 @@ class Watch:
                 ready = self._look()
                 for name in ready:
                     self._one(name, once)
-                if once and not self.arrivals.waiting:
+                soon = self.arrivals.next
+                if once and soon is None:
                     return
-                if not self.arrivals.waiting and self._undrawn:
+                if soon is None and self._undrawn:
                     self._page(figures=True)
-                soon = self.pace.settle / 2 if self.arrivals.waiting else self.pace.interval
-                self.wake.wait(min(soon, self.pace.interval))
+                self.wake.wait(self.pace.interval if soon is None else min(max(soon - time.monotonic(), 0.01), self.pace.interval))
                 self.lock.beat()
         finally:
             self.wake.stop()

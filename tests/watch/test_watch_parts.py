@@ -38,14 +38,14 @@ def test_a_job_is_ready_when_its_files_stay_as_they_are(tmp_path: Path) -> None:
     assert not arrivals.there("a")
     coherence.write_bytes(b"1")
     assert arrivals.look(files, 6.0) == []
-    assert arrivals.waiting
+    assert arrivals.next == 7.0
     frf.write_bytes(b"123")
     assert arrivals.look(files, 6.9) == []
     assert arrivals.look(files, 7.8) == []
     assert arrivals.look(files, 7.9) == ["a"]
     arrivals.done("a")
     assert arrivals.look(files, 99.0) == []
-    assert not arrivals.waiting
+    assert arrivals.next is None
     # The same size, another time: measured again.
     os.utime(coherence, (1.0, 1.0))
     assert arrivals.look(files, 100.0) == []
@@ -63,7 +63,7 @@ def test_a_job_is_ready_when_its_files_stay_as_they_are(tmp_path: Path) -> None:
     arrivals.look(files, 123.0)
     assert arrivals.look(files, 124.0) == ["a"]
     assert arrivals.look({}, 125.0) == []
-    assert not arrivals.waiting
+    assert arrivals.next is None
 
 
 def test_those_that_wait_longest_come_first(tmp_path: Path) -> None:
