@@ -14,6 +14,7 @@ from lrbc_cli.config.document import Document
 from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
 from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
 from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
+from lrbc_cli.config.watch import WatchConfig
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.units import UnitSystem, parse_system
 
@@ -66,6 +67,9 @@ class Campaign(Strict):
     )
     jobs: NameMap[JobConfig] = Field(
         default={}, validate_default=True, description="Measurements to identify, by name; each gets a folder of results."
+    )
+    watch: WatchConfig | None = Field(
+        default=None, description="A folder whose files are jobs too, named as the files are, for every command; absent: `jobs` alone."
     )
 
     _document: Document = PrivateAttr()

@@ -77,7 +77,7 @@ class Content:
         return [job for job in self.jobs if isinstance(job, JobRecord)]
 
 
-def render(content: Content, written: datetime | None = None) -> str:
+def render(content: Content, written: datetime | None = None, *, live: bool = False) -> str:
     """Return the whole document.
 
     Parameters
@@ -86,9 +86,12 @@ def render(content: Content, written: datetime | None = None) -> str:
         What to show.
     written
         The time to print; now where None.
+    live
+        The page loads itself anew while ``lrbc watch`` runs.
     """
     resources = files("lrbc_cli.report")
-    script = resources.joinpath("page.js").read_text(encoding="utf-8")
+    scripts = ["page.js", *(["live.js"] if live else [])]
+    script = "\n".join(resources.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"

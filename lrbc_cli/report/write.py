@@ -37,7 +37,13 @@ _Task = tuple[Chart, Path]
 
 
 def write_report(
-    output: Path, *, jobs: Sequence[str] | None = None, workers: int = 2, progress: Callable[[str], None] | None = None
+    output: Path,
+    *,
+    jobs: Sequence[str] | None = None,
+    workers: int = 2,
+    figures: bool = True,
+    live: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw all figures and write ``report.html``; reads result files only.
 
@@ -51,6 +57,10 @@ def write_report(
         Names of the jobs to show; all that have results where None.
     workers
         Processes that draw figures.
+    figures
+        Draw the image files; False leaves them as they are, and takes a fraction of the time.
+    live
+        The page loads itself anew every few seconds.
     progress
         Called with one line of text now and then.
 
@@ -68,10 +78,11 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs)
-    drawn = _draw_all(tasks, workers, say)
-    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+    if figures:
+        drawn = _draw_all(tasks, workers, say)
+        say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(content)
+    text = render(content, live=live)
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")
