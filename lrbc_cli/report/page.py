@@ -28,9 +28,11 @@ from lrbc_cli.report.parts.figures import convergence_charts
 from lrbc_cli.report.parts.plan import plan_parts
 from lrbc_cli.report.parts.provenance import provenance
 from lrbc_cli.report.parts.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
+from lrbc_cli.report.parts.structure import structure_parts
 from lrbc_cli.results.job import STATUSES, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
 
 #: Profiles beyond this number are folded away.
@@ -65,6 +67,7 @@ class Content:
     calibration_frf: Frf | None = None
     l_curves: Sequence[Chart] = ()
     plan: PlanRecord | None = None
+    structure: StructureRecord | None = None
 
     @property
     def along_edges(self) -> bool:
@@ -88,7 +91,7 @@ def render(content: Content, written: datetime | None = None) -> str:
         The time to print; now where None.
     """
     resources = files("lrbc_cli.report")
-    script = resources.joinpath("page.js").read_text(encoding="utf-8")
+    script = "".join(resources.joinpath(name).read_text(encoding="utf-8") for name in ("page.js", "structure.js"))
     sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
@@ -122,6 +125,7 @@ _Section = tuple[str, str, list[Markup | None]]
 
 def _sections(content: Content) -> Iterable[_Section | None]:
     done = content.done
+    yield _part("structure", "The structure", structure_parts(content.structure, done) if content.structure else None)
     yield _verdicts(content)
     yield _part("remarks", "Confidence and notes", remarks_parts(done))
     yield _profiles(content)
