@@ -22,6 +22,9 @@ IN_OUTPUT = (
     "plan.json",
     "plan.csv",
     "plan.png",
+    "structure.json",
+    "structure.png",
+    "structure.html",
     "verdicts.png",
     "report.html",
 )
@@ -34,6 +37,7 @@ IN_JOB = (
     "evidence.json",
     "profile.png",
     "map.png",
+    "structure.png",
     "fdac.png",
     "l-curve.png",
     "frf-*.png",

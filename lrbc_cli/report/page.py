@@ -28,9 +28,11 @@ from lrbc_cli.report.parts.figures import convergence_charts
 from lrbc_cli.report.parts.plan import plan_parts
 from lrbc_cli.report.parts.provenance import provenance
 from lrbc_cli.report.parts.remarks import UNEXPLAINED, UNVALIDATED, remarks_parts
+from lrbc_cli.report.parts.structure import structure_parts
 from lrbc_cli.results.job import STATUSES, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
 
 #: Profiles beyond this number are folded away.
@@ -65,6 +67,7 @@ class Content:
     calibration_frf: Frf | None = None
     l_curves: Sequence[Chart] = ()
     plan: PlanRecord | None = None
+    structure: StructureRecord | None = None
 
     @property
     def along_edges(self) -> bool:
@@ -90,7 +93,7 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
         The page loads itself anew while ``lrbc watch`` runs.
     """
     resources = files("lrbc_cli.report")
-    scripts = ["page.js", *(["live.js"] if live else [])]
+    scripts = ["page.js", "structure.js", *(["live.js"] if live else [])]
     script = "\n".join(resources.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -125,6 +128,7 @@ _Section = tuple[str, str, list[Markup | None]]
 
 def _sections(content: Content) -> Iterable[_Section | None]:
     done = content.done
+    yield _part("structure", "The structure", structure_parts(content.structure, done) if content.structure else None)
     yield _verdicts(content)
     yield _part("remarks", "Confidence and notes", remarks_parts(done))
     yield _profiles(content)

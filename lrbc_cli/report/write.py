@@ -22,10 +22,12 @@ from lrbc_cli.report.parts.figures import frf_chart, profile_chart, profile_scal
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
+from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import read, read_job
+from lrbc_cli.results.store import read, read_job, write
+from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
@@ -96,6 +98,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     _require_tables(output, done)
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
+    structure = _structure(output)
     profiles, maps, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
     frfs, l_curves = list[FrfFigure](), list[Chart]()
     content = Content(
@@ -111,6 +114,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         calibration_frf=calibration_frf,
         l_curves=l_curves,
         plan=plan,
+        structure=structure,
     )
     tasks: list[_Task] = [] if content.strip is None else [(content.strip, output / "verdicts.png")]
     if plan is not None:
@@ -122,6 +126,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         charts = {
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
+            "structure.png": (None if structure is None else structure_chart(structure, job, done), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
             "l-curve.png": (curve, {}),
         }
@@ -147,6 +152,44 @@ def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
         log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
+
+
+def _structure(output: Path) -> StructureRecord | None:
+    """The structure, where there is a picture of it."""
+    record = read(output / "structure.json", StructureRecord)
+    return None if record is None or record.reason is not None else record
+
+
+def write_structure(output: Path, record: StructureRecord) -> list[Path]:
+    """Write ``structure.json``, and ``structure.png`` and ``structure.html`` where there is a picture.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    record
+        What to draw.
+
+    Returns
+    -------
+    list of Path
+        What was written, the picture first.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the output folder cannot be written.
+    """
+    from lrbc_cli.report.drawing.png import draw
+
+    write(output / "structure.json", record)
+    if record.reason is not None:
+        return []
+    picture, page = output / "structure.png", output / "structure.html"
+    draw(structure_chart(record), picture)
+    with replace(page) as sink:
+        sink.write(structure_page(record).encode("utf-8", errors="replace"))
+    return [picture, page]
 
 
 def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
