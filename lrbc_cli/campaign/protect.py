@@ -23,6 +23,7 @@ IN_OUTPUT = (
     "plan.csv",
     "plan.png",
     "verdicts.png",
+    "damping.png",
     "report.html",
 )
 IN_JOB = (

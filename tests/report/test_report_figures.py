@@ -8,16 +8,17 @@ from fake_campaign import changed as replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
+from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, Tiles, decade_axis, linear_axis
 from lrbc_cli.report.drawing.layout import lay_out
 from lrbc_cli.report.drawing.png import draw, is_current
 from lrbc_cli.report.drawing.style import STYLES, css
 from lrbc_cli.report.drawing.svg import path, svg
 from lrbc_cli.report.parts import figures
+from lrbc_cli.report.parts.damping import damping_chart
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.results.job import CornerRecord, LCurveRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.results.tables import read_frf
+from lrbc_cli.results.tables import Frf, read_frf
 
 
 def points_of(data: str) -> np.ndarray:
@@ -159,12 +160,48 @@ def test_reduction_charts_stand_zero_errors(finished):
     assert figures.trace_chart(replace(reduction, trace=())) is None
 
 
-def test_many_jobs_share_one_quiet_colour(finished):
+def test_channels_show_what_the_result_says(finished):
     job = read_job(finished, "bolts-04")
-    charts = figures.convergence_charts([replace(job, job=f"job-{k}") for k in range(30)])
-    assert [chart.title for chart in charts] == ["Cost", "Misfit at the lines used"]
-    assert len(charts[0].legend()) == 1
-    assert figures.convergence_charts([replace(job, history=())]) == []
+    (panel,) = figures.channel_chart(job).panels
+    bars = {item.role: item.edges for item in panel.items if isinstance(item, Tiles)}
+    for role, name, place in (("channel", "mic01", 0), ("channel-unseen", "mic02", 1)):
+        ((left, right, low, high),) = bars[role]
+        assert left < place < right
+        assert (low, high) == (0.0, job.misfit_db.responses[name].final)
+    (before,) = [item for item in panel.items if isinstance(item, Curve)]
+    np.testing.assert_array_equal(before.y[::3], [entry.initial for entry in job.misfit_db.responses.values()])
+    assert figures.channel_chart(replace(job, misfit_db=replace(job.misfit_db, responses={}))) is None
+
+
+def test_a_state_stands_over_the_measured_reference(finished):
+    """On its own lines, which may be others; coherence is a curve where it was measured."""
+    campaign, job, own = campaign_of(finished), read_job(finished, "bolts-04"), read_frf(finished / "bolts-04" / "frf.csv")
+    other = read_frf(finished / "bolts-00" / "frf.csv")
+    few = Frf(other.frequency_hz[::2], {name: {key: v[::2] for key, v in found.items()} for name, found in other.responses.items()})
+    chart = figures.frf_chart(job, campaign.response("mic01"), own, ("bolts-00", few))
+    curves = {item.label: item for item in chart.panels[0].items if isinstance(item, Curve)}
+    np.testing.assert_array_equal(curves["measured, bolts-00"].x, few.frequency_hz)
+    np.testing.assert_array_equal(curves["measured, bolts-00"].y, few.responses["mic01"]["measured_db"])
+    assert "measured, bolts-00" in chart.alt
+    (coherence,) = [item for item in chart.panels[2].items if isinstance(item, Curve)]
+    np.testing.assert_array_equal(coherence.y, own.responses["mic01"]["coherence"])
+    bare = Frf(own.frequency_hz, {"mic01": {**own.responses["mic01"], "coherence": np.full(len(own.frequency_hz), np.nan)}})
+    assert len(figures.frf_chart(job, campaign.response("mic01"), bare).panels) == 2
+
+
+def test_damping_stands_over_the_number_of_removed_bolts(finished):
+    """With its interval inside the bounds; the paper's values only where the campaign asks for them."""
+    jobs = [read_job(finished, name) for name in ("bolts-00", "bolts-04", "bolts-15")]
+    found = {paper: damping_chart(jobs, paper=paper).panels[0].items for paper in (True, False)}
+    marks = {item.role: item for item in found[True] if isinstance(item, Marks)}
+    np.testing.assert_array_equal(marks["series0"].x, [0, 4, 15])
+    np.testing.assert_allclose(marks["series0"].y, [-0.3, 0.46, 2.55])
+    np.testing.assert_allclose(marks["stated"].y[marks["stated"].x == 15], 3.269)
+    assert "stated" not in {item.role for item in found[False]}
+    (whiskers,) = [item for item in found[True] if isinstance(item, Curve)]
+    np.testing.assert_allclose(whiskers.y[:2], [-0.4, -0.3 + 0.196])
+    assert damping_chart(jobs[:1], paper=True) is None
+    assert damping_chart([replace(job, removed=None) for job in jobs], paper=True) is None
 
 
 def tiny(title: str = "a", last: float = 3.0) -> Chart:

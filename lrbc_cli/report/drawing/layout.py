@@ -245,7 +245,7 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
                     level,
                     item.text,
                     "end" if item.rotated else "middle",
-                    SMALL - 1,
+                    SMALL,
                     rotated=item.rotated,
                 )
             ]

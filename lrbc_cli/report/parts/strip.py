@@ -79,7 +79,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
     ]
     if hatched:
-        signs = ["? undecided"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
+        signs = ["? inconclusive"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
         signs += [] if all(job.explained for job in shown) else ["– no verdict"]
         items.append(Tiles("hatch", np.empty((0, 4)), f"hatched: {', '.join(signs)}"))
         items.append(_hatching(np.array(hatched), cell))
@@ -207,13 +207,13 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
         items.append(Marks("known", places[removed, 0], places[removed, 1]))
     unsure = [index for index, bolt in enumerate(bolts) if not bolt.outside and (bolt.verdict == "undecided" or not job.explained)]
     if unsure:
-        items.append(Marks("unsure-dot", nothing, nothing, "? undecided" if job.explained else "– no verdict"))
+        items.append(Marks("unsure-dot", nothing, nothing, "? inconclusive" if job.explained else "– no verdict"))
         items.append(Marks("unsure", places[unsure, 0], places[unsure, 1]))
     for index, bolt in enumerate(bolts):
         step = level_of(bolt) if job.explained else None
         on = "strong" if step is None else f"on{step}"
         if bolt.outside:
-            items.append(Word("outside-on", places[index, 0], places[index, 1], NOT_COVERED, 6.0))
+            items.append(Word("outside-on", places[index, 0], places[index, 1], NOT_COVERED, 7.0))
         elif index in unsure:
             items.append(Word(on, places[index, 0], places[index, 1], "?" if job.explained else "–", 8.5, bold=True))
         else:
