@@ -43,6 +43,9 @@ class Campaign(Strict):
     name: Annotated[str, Field(max_length=200), AfterValidator(_check_title)] = Field(
         alias="campaign", description="Name of the campaign, for reports."
     )
+    output: FilePath = Field(
+        default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
+    )
     description: Annotated[str, Field(max_length=2000)] = Field(
         default="", description="What was measured, in a sentence or two, for the head of the page; it changes no result."
     )
@@ -53,9 +56,6 @@ class Campaign(Strict):
     compare_with: Literal["paper"] | None = Field(
         default=None,
         description="`paper`: the damping and the times that the paper states for its SoundBox stand beside those of this campaign.",
-    )
-    output: FilePath = Field(
-        default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
     )
     units: Annotated[str, AfterValidator(_check_units)] = Field(
         default="SI",

@@ -145,12 +145,13 @@ def fold(made: Markup, title: str, rows: int) -> Markup:
 
 
 def bolt_table(job: JobRecord) -> Markup | None:
-    """Return a row a bolt: verdict, probability, change, what is known; None without bolts."""
+    """Return a row a bolt: verdict, probability, change, what is known; the notes below, each once. None without bolts."""
     if not job.bolts:
         return None
     bolts = job.bolts
     sure, known = (any(getattr(bolt, key) is not None for bolt in bolts) for key in ("probability_loose", "removed"))
-    changes, notes = any(bolt.change is not None for bolt in bolts), any(bolt.note for bolt in bolts)
+    changes = any(bolt.change is not None for bolt in bolts)
+    notes: dict[str, list[str]] = {}
     columns = {
         "Verdict": True,
         "Probability of being loose": sure,
@@ -158,7 +159,6 @@ def bolt_table(job: JobRecord) -> Markup | None:
         "Change [decades]": changes,
         "Loose from": any(bolt.threshold is not None for bolt in bolts),
         "Known": known,
-        "Note": notes,
     }
     rows: list[list[str | Cell]] = []
     for bolt in bolts:
@@ -173,11 +173,15 @@ def bolt_table(job: JobRecord) -> Markup | None:
             fmt.MISSING if bolt.change is None else f"{fmt.signed(bolt.change, 2)}{spread}",
             fmt.MISSING if bolt.threshold is None else fmt.signed(bolt.threshold, 2),
             {True: "removed", False: "in place", None: fmt.MISSING}[bolt.removed],
-            Cell(bolt.note or "", class_="note"),
         ]
         rows.append([bolt.name, *(cell for cell, kept in zip(cells, columns.values(), strict=True) if kept)])
-    head: list[str | Cell] = ["Bolt", *(Cell(name, class_="note" if name == "Note" else None) for name, kept in columns.items() if kept)]
-    return table(f"Bolts of {job.job}", head, rows, class_="bolts", text_columns=2)
+        if bolt.note:
+            notes.setdefault(bolt.note, []).append(bolt.name)
+    head = ["Bolt", *(name for name, kept in columns.items() if kept)]
+    order = [bolt.name for bolt in bolts]
+    said = [tag("li", f"{ranges(names, order)}: {note}") for note, names in notes.items()]
+    made = table(f"Bolts of {job.job}", head, rows, class_="bolts", text_columns=2)
+    return tag("div", made, tag("ul", *said, class_="notes") if said else None)
 
 
 def sentence(bolt: Bolt) -> str:
