@@ -35,7 +35,8 @@ from lrbc_cli.reduction.build import Reduction
 from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.updating.decide import Evidence, Judgement, judge
+from lrbc_cli.updating.decide import Judgement, judge
+from lrbc_cli.updating.evidence import Evidence
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from lrbc_cli.report.parts.damping import damping_parts
 from lrbc_cli.report.parts.plan import plan_parts
 from lrbc_cli.report.parts.provenance import provenance
 from lrbc_cli.report.parts.remarks import remarks_parts
+from lrbc_cli.report.parts.structure import structure_parts
 from lrbc_cli.report.sections.jobs import job_parts
 from lrbc_cli.report.sections.methods import methods_parts
 from lrbc_cli.report.sections.top import header
@@ -44,7 +45,7 @@ def render(content: Content, written: datetime | None = None) -> str:
         The time to print; now where None.
     """
     resources = files("lrbc_cli.report")
-    script = resources.joinpath("page.js").read_text(encoding="utf-8")
+    script = "".join(resources.joinpath(name).read_text(encoding="utf-8") for name in ("page.js", "structure.js"))
     sheet = css() + resources.joinpath("page.css").read_text(encoding="utf-8")
     allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
@@ -77,6 +78,7 @@ def render(content: Content, written: datetime | None = None) -> str:
 
 def _sections(content: Content) -> Iterable[_Section | None]:
     done, paper = content.done, content.campaign.compare_with == "paper"
+    yield _part("structure", "The structure", structure_parts(content.structure, done) if content.structure else None)
     yield "verdicts", "Verdicts", verdict_parts(content)
     yield _part("jobs", "Job by job", job_parts(content))
     yield _profiles(content)

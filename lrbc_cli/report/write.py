@@ -24,10 +24,12 @@ from lrbc_cli.report.parts.figures import channel_chart, frf_chart, profile_char
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
+from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import read, read_job
+from lrbc_cli.results.store import read, read_job, write
+from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
@@ -87,6 +89,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     _require_tables(output, done)
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
+    structure = _structure(output)
     profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
     frfs, l_curves = list[FrfFigure](), list[Chart]()
     content = Content(
@@ -104,6 +107,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         calibration_frf=calibration_frf,
         l_curves=l_curves,
         plan=plan,
+        structure=structure,
     )
     whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
     tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
@@ -117,6 +121,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         charts = {
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
+            "structure.png": (None if structure is None else structure_chart(structure, job, done), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
             "l-curve.png": (curve, {}),
         }
@@ -148,6 +153,44 @@ def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
         log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
+
+
+def _structure(output: Path) -> StructureRecord | None:
+    """The structure, where there is a picture of it."""
+    record = read(output / "structure.json", StructureRecord)
+    return None if record is None or record.reason is not None else record
+
+
+def write_structure(output: Path, record: StructureRecord) -> list[Path]:
+    """Write ``structure.json``, and ``structure.png`` and ``structure.html`` where there is a picture.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    record
+        What to draw.
+
+    Returns
+    -------
+    list of Path
+        What was written, the picture first.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the output folder cannot be written.
+    """
+    from lrbc_cli.report.drawing.png import draw
+
+    write(output / "structure.json", record)
+    if record.reason is not None:
+        return []
+    picture, page = output / "structure.png", output / "structure.html"
+    draw(structure_chart(record), picture)
+    with replace(page) as sink:
+        sink.write(structure_page(record).encode("utf-8", errors="replace"))
+    return [picture, page]
 
 
 def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:

@@ -27,7 +27,7 @@ from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 from lrbc_cli.results.store import read_job, versions, write
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.decide import Evidence
+from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
 

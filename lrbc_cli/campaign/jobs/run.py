@@ -18,9 +18,10 @@ from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import read_job, write
 from lrbc_cli.updating.clearance import not_clear
 
 log = logging.getLogger(__name__)
@@ -123,6 +124,7 @@ class _Run:
                 self._keep(p)
         todo = [name for name in self.names if name not in outcome.results]
         write_campaign(self.output, self.inputs)
+        write(self.output / "structure.json", structure_of(self.inputs))
         source: FrfSource | None = None
         if any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
             if campaign.update.evaluation != "full":

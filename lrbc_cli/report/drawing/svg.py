@@ -46,14 +46,14 @@ def legend(chart: Chart) -> Markup:
     """Return the chart's legend as an HTML list."""
     entries = []
     for role, kind, label in chart.legend():
-        shapes = "".join(_shape(shape) for shape in swatch(role, kind, 1.0, 6.0))
+        shapes = "".join(markup_of(shape) for shape in swatch(role, kind, 1.0, 6.0))
         swatches = Markup(f'<svg viewBox="0 0 180 120" width="18" height="12" aria-hidden="true">{shapes}</svg>')
         entries.append(tag("li", swatches, label, data_role=role))
     return tag("ul", *entries, class_="legend")
 
 
 def _element(drawing: Drawing, label: str) -> Markup:
-    body = "".join(_shape(shape) for shape in drawing.around) + "".join(_frame(frame) for frame in drawing.frames)
+    body = "".join(markup_of(shape) for shape in drawing.around) + "".join(_frame(frame) for frame in drawing.frames)
     box = f"0 0 {drawing.width * _SCALE:.0f} {drawing.height * _SCALE:.0f}"
     return tag("svg", Markup(body), viewBox=box, role="img", aria_label=label, style=f"min-width:{least_width(drawing):.0f}px")
 
@@ -61,7 +61,7 @@ def _element(drawing: Drawing, label: str) -> Markup:
 def _frame(frame: Frame) -> str:
     left, top, right, bottom = (round(edge * _SCALE) for edge in frame.box)
     x, y = frame.panel.x, frame.panel.y
-    shapes = Markup("".join(_shape(shape) for shape in frame.shapes))
+    shapes = Markup("".join(markup_of(shape) for shape in frame.shapes))
     hit = Markup(f'<rect class="hit" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>')
     return tag(
         "g",
@@ -77,7 +77,8 @@ def _frame(frame: Frame) -> str:
     )
 
 
-def _shape(shape: Shape) -> str:
+def markup_of(shape: Shape) -> str:
+    """Return one shape as SVG, in tenths of a point."""
     style = STYLES[shape.role]
     match shape:
         case Line():

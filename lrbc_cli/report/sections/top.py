@@ -31,7 +31,7 @@ def header(content: Content, written: datetime) -> Markup:
         "header",
         tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
-        tag("p", campaign.description, class_="about") if campaign.description else None,
+        tag("p", campaign.description, class_="description") if campaign.description else None,
         tag("p", " · ".join(part for part in about if part), class_="meta"),
         tag("p", campaign_sentence(content), class_="lead"),
         tag("ul", *first, class_="findings"),
