@@ -104,7 +104,7 @@
   };
   document.addEventListener("pointermove", (event) => { if (event.pointerType === "mouse") pointed(event); });
   document.addEventListener("pointerdown", pointed);
-  document.addEventListener("pointerleave", clear);
+  document.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") clear(); });
 
   const steps = new WeakMap();
   document.addEventListener("keydown", (event) => {
@@ -128,5 +128,6 @@
     if (x < edges.left + 20 || x > edges.right - 20) plot.scrollLeft += x - (edges.left + edges.right) / 2;
     place(Math.max(edges.left, Math.min(x, edges.right)), Math.max(edges.top, 60));
   });
-  document.addEventListener("focusout", clear);
+  // A tap moves the focus as well.
+  document.addEventListener("focusout", (event) => { if (!event.relatedTarget || !event.relatedTarget.closest(".plot")) clear(); });
 })();

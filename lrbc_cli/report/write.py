@@ -37,11 +37,19 @@ log = logging.getLogger(__name__)
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40
 
+#: Kinds of figures for print.
+VECTORS = ("pdf", "svg")
+
 _Task = tuple[Chart, Path]
 
 
 def write_report(
-    output: Path, *, jobs: Sequence[str] | None = None, workers: int = 2, progress: Callable[[str], None] | None = None
+    output: Path,
+    *,
+    jobs: Sequence[str] | None = None,
+    workers: int = 2,
+    figures: Sequence[str] = (),
+    progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw all figures and write ``report.html``; reads result files only.
 
@@ -55,6 +63,8 @@ def write_report(
         Names of the jobs to show; all that have results where None.
     workers
         Processes that draw figures.
+    figures
+        Of `VECTORS`: files for print beside the PNG files.
     progress
         Called with one line of text now and then.
 
@@ -72,6 +82,7 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs)
+    tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
     drawn = _draw_all(tasks, workers, say)
     say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
@@ -282,6 +293,9 @@ def _interruption_held_back() -> Iterator[None]:
 
 
 def _draw_one(task: _Task) -> None:
-    from lrbc_cli.report.drawing.png import draw
+    from lrbc_cli.report.drawing.png import draw, publish
 
-    draw(*task)
+    if task[1].suffix == ".png":
+        draw(*task)
+    else:
+        publish(*task)

@@ -1,4 +1,6 @@
 import re
+from dataclasses import replace as replace_chart
+from importlib.resources import files
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,8 +12,8 @@ from hypothesis import strategies as st
 
 from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, Tiles, decade_axis, linear_axis
 from lrbc_cli.report.drawing.layout import lay_out
-from lrbc_cli.report.drawing.png import draw, is_current
-from lrbc_cli.report.drawing.style import STYLES, css
+from lrbc_cli.report.drawing.png import draw, is_current, publish
+from lrbc_cli.report.drawing.style import PROBABILITIES, STYLES, css, luminance
 from lrbc_cli.report.drawing.svg import path, svg
 from lrbc_cli.report.parts import figures
 from lrbc_cli.report.parts.damping import damping_chart
@@ -275,3 +277,73 @@ class TestLCurve:
 
     def test_no_curve(self, finished):
         assert l_curve_chart(read_job(finished, "bolts-04")) is None
+
+
+# -- readable -----------------------------------------------------------------------------------------------------------
+
+
+def contrast(a: str, b: str) -> float:
+    """WCAG 2."""
+    high, low = sorted((luminance(a), luminance(b)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def variables(sheet: str) -> dict[str, tuple[str, str]]:
+    """Colours of the page's own style sheet, light and dark."""
+    light, dark = sheet.split("@media screen and (prefers-color-scheme: dark)")[:2]
+    found = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", part)) for part in (light, dark)]
+    assert set(found[0]) == set(found[1])
+    return {name: (colour, found[1][name]) for name, colour in found[0].items()}
+
+
+def test_words_stand_out_from_what_is_behind_them():
+    """AA: 4.5 to 1, light and dark, on the page, on cards, on badges and on the cells of the strip."""
+    sheet = files("lrbc_cli.report").joinpath("page.css").read_text(encoding="utf-8")
+    page = variables(sheet) | {role: (style.light, style.dark) for role, style in STYLES.items()}
+    words = {name: ("page", "card") for name in ("text", "strong", "soft", "link")} | {
+        name: ("page",) for name in ("bad", "warn", "loose-name")
+    }
+    words |= {"good": ("good-back",), "outside-on": ("outside",), "on0": ("p0", "unknown")}
+    pairs = [(word, back) for word, backs in words.items() for back in backs]
+    pairs += [(name, f"{name}-back") for name in ("bad", "warn")] + [(f"on{step}", f"p{step}") for step in range(PROBABILITIES)]
+    weak = {(word, back): worst for word, back in pairs if (worst := min(map(contrast, page[word], page[back]))) < 4.5}
+    assert not weak
+    # Words use no other colours.
+    used = {name for rule in re.findall(r"\bcolor: var\(--([\w-]+)\)", sheet) for name in [rule]}
+    assert used <= {word for word, _ in pairs}
+
+
+def test_letters_are_large_enough_on_a_phone(finished):
+    """A drawing is never narrower than its letters need: narrower screens scroll it."""
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    drawings = re.findall(r'<svg viewBox="0 0 (\d+) \d+" role="img".*?</svg>', page, re.S)
+    sizes = []
+    for drawing in re.finditer(r'<svg viewBox="0 0 (\d+) \d+" role="img" [^>]*?style="min-width:(\d+)px".*?</svg>', page, re.S):
+        width, least = float(drawing.group(1)), float(drawing.group(2))
+        sizes += [float(size) * least / width for size in re.findall(r'font-size="([\d.]+)"', drawing.group(0))]
+    assert len(drawings) >= 19
+    assert min(sizes) >= 9.0
+
+
+def test_words_in_figures_have_colours_for_words(finished):
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    roles = set(re.findall(r'<text class="t r-([\w-]+)"', page))
+    assert roles <= {"text", "strong", "loose-name", "outside-on", *(f"on{step}" for step in range(PROBABILITIES))}
+
+
+# -- for print ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("width", "expected"), [(200.0, 90.0), (430.0, 140.0), (620.0, 190.0), (980.0, 190.0)])
+def test_figures_for_print_have_widths_of_journals(tmp_path, width, expected):
+    chart = replace_chart(tiny(), width=width)
+    publish(chart, tmp_path / "a.svg")
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    assert float(root.get("width").removesuffix("pt")) / 72 * 25.4 == pytest.approx(expected, abs=0.01)
+    assert not root.findall(".//{*}text")
+    publish(chart, tmp_path / "a.pdf")
+    content = (tmp_path / "a.pdf").read_bytes()
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", content).group(1)
+    assert float(box) / 72 * 25.4 == pytest.approx(expected, abs=0.01)
+    assert b"/FontFile2" in content
+    assert b"/CreationDate" not in content
