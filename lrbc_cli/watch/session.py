@@ -152,7 +152,7 @@ class Session:
 
     def report(self, *, live: bool, figures: bool) -> Path:
         """Write the page anew; raises as ``write_report`` does."""
-        return write_report(self.output, workers=1, live=live, figures=figures)
+        return write_report(self.output, workers=1, live=live, draw=figures)
 
     def _read(self, campaign: Campaign) -> Inputs:
         require_own_output(campaign)
