@@ -115,7 +115,7 @@ def test_records_by_number_file_and_the_name_of_the_file(box: Folder) -> None:
     set_job(box, frf=files, records={})
     found = measured(box)
     np.testing.assert_allclose(found.values, whole, rtol=1e-11)
-    assert "mic1.uff: its one record has no name; called mic1 by the file" in found.notes
+    assert "no name in the file, called by the file: mic1, mic2, mic3, acc1" in found.notes
     set_job(box, frf=[put(box, "x.uff", b, a), put(box, "y.uff", c), put(box, "z.uff", d)])
     places = {
         "mic1": {"file": "data/x.uff", "number": 2},
