@@ -139,7 +139,12 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
     ConfigError, DataError
         See ``read_as_exported``.
     """
-    inputs = read_as_exported(campaign)
+    return with_stored_calibration(read_as_exported(campaign), calibration=calibration)
+
+
+def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inputs:
+    """The same of inputs as exported."""
+    campaign = inputs.campaign
     if campaign.calibration is None:
         try:
             there = (campaign.output / FILE).is_file()

@@ -28,6 +28,7 @@ from lrbc_cli.config.structure import (
     ResponseConfig,
     SelectConfig,
 )
+from lrbc_cli.config.watch import WatchConfig
 
 __all__ = [
     "ArraysConfig",
@@ -54,6 +55,7 @@ __all__ = [
     "SelectConfig",
     "TextFormat",
     "UpdateConfig",
+    "WatchConfig",
     "campaign_schema",
     "load_campaign",
     "write_skeleton",

@@ -23,6 +23,7 @@ from lrbc_cli.results.fields import (
     same_length,
     wrong,
 )
+from lrbc_cli.results.modes import ModesRecord
 from lrbc_cli.updating.clearance import BoltFinding, JobFinding
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
@@ -378,6 +379,7 @@ class JobRecord(_JobBase):
     notes: Many[str] = ()
     provenance: Provenance
     correlation: CorrelationRecord | None = None
+    modes: ModesRecord | None = None
 
     @property
     def explained(self) -> bool:

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
-from lrbc_cli.updating.mixture import ChangeSamples
+from lrbc_cli.updating.evidence import VALIDATION, BoltEvidence, Change, Evidence
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
 
 #: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
 REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
-
-#: Which channels a misfit was taken over.
-VALIDATION, USED = "validation channels", "channels used"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,159 +78,6 @@ class DecisionRule:
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED
-
-
-@dataclass(frozen=True, kw_only=True)
-class SampledChange:
-    """Posterior of a change as a sum of pairs of Gaussians, see ``mixture.ChangeSamples``; equal pairs are counted.
-
-    Attributes
-    ----------
-    count, loose : (s,) tuples of float
-        How often a pair was drawn, and the probability of its loose Gaussian.
-    means, stds : two (s,) tuples each
-        Of the tight and of the loose Gaussian [decades].
-    """
-
-    count: tuple[float, ...] = field(repr=False)
-    loose: tuple[float, ...] = field(repr=False)
-    means: tuple[tuple[float, ...], tuple[float, ...]] = field(repr=False)
-    stds: tuple[tuple[float, ...], tuple[float, ...]] = field(repr=False)
-
-    @classmethod
-    def of(cls, samples: ChangeSamples, at: int) -> SampledChange:
-        """Those of one of the sampled bolts."""
-        rows = np.column_stack([samples.loose[:, at], samples.means[:, at], samples.stds[:, at]])
-        unique, count = np.unique(rows, axis=0, return_counts=True)
-        loose, tight_mean, loose_mean, tight_std, loose_std = (tuple(column.tolist()) for column in unique.T)
-        return cls(count=tuple(count.tolist()), loose=loose, means=(tight_mean, loose_mean), stds=(tight_std, loose_std))
-
-    def below(self, limit: float, scatter: float) -> float:
-        """Probability that the change lies below a limit, with a further standard deviation [decades]."""
-        loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
-        tight_cdf, loose_cdf = ndtr((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
-        # Weights that are rounded may add up to more than one.
-        return min(float(weight @ ((1.0 - loose) * tight_cdf + loose * loose_cdf)), 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """Posterior of a bolt's change against the tight state [decades].
-
-    Attributes
-    ----------
-    mean, std : float
-    ceiling : float or None
-        The largest change that the FRFs would feel; None: none.
-    excess : float
-        How far the tight state lies above saturation, which is uncertain as much: part of ``mean`` and ``std``.
-    leakage : float
-        Change that a tight bolt would show of its neighbours' (negative): a loose bolt changes more than that.
-    sampled : SampledChange or None
-        Its distribution without ``excess``; None: Gaussian.
-    """
-
-    mean: float
-    std: float
-    ceiling: float | None = None
-    excess: float = 0.0
-    leakage: float = 0.0
-    sampled: SampledChange | None = None
-
-    def below(self, limit: float, scatter: float) -> float:
-        """Posterior probability of a change below a limit, where tight states scatter so much."""
-        if self.sampled is not None:
-            return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)))
-        return float(ndtr((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class BoltEvidence:
-    """What an identification says of one bolt.
-
-    Attributes
-    ----------
-    name : str
-    position : (3,) tuple of float
-        [m].
-    outside : str or None
-        Why no term reaches it: then there are no numbers.
-    log10_stiffness : float or None
-        Mean log10 stiffness of the values that it owns, or within half a pitch along the edge.
-    felt : float or None
-        The same with values above saturation counted as saturated.
-    difference : float or None
-        ``felt`` less that of the tight state, where there is one [decades].
-    change : Change or None
-        Its posterior, where the job was identified against a tight state.
-    probability_changed : float or None
-        That it is loose rather than tight at all, however little it changed.
-    joint : bool
-        It owns its terms; else it is a place along an edge.
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    outside: str | None = None
-    log10_stiffness: float | None = None
-    felt: float | None = None
-    difference: float | None = None
-    change: Change | None = None
-    probability_changed: float | None = None
-    joint: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """What an identification says, as far as it is needed to judge it.
-
-    Attributes
-    ----------
-    job : str
-    status, reason : str
-        How the optimisation ended.
-    along_edges : bool
-        Whether stiffness was identified that bolts own, or along edges at which they can lie.
-    bolts : tuple of BoltEvidence
-    missing_reference : str or None
-        The job that changes were wanted against, and which had no result.
-    prior_std : float
-        Of the changes [decades].
-    compared : str or None
-        The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
-    misfit_db : float or None
-        Their mean misfit.
-    reference_misfit_db : float or None
-        The same of the reference job.
-    unvalidated : str
-        Why none of them is a validation channel.
-    repeats : str or None
-        What is wrong with the file where it holds the measurement of the reference job once more.
-    setting : str
-        What was compared, and what constant factors explain, for messages.
-    data_warnings, warnings, notes : tuples of str
-        On the measurement; what the user has to act on; the rest.
-    alternatives : tuple of (tuple of float or None, float)
-        States of nearly equal posterior probability: the change of each bolt [decades], None where it has none, and that probability.
-    """
-
-    job: str
-    status: str
-    reason: str
-    along_edges: bool
-    bolts: tuple[BoltEvidence, ...]
-    missing_reference: str | None
-    prior_std: float
-    compared: str | None
-    misfit_db: float | None
-    unvalidated: str
-    repeats: str | None
-    setting: str
-    data_warnings: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    reference_misfit_db: float | None = None
-    alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -422,9 +265,9 @@ def _by_role(
         probability = posterior.below(limit, scatter)
         word = rule.word(probability)
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
-        # That tight states scatter excuses a change; it clears no bolt, least of all one that the data do not see.
-        if word == TIGHT and rule.word(posterior.below(own, 0.0)) != TIGHT:
-            word, note = UNDECIDED, "no more than tight states scatter, but not clearly above the threshold without that"
+        excused = _excused(posterior, own, rule) if word == TIGHT else None
+        if excused is not None:
+            word, note = UNDECIDED, excused
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         return word, note, change, float(np.hypot(posterior.std, scatter)), probability, limit
     if evidence.missing_reference is not None:
@@ -436,6 +279,19 @@ def _by_role(
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or undecided"
     return LOOSE if loose else UNDECIDED, note, None, None, None, None
+
+
+def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
+    """What excuses a change that lies above its threshold, where only that does; ``own``: the threshold without scatter of tight states.
+
+    Excuses clear no bolt, least of all one that the data do not see: of the prior itself little lies below a threshold that was lowered.
+    """
+    if rule.word(posterior.below(own, 0.0)) != TIGHT:
+        return "no more than tight states scatter, but not clearly above the threshold without that"
+    gap = posterior.sampled is not None and own < rule.mixture_change
+    if gap and TIGHT not in (rule.word(posterior.below(rule.mixture_change, 0.0)), rule.word(posterior.below(own, 0.0, changed=True))):
+        return "no more than the gap beside it explains, but not clearly above the threshold without that"
+    return None
 
 
 def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> float:

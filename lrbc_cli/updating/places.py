@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.selection import JUMP
-from lrbc_cli.updating.decide import BoltEvidence, Change
+from lrbc_cli.updating.evidence import BoltEvidence, Change
 
 
 @dataclass(frozen=True)

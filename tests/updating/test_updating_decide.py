@@ -11,22 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.decide import (
-    BASELINE,
-    JOB,
-    REFERENCE,
-    USED,
-    VALIDATION,
-    BoltEvidence,
-    BoltVerdict,
-    Change,
-    DecisionRule,
-    Evidence,
-    SampledChange,
-    judge,
-    scatter_of,
-    validity,
-)
+from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, BoltVerdict, DecisionRule, judge, scatter_of, validity
+from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.priors import BoltPrior
 
@@ -281,6 +267,21 @@ def test_a_bolt_that_the_data_do_not_see_is_never_tight(scatter: float, joint: b
     assert one(replace(changed(0.0, 1.0 if joint else 0.35), joint=joint), scatter=scatter).verdict == "undecided"
     # One that is seen, and has not changed.
     assert one(replace(changed(-0.02, 0.05), joint=joint), scatter=scatter).verdict == "tight"
+
+
+@pytest.mark.parametrize("gap", [-1.2, -2.0, -3.0])
+def test_a_gap_beside_it_clears_no_bolt_that_the_data_do_not_see(gap: float) -> None:
+    prior = BoltPrior()
+
+    def beside(loose: float, mean: float, std: float) -> str:
+        sampled = SampledChange(count=(1.0,), loose=(loose,), means=((0.0,), (mean,)), stds=((0.05,), (std,)))
+        return one(changed(loose * mean, 0.3, sampled=sampled, leakage=prior.leakage * gap)).verdict
+
+    assert beside(prior.loose_share, prior.loose_mean, prior.loose_std) == "undecided"
+    # Seen to have taken part of the gap, to have changed little, and to be loose itself.
+    assert beside(1.0, 0.7 * prior.leakage * gap, 0.03) == "tight"
+    assert beside(0.01, prior.loose_mean, prior.loose_std) == "tight"
+    assert beside(1.0, 2.0 * prior.leakage * gap, 0.03) == "loose"
 
 
 class TestAlternatives:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule, Evidence
+from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule
 from lrbc_cli.updating.decide import judge as decide
+from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.places import Edge, Joints, at_bolts, foot, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)

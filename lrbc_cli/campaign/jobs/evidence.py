@@ -20,7 +20,7 @@ from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
-from lrbc_cli.updating.decide import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange
+from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
 from lrbc_cli.updating.statistics import ValidationChannels

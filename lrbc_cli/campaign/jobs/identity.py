@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign.identification.matching import about_measurement
-from lrbc_cli.campaign.jobs.judging import role_of
+from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.fields import files_of
@@ -121,7 +121,7 @@ def judgement(inputs: Inputs, name: str) -> Identity:
             "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
             # What is known of the bolts is told with the verdicts.
-            "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items()}),
+            "removed": cache.digest(list(inputs.campaign.jobs[name].removed) if states_removed(inputs) else None),
         }
     )
 

@@ -9,18 +9,8 @@ from typing import Any
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.decide import (
-    BASELINE,
-    JOB,
-    REFERENCE,
-    VALIDATION,
-    BoltVerdict,
-    DecisionRule,
-    Evidence,
-    Judgement,
-    judge,
-    scatter_of,
-)
+from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, BoltVerdict, DecisionRule, Judgement, judge, scatter_of
+from lrbc_cli.updating.evidence import VALIDATION, Evidence
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"

@@ -30,7 +30,8 @@ from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, TIGHT, Evidence, judge, scatter_of
+from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, TIGHT, judge, scatter_of
+from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.information import LOSSES
 from lrbc_cli.updating.lines import resonance_lines
