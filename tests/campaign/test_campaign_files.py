@@ -188,6 +188,13 @@ def test_roving_hammer_by_reciprocity(box: Folder) -> None:
     found = measured(box)
     np.testing.assert_allclose(found.values, np.stack([record.values for record in hits], axis=1), rtol=1e-11)
     assert "hammer and sensor exchanged, by reciprocity: p1, p4, p8" in found.notes
+    # The model agrees, with air beside the structure too.
+    model = box.inputs().model
+    s = 2j * np.pi * 123.0
+    dynamic = (model.K + s * model.C + s**2 * model.M).toarray()
+    sensor, points = model.B.toarray()[:, 0], model.L.toarray()
+    assert model.is_acoustic.any()
+    np.testing.assert_allclose(points @ np.linalg.solve(dynamic, sensor), np.linalg.solve(dynamic, points.T).T @ sensor, rtol=1e-9)
 
 
 def test_roving_hammer_with_several_excitations(box: Folder) -> None:
