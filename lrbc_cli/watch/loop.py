@@ -166,6 +166,7 @@ class Watch:
             return
         self._known, campaign = now, self.session.campaign
         other = campaign.model_dump(exclude={"jobs"}) != before.model_dump(exclude={"jobs"})
+        self._cold |= other
         for name, job in campaign.jobs.items():
             if other or before.jobs.get(name) != job:
                 self.arrivals.anew(name)
@@ -231,6 +232,7 @@ class Watch:
             if record is not None:
                 self._out(verdict_of(record))
         if name in session.tight:
+            self._cold = True
             # What changed for the others is found where they are planned; those that nothing concerns are kept.
             for other in session.campaign.jobs:
                 if other not in session.tight[: session.tight.index(name) + 1]:
