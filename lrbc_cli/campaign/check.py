@@ -77,7 +77,10 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.sections["method"] = inputs.method.choices
     out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
-    out.sections["before measuring"] = ["lrbc plan tells from the model alone which bolts these responses can see, and ranks them"]
+    out.sections["before measuring"] = [
+        "lrbc check --picture draws the structure with bolts, sensors and updated terms",
+        "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
+    ]
     model = inputs.model
     out.tree = {
         "campaign": inputs.campaign.name,
@@ -176,7 +179,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             selected = select_lines(inputs, measurement, name)
         except LrbcError as error:
             out.errors[name] = error
-            lines.append(f"{name}: unusable ({error.message.splitlines()[0]})")
+            lines.append(f"{name}: unusable, see its error")
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))

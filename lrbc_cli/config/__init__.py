@@ -18,6 +18,7 @@ from lrbc_cli.config.skeleton import write_skeleton
 from lrbc_cli.config.structure import (
     DofSource,
     FieldDamping,
+    FileRecordRef,
     GroupConfig,
     GroupDampingConfig,
     ModelConfig,
@@ -37,6 +38,7 @@ __all__ = [
     "EveryLine",
     "FactorGroup",
     "FieldDamping",
+    "FileRecordRef",
     "GroupConfig",
     "GroupDampingConfig",
     "JobConfig",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr
 
@@ -46,6 +46,17 @@ class Campaign(Strict):
     )
     output: FilePath = Field(
         default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
+    )
+    description: Annotated[str, Field(max_length=2000)] = Field(
+        default="", description="What was measured, in a sentence or two, for the head of the page; it changes no result."
+    )
+    test_article: Annotated[str, Field(max_length=200)] = Field(
+        default="", description="What was tested: name, drawing or serial number, for the head of the page."
+    )
+    operator: Annotated[str, Field(max_length=200)] = Field(default="", description="Who measured, for the head of the page.")
+    compare_with: Literal["paper"] | None = Field(
+        default=None,
+        description="`paper`: the damping and the times that the paper states for its SoundBox stand beside those of this campaign.",
     )
     units: Annotated[str, AfterValidator(_check_units)] = Field(
         default="SI",

@@ -28,6 +28,9 @@ RESERVED_JOBS = (
     "plan.json",
     "plan.csv",
     "plan.png",
+    "structure.json",
+    "structure.png",
+    "structure.html",
     "verdicts.png",
     "report.html",
 )

@@ -95,6 +95,27 @@ def test_the_plan_for_programs(frame: Folder) -> None:
     assert "model" in tree["text"]
 
 
+def test_the_picture(frame: Folder) -> None:
+    before = frame.listing()
+    result = frame.run("check", "--picture")
+    assert result.code == 0
+    names = ["structure.png", "structure.html"]
+    assert section(result.stdout, "picture") == [str(frame.out / name) for name in names]
+    assert result.stdout.startswith("picture\n")
+    assert {frame.path / name for name in frame.listing().keys() - before.keys()} == {frame.out / name for name in names}
+    assert (frame.out / "structure.png").read_bytes().startswith(b"\x89PNG")
+    assert frame.run("check", "--picture", "--json").json["picture"] == [str(frame.out / name) for name in names]
+    assert "picture" not in frame.run("check", "--json").json
+
+
+def test_no_picture_of_a_campaign_without_coordinates(tmp_path: Path) -> None:
+    folder = chain_folder(tmp_path / "chain")
+    assert section(folder.run("check", "--picture").stdout, "picture") == [
+        "none: the campaign gives no coordinates of nodes (`model.dofs`)"
+    ]
+    assert not list(folder.out.glob("*.png"))
+
+
 def test_coupling_of_the_box(box: Folder) -> None:
     model = section(box.run("check").stdout, "model")
     assert model[0] == "32 DOFs: 8 structural, 24 acoustic"

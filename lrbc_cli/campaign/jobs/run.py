@@ -18,9 +18,10 @@ from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import read_job, write
 from lrbc_cli.updating.clearance import not_clear
 
 log = logging.getLogger(__name__)
@@ -121,15 +122,18 @@ class _Run:
         self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
+        self.workers = 1
+        self.taken: list[float] = []
 
     def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
-        campaign, outcome = self.inputs.campaign, self.outcome
+        campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
             if p.kept:
                 self._keep(p)
         todo = [name for name in self.names if name not in outcome.results]
         write_campaign(self.output, self.inputs)
+        write(self.output / "structure.json", structure_of(self.inputs))
         if source is not None:
             source = replace(source, inputs=self.inputs, progress=self.progress)
             self.stage = source.stage
@@ -189,6 +193,8 @@ class _Run:
         return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
+        if self.workers < 2:
+            self.progress(f"{name}: identifying, {self._ahead(1)}")
         try:
             record = work()
         except LrbcError as error:
@@ -200,7 +206,18 @@ class _Run:
         else:
             self.outcome.results[name] = record
             misfit, seconds = record.misfit_db, record.seconds["total"]
-            self.progress(f"{name}: {record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s")
+            self.taken.append(seconds)
+            text = f"{record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s"
+            self.progress(f"{name}: {text}; {self._ahead(0)}")
+
+    def _ahead(self, begun: int) -> str:
+        """How many of the jobs are through, and how long the others will take by those that ran."""
+        through = len(self.outcome.results) + len(self.outcome.failed)
+        text = f"{through + begun} of {len(self.names)} jobs"
+        rest = len(self.names) - through
+        if not rest or not self.taken:
+            return text
+        return f"{text}, about {rest * sum(self.taken) / len(self.taken) / min(self.workers, rest):.0f} s left"
 
     def _failed(self, name: str, error: LrbcError) -> None:
         self.outcome.failed.append(name)
