@@ -63,7 +63,7 @@ def in_order(table: DofTable, dofs: Integers) -> Integers:
     return dofs[np.concatenate(edges_of(table.xyz[dofs]))] if dofs.size else dofs
 
 
-def near_line(table: DofTable, component: str, points: Sequence[Sequence[float]], tolerance: float) -> Integers:
+def near_line(table: DofTable, component: str, points: Sequence[Sequence[float]] | Floats, tolerance: float) -> Integers:
     """DOFs with a component within a distance [m] of a polygon, in their order along it."""
     corners = np.asarray(points, dtype=float)
     dofs = np.flatnonzero(table.component == component)
