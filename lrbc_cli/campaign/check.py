@@ -79,7 +79,10 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.sections["method"] = inputs.method.choices
     out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
-    out.sections["before measuring"] = ["lrbc plan tells from the model alone which bolts these responses can see, and ranks them"]
+    out.sections["before measuring"] = [
+        "lrbc check --picture draws the structure with bolts, sensors and updated terms",
+        "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
+    ]
     model = inputs.model
     out.tree = {
         "campaign": inputs.campaign.name,

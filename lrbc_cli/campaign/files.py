@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from lrbc_cli.config import Campaign, MatrixRef
+from lrbc_cli.config.fields import files_of
 from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import require_file
@@ -74,9 +75,8 @@ def _of_model(campaign: Campaign) -> Iterator[Reading]:
 def _of_jobs(campaign: Campaign) -> Iterator[Reading]:
     for name, job in campaign.jobs.items():
         layout = None if job.format is None else TextLayout(**job.format.model_dump())
-        yield from ((name, partial(read_frf, file, layout)) for file in (job.frf, *job.repeats))
-        if job.coherence is not None:
-            yield name, partial(read_coherence, job.coherence, layout)
+        yield from ((name, partial(read_frf, file, layout)) for files in job.measurements for file in files)
+        yield from ((name, partial(read_coherence, file)) for file in (() if job.coherence is None else files_of(job.coherence)))
 
 
 def _matrix(read: Callable[..., object], ref: Any, format: str | None = None) -> Callable[[], object]:

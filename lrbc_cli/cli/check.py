@@ -8,6 +8,8 @@ import click
 
 from lrbc_cli.campaign.check import check as examine
 from lrbc_cli.campaign.files import unusable_files
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
@@ -18,16 +20,21 @@ from lrbc_cli.errors import LrbcError
 @click.command()
 @campaign_options
 @calibration_option
-def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> int:
-    """Read all inputs and print the plan; change nothing. Where the model cannot be made, all files that cannot be read are named."""
+@click.option("--picture", is_flag=True, help="Draw the structure: structure.png and structure.html in the output folder.")
+def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool, *, picture: bool) -> int:
+    """Read all inputs and print the plan; change nothing, but for the picture where it is asked for.
+
+    Where the model cannot be made, all files that cannot be read are named.
+    """
     campaign = load_campaign(config, overrides)
     try:
         inputs = load(config, overrides, calibration=calibration, warn=False)
     except LrbcError as error:
         return _without_model(campaign, error, as_json)
+    drawn = _draw(inputs, tell=not as_json) if picture else []
     findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
     if as_json:
-        say_json(findings.tree)
+        say_json(findings.tree | ({"picture": drawn} if picture else {}))
     else:
         for title, lines in findings.sections.items():
             say(title)
@@ -40,6 +47,20 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
     for unusable in findings.errors.values():
         complain(unusable.message)
     return max((unusable.exit_code for unusable in findings.errors.values()), default=0)
+
+
+def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
+    """Write the picture, and say so."""
+    # Drawing loads matplotlib, which nobody else needs here.
+    from lrbc_cli.report.write import write_structure
+
+    record = structure_of(inputs)
+    files = write_structure(inputs.campaign.output, record)
+    if tell:
+        say("picture")
+        for line in [*map(str, files), *record.notes] if files else [f"none: {record.reason}"]:
+            say(f"  {line}")
+    return files
 
 
 def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:

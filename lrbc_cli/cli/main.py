@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
     "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
+    "watch": ("lrbc_cli.cli.watch:watch", "Judge and report measurements as their files arrive."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
     "run": ("lrbc_cli.cli.run:run", "Calibrate where asked, update, report; say what was found."),
     "status": ("lrbc_cli.cli.status:status", "Tell how far the campaign is, and the time left."),

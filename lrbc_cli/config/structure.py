@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, model_validator
@@ -17,6 +18,7 @@ from lrbc_cli.config.fields import (
     NumberOrAuto,
     OperatorRef,
     Point,
+    Positive,
     Quantity,
     Range,
     Strict,
@@ -25,12 +27,17 @@ from lrbc_cli.config.fields import (
 )
 
 NodeNumber = Annotated[int, Field(ge=0)]
+RecordName = Annotated[str, Field(min_length=1)]
+RecordNumber = Annotated[int, Field(ge=1)]
 Forms = Sequence[tuple[tuple[str, ...], tuple[str, ...]]]
 
 POINT_FORMS: Forms = ((("near", "component"), ()), (("node", "component"), ()), (("dof",), ()), (("vector",), ()))
 RESPONSE_FORMS: Forms = (*POINT_FORMS, (("matrix",), ("row",)))
 SELECT_FORMS: Forms = (
     (("component", "box"), ()),
+    (("component", "along", "tolerance"), ()),
+    (("component", "boundary"), ("box",)),
+    (("component", "near_bolts"), ()),
     (("nodes", "component"), ()),
     (("dofs",), ()),
     (("vectors", "positions"), ()),
@@ -52,7 +59,8 @@ def _forms_schema(forms: Forms) -> ConfigDict:
     branches = [
         {
             "required": list(required),
-            "properties": {key: {"const": FORM_DEFAULTS.get(key)} for key in keys if key not in (*required, *optional)},
+            "properties": {key: {"const": FORM_DEFAULTS.get(key)} for key in keys if key not in (*required, *optional)}
+            | {key: {"not": {"const": None}} for key in required},
         }
         for required, optional in forms
     ]
@@ -174,21 +182,49 @@ class PointConfig(Strict):
         return self
 
 
+Direction = Annotated[int, Field(ge=0, le=6)]
+
+
 class RecordRef(Strict):
-    """Node and direction by which an FRF file calls a response."""
+    """Node and direction by which an FRF file calls a response, and where several hammer points are in it, those of the reference."""
 
     node: NodeNumber = Field(description="Response node of the record.")
-    direction: int = Field(
-        ge=0, le=6, description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
+    direction: Direction = Field(
+        description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
     )
+    reference_node: NodeNumber | None = Field(default=None, description="Reference node of the record, where the hammer hit; absent: any.")
+    reference_direction: Direction | None = Field(default=None, description="Reference direction of the record; absent: any.")
+
+
+class FileRecordRef(Strict):
+    """A record in one of a job's files: {file:} where it holds one, {file:, number:} or {file:, name:}."""
+
+    file: FilePath = Field(description="One of the files of the job's `frf`.")
+    number: RecordNumber | None = Field(
+        default=None, description="Number of the record in that file, from 1, as `lrbc check -v` lists them."
+    )
+    name: RecordName | None = Field(default=None, description="Name of the record in that file.")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FileRecordRef:
+        if self.number is not None and self.name is not None:
+            raise problem("a record by number and by name", "name", expected="number or name", found="both", hint="remove one of them")
+        return self
 
 
 def _record_form(value: object) -> str:
-    return "form:name" if isinstance(value, str) else "form:node"
+    if isinstance(value, str | int):
+        return "form:name" if isinstance(value, str) else "form:number"
+    return "form:file" if isinstance(value, FileRecordRef) or (isinstance(value, dict) and "file" in value) else "form:node"
 
 
-RecordName = Annotated[str, Field(min_length=1)]
-Record = Annotated[Annotated[RecordName, Tag("form:name")] | Annotated[RecordRef, Tag("form:node")], Discriminator(_record_form)]
+Record = Annotated[
+    Annotated[RecordName, Tag("form:name")]
+    | Annotated[RecordNumber, Tag("form:number")]
+    | Annotated[RecordRef, Tag("form:node")]
+    | Annotated[FileRecordRef, Tag("form:file")],
+    Discriminator(_record_form),
+]
 
 
 class ResponseConfig(PointConfig):
@@ -202,7 +238,8 @@ class ResponseConfig(PointConfig):
         default=None, description="pressure, displacement, velocity or acceleration; absent: pressure at PRES, else displacement."
     )
     record: Record | None = Field(
-        default=None, description="What the FRF files call this response where that differs: a name, or {node:, direction:}."
+        default=None,
+        description="What the FRF files call this response where that differs: a name, a number from 1, or {node:, direction:}.",
     )
     excitation: Name | None = Field(default=None, description="The excitation it belongs to; needed only where there are several.")
 
@@ -217,20 +254,43 @@ def _check_box(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
+def _nodes_form(value: object) -> str:
+    return "form:file" if isinstance(value, str | Path) else "form:list"
+
+
+Nodes = Annotated[
+    Annotated[FilePath, Tag("form:file")]
+    | Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
+    Discriminator(_nodes_form),
+]
+
+
 class SelectConfig(Strict):
     """Which DOFs or vectors carry the terms of a group."""
 
     model_config = _forms_schema(SELECT_FORMS)
 
     component: Component | None = Field(
-        default=None, description="DOF label, with `box` or `nodes`; with `bushings` only the springs with this component."
+        default=None, description="DOF label at the nodes that are selected; with `bushings` only the springs with this component."
     )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
-        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included."
+        default=None,
+        description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included. Several edges "
+        "in it become groups of their own, NAME-1, NAME-2 ..., where values are tied to their neighbours.",
     )
-    nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
-        default=None, description="Node numbers, in the order along the edge."
+    along: Annotated[tuple[Point, ...], Field(min_length=2)] | None = Field(
+        default=None, description="Corners [x, y, z] of a line: all nodes within `tolerance` of it, in their order along it."
     )
+    tolerance: Positive | None = Field(default=None, description="Distance from the line up to which nodes are taken.")
+    boundary: Literal[True] | None = Field(
+        default=None,
+        description="true: the nodes on the border of a flat field of nodes, of all with the component or of those in `box`; the "
+        "coordinates tell it, so that nodes in corners that are cut out of the field are left out.",
+    )
+    near_bolts: Positive | None = Field(
+        default=None, description="Distance from the bolts of `bolts` up to which nodes are taken; each belongs to its nearest bolt."
+    )
+    nodes: Nodes | None = Field(default=None, description="Node numbers, in the order along the edge, or a CSV file with a column `node`.")
     dofs: FilePath | None = Field(
         default=None,
         description="CSV file with a column `dof` (0-based), one term a line; terms with equal entries in a column `parameter` share one "
@@ -320,8 +380,8 @@ class GroupConfig(Strict):
 
     kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="What the terms add to: K, C or M.")
     select: SelectConfig = Field(
-        description="The terms: {component:, box:}, {nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or "
-        "{bushings:}."
+        description="The terms: {component:, box:}, {component:, along:, tolerance:}, {component:, boundary:}, {component:, near_bolts:}, "
+        "{nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or {bushings:}."
     )
     initial: NumberOrAuto = Field(
         default="auto",

@@ -15,6 +15,7 @@ TOPICS: dict[str, str] = {
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
     "results": "result files",
+    "page": "reading report.html; what inconclusive means; figures for print",
     "verdicts": "reading a verdict; exit codes for scripts",
     "method": "the method: low-rank terms, interface FRFs, reduction, updating",
     "statistics": "the statistical model: residuals, covariance, priors, decision",

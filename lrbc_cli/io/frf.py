@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.frf import read_frf_hdf5, write_frf_hdf5
+from lrbc_cli.io.hdf5.frf import named_hdf5, read_frf_hdf5, write_frf_hdf5
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.matlab.frf import read_frf_mat
+from lrbc_cli.io.matlab.frf import named_mat, read_frf_mat
 from lrbc_cli.io.matlab.variables import is_mat5
+from lrbc_cli.io.named import coherences
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
 from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
@@ -32,6 +34,14 @@ READERS: dict[str, Callable[[Path, TextLayout | None], FrfSet]] = {
     "hdf5": read_frf_hdf5,
     "mat-v5": read_frf_mat,
     "text": read_frf_text,
+}
+
+#: First bytes of files that measurement programs write too.
+_FOREIGN = {
+    b"PK\3\4": "an Excel workbook or a zip archive",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook or another compound document",
+    b"TDSm": "a TDMS file (time histories of LabVIEW, FlexLogger)",
+    b"RIFF": "a sound file",
 }
 
 #: Writer by the file's ending.
@@ -62,10 +72,14 @@ def detect_frf_format(path: Path) -> str:
         return "uff"
     if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "text"
+    known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
+    if known is not None:
+        expected = "a universal file (dataset 58), CSV or other text, HDF5 or MATLAB"
+        raise DataError(f"this is {known}", file=path, expected=expected, found="no FRFs that can be read", hint="export one of these")
     raise DataError(
         "the format of this file is not known",
         file=path,
-        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB v5",
+        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB",
         found=f"binary data starting with {start[:8].hex(' ')}",
         hint="export a universal file or CSV",
     )
@@ -87,7 +101,9 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
     """
     path = Path(path)
-    return READERS[detect_frf_format(path)](path, layout)
+    found = READERS[detect_frf_format(path)](path, layout)
+    records = [replace(record, number=record.number or at + 1, file=str(path)) for at, record in enumerate(found.records)]
+    return replace(found, records=tuple(records))
 
 
 def write_frf(path: Path, frf: FrfSet) -> None:
@@ -135,7 +151,14 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
     if kind == "uff":
         entries = [(c.name, c.dof[:2], c.frequency_hz, c.values) for c in read_uff_coherence(path)]
     else:
-        records = READERS[kind](path, layout).records
+        try:
+            records = READERS[kind](path, layout).records
+        except DataError:
+            # A file of coherences alone.
+            found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout or TextLayout())
+            if not found_named:
+                raise
+            return {name: pair for name, pair in found_named.items()}
         entries = [
             (r.name, (r.response_node or 0, r.response_direction), r.frequency_hz, r.coherence) for r in records if r.coherence is not None
         ]

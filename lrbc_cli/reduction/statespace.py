@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, eig, eigh, eigvalsh, null_space, solve_triangular
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
@@ -32,6 +34,10 @@ EPS = float(np.finfo(float).eps)
 
 #: Singular values of clamped vectors below this fraction of the largest bind nothing.
 RANK = 1e-10
+
+
+#: Real or complex.
+Numbers = NDArray[np.inexact[Any]]
 
 
 @dataclass(frozen=True)
@@ -134,13 +140,13 @@ def state_space(model: ReducedModel, terms: Floats, band_hz: tuple[float, float]
     except np.linalg.LinAlgError:
         raise NumericalError("the reduced model is singular in its band", hint="give the model damping (model.damping)") from None
     with np.errstate(all="ignore"):
-        basis, second = _assembled(model, terms, omega)
+        basis, second = assembled(model, terms, omega)
     if not all(np.all(np.isfinite(A)) for A in (second.K, second.C, second.M)):
         raise _unusable(np.inf)
     best = _closest(second, basis, s, exact)
     try:
         with np.errstate(all="ignore"):
-            poles, errors = _poles(second, omega)
+            poles, errors, _ = poles_of(second, omega)
         return replace(best, poles=poles, errors=errors)
     except np.linalg.LinAlgError as error:
         raise NumericalError(f"the poles of the first-order form cannot be computed ({error})", hint=EXTREME) from error
@@ -169,7 +175,7 @@ def _unusable(deviation: float) -> NumericalError:
     return NumericalError(problem, expected=f"a difference of at most {USABLE:.0e}", found=f"{deviation:.1e}", hint=EXTREME)
 
 
-def _assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
+def assembled(model: ReducedModel, terms: Floats, omega: float) -> tuple[Floats, ReducedModel]:
     """Coordinates in which stiff terms do not drown the rest, and the model in them with its terms in K, C and M."""
     clamped: Bools = np.any(np.isinf(terms), axis=1)
     kept = terms[~clamped]
@@ -310,7 +316,7 @@ def _deviation(system: StateSpace, s: Complexes, exact: Complexes) -> float:
     return worst if np.isfinite(worst) else float("inf")
 
 
-def _scales(K: Floats, C: Floats, M: Floats, omega: float) -> tuple[Floats, Floats]:
+def _scales(K: Numbers, C: Numbers, M: Numbers, omega: float) -> tuple[Floats, Floats]:
     """(n,) powers of two for the rows and the columns, by which the largest entry of each in ``|K| + omega |C| + omega² |M|`` is about one.
 
     Ruiz's iteration: every step takes the square root of what is left. Powers of two round nothing.
@@ -325,19 +331,19 @@ def _scales(K: Floats, C: Floats, M: Floats, omega: float) -> tuple[Floats, Floa
     return np.exp2(np.round(np.log2(row))), np.exp2(np.round(np.log2(column)))
 
 
-def _poles(model: ReducedModel, omega: float) -> tuple[Complexes, Floats]:
-    """Finite poles, the one with the largest real part first, and what rounding may have moved each by.
+def poles_of(model: ReducedModel, omega: float) -> tuple[Complexes, Floats, Complexes]:
+    """Finite poles, the one with the largest real part first, what rounding may have moved each by, and their shapes as columns.
 
     Stiff terms give poles of 1e13 rad/s beside those at zero, and the eigenvalues of A are uncertain by eps times the largest. Those of
     ``(A - omega E)⁻¹ E``, ``theta = omega / (lambda - omega)``, are not: about one for the poles of the band, they vanish for those far
     beyond it, and the matrix is of size one whatever the terms. ``Z(omega)``, of positive parts in a stable system, is well conditioned
     once rows and columns are of one size. An eigenvalue moves by at most its condition times the error of the matrix.
     """
-    row, column = _scales(np.asarray(model.K.real), np.asarray(model.C.real), np.asarray(model.M.real), omega)
-    K, C, M = (row[:, None] * np.asarray(A.real) * column for A in (model.K, omega * model.C, omega**2 * model.M))
+    row, column = _scales(np.asarray(model.K), np.asarray(model.C), np.asarray(model.M), omega)
+    K, C, M = (row[:, None] * np.asarray(A) * column for A in (model.K, omega * model.C, omega**2 * model.M))
     r, Z = model.size, K + C + M
     if r == 0:
-        return np.zeros(0, dtype=complex), np.zeros(0)
+        return np.zeros(0, dtype=complex), np.zeros(0), np.zeros((0, 0), dtype=complex)
     solved = np.linalg.solve(Z, np.hstack([K, C + M, M]))
     stiffness, rest, mass = solved[:, :r], solved[:, r : 2 * r], solved[:, 2 * r :]
     shifted = np.block([[-rest, -mass], [stiffness, -mass]])
@@ -351,7 +357,7 @@ def _poles(model: ReducedModel, omega: float) -> tuple[Complexes, Floats]:
     error = 2 * r * EPS * np.linalg.cond(Z) * np.linalg.norm(shifted, 2) * condition
     # What cannot be told from zero is a motion without mass, or pinned: its pole is infinite.
     finite = np.abs(theta) > error
-    theta, error = theta[finite], error[finite]
+    theta, error, shapes = theta[finite], error[finite], column[:, None] * right[:r, finite]
     poles, errors = omega * (1.0 + 1.0 / theta), omega * error / (np.abs(theta) * (np.abs(theta) - error))
     order = np.argsort(-poles.real, kind="stable")
-    return np.asarray(poles[order]), np.asarray(errors[order])
+    return np.asarray(poles[order]), np.asarray(errors[order]), np.asarray(shapes[:, order])

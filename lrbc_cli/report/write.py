@@ -14,18 +14,22 @@ from pathlib import Path
 from types import FrameType
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.files import frf_file, replace
-from lrbc_cli.report.page import Content, FrfFigure, render
+from lrbc_cli.report.page import render
 from lrbc_cli.report.parts.correlation import fdac_chart
-from lrbc_cli.report.parts.figures import frf_chart, profile_chart, profile_scales
+from lrbc_cli.report.parts.damping import damping_chart
+from lrbc_cli.report.parts.figures import channel_chart, frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
+from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import read, read_job
+from lrbc_cli.results.store import read, read_job, write
+from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
 log = logging.getLogger(__name__)
@@ -33,11 +37,21 @@ log = logging.getLogger(__name__)
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40
 
+#: Kinds of figures for print.
+VECTORS = ("pdf", "svg")
+
 _Task = tuple[Chart, Path]
 
 
 def write_report(
-    output: Path, *, jobs: Sequence[str] | None = None, workers: int = 2, progress: Callable[[str], None] | None = None
+    output: Path,
+    *,
+    jobs: Sequence[str] | None = None,
+    workers: int = 2,
+    draw: bool = True,
+    figures: Sequence[str] = (),
+    live: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw all figures and write ``report.html``; reads result files only.
 
@@ -51,6 +65,12 @@ def write_report(
         Names of the jobs to show; all that have results where None.
     workers
         Processes that draw figures.
+    figures
+        Of `VECTORS`: files for print beside the PNG files.
+    draw
+        Draw the image files; False leaves them as they are, and takes a fraction of the time.
+    live
+        The page loads itself anew every few seconds.
     progress
         Called with one line of text now and then.
 
@@ -68,10 +88,12 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs)
-    drawn = _draw_all(tasks, workers, say)
-    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+    if draw:
+        tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
+        drawn = _draw_all(tasks, workers, say)
+        say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(content)
+    text = render(content, live=live)
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")
@@ -85,7 +107,8 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     _require_tables(output, done)
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
-    profiles, maps, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
+    structure = _structure(output)
+    profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
     frfs, l_curves = list[FrfFigure](), list[Chart]()
     content = Content(
         campaign=campaign,
@@ -95,22 +118,28 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         frfs=frfs,
         strip=strip_chart(campaign, done),
         maps=maps,
+        channels=channels,
         fdac=fdac,
+        damping=damping_chart(done, paper=campaign.compare_with == "paper"),
         calibration=calibration,
         calibration_frf=calibration_frf,
         l_curves=l_curves,
         plan=plan,
+        structure=structure,
     )
-    tasks: list[_Task] = [] if content.strip is None else [(content.strip, output / "verdicts.png")]
-    if plan is not None:
-        tasks.append((plan_chart(plan), output / "plan.png"))
+    whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
+    tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
     scales = profile_scales(done)
+    tight = _reference(output, campaign, done)
     for job in done:
         folder, table = output / job.job, read_fdac(output / job.job / "fdac.csv")
-        curve = l_curve_chart(job)
+        curve, bars = l_curve_chart(job), channel_chart(job)
+        if bars is not None:
+            channels[job.job] = bars
         charts = {
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
+            "structure.png": (None if structure is None else structure_chart(structure, job, done), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
             "l-curve.png": (curve, {}),
         }
@@ -122,10 +151,16 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         frf = read_frf(folder / "frf.csv")
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
-            chart = frf_chart(job, response, frf)
+            chart = frf_chart(job, response, frf, tight if job.job != campaign.reference else None)
             frfs.append(FrfFigure(job.job, name, response.used if misfit is None else misfit.used, chart))
             tasks.append((chart, folder / frf_file(name)))
     return content, tasks
+
+
+def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]) -> tuple[str, Frf] | None:
+    """The measurement of the tight state, beside which the others stand; None where it has no result, or is not shown."""
+    name = next((job.job for job in done if job.job == campaign.reference), None)
+    return None if name is None else (name, read_frf(output / name / "frf.csv"))
 
 
 def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
@@ -136,6 +171,44 @@ def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
         log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
+
+
+def _structure(output: Path) -> StructureRecord | None:
+    """The structure, where there is a picture of it."""
+    record = read(output / "structure.json", StructureRecord)
+    return None if record is None or record.reason is not None else record
+
+
+def write_structure(output: Path, record: StructureRecord) -> list[Path]:
+    """Write ``structure.json``, and ``structure.png`` and ``structure.html`` where there is a picture.
+
+    Parameters
+    ----------
+    output
+        The campaign's output folder.
+    record
+        What to draw.
+
+    Returns
+    -------
+    list of Path
+        What was written, the picture first.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the output folder cannot be written.
+    """
+    from lrbc_cli.report.drawing.png import draw
+
+    write(output / "structure.json", record)
+    if record.reason is not None:
+        return []
+    picture, page = output / "structure.png", output / "structure.html"
+    draw(structure_chart(record), picture)
+    with replace(page) as sink:
+        sink.write(structure_page(record).encode("utf-8", errors="replace"))
+    return [picture, page]
 
 
 def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
@@ -227,6 +300,9 @@ def _interruption_held_back() -> Iterator[None]:
 
 
 def _draw_one(task: _Task) -> None:
-    from lrbc_cli.report.drawing.png import draw
+    from lrbc_cli.report.drawing.png import draw, publish
 
-    draw(*task)
+    if task[1].suffix == ".png":
+        draw(*task)
+    else:
+        publish(*task)

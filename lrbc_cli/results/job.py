@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -22,6 +23,7 @@ from lrbc_cli.results.fields import (
     same_length,
     wrong,
 )
+from lrbc_cli.results.modes import ModesRecord
 from lrbc_cli.updating.clearance import BoltFinding, JobFinding
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
@@ -377,6 +379,7 @@ class JobRecord(_JobBase):
     notes: Many[str] = ()
     provenance: Provenance
     correlation: CorrelationRecord | None = None
+    modes: ModesRecord | None = None
 
     @property
     def explained(self) -> bool:
@@ -412,6 +415,7 @@ class JobRecord(_JobBase):
             validated=self.validity is not None and self.validity.passed is True,
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
+            missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
         )
 
 

@@ -22,6 +22,7 @@ from lrbc_cli.results.fields import StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.structure import StructureRecord
 
 R = TypeVar("R", bound=StoredRecord)
 
@@ -152,6 +153,7 @@ FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "reduction.json": (ReductionRecord,),
     "calibration.json": (CalibrationRecord,),
     "plan.json": (PlanRecord,),
+    "structure.json": (StructureRecord,),
     "result.json": (JobRecord, FailedJob),
     "evidence.json": (EvidenceRecord,),
 }

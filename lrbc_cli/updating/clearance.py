@@ -38,6 +38,8 @@ class JobFinding:
         ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
     doubtful : sequence of str
         Bolts of a baseline that come out loose all the same.
+    missing : sequence of str
+        Responses that the job should have been identified from, and does not hold.
     """
 
     status: str
@@ -45,6 +47,7 @@ class JobFinding:
     validated: bool = True
     assumed: str | None = None
     doubtful: Sequence[str] = ()
+    missing: Sequence[str] = ()
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -78,6 +81,8 @@ def open_points(job: JobFinding) -> list[str]:
         points.append(f"{_names(job.doubtful)} taken as tight, but loose against the reference job")
     if job.assumed is None and not job.seen:
         points.append(_no_verdict(job))
+    if job.missing:
+        points.append(f"no record of {_names(job.missing)}")
     if not job.validated:
         points.append(NOT_VALIDATED)
     return points

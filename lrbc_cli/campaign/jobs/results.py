@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
+from lrbc_cli.campaign.jobs.modes import modes_tree
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
@@ -149,6 +150,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
             "shape": "normal" if result.changes is None else "mixture",
             "comparison": "relative" if result.relative else "direct",
         },
+        "modes": modes_tree(inputs, stage, result),
         "method": inputs.method.tree(),
         "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
         "iterations": solution.iterations,
@@ -369,6 +371,10 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
     record = CampaignRecord.checked(
         {
             "campaign": campaign.name,
+            "description": campaign.description,
+            "test_article": campaign.test_article,
+            "operator": campaign.operator,
+            "compare_with": campaign.compare_with,
             "reference": campaign.update.reference,
             "jobs": list(campaign.jobs),
             "bolts": bolts,

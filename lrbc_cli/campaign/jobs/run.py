@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,9 +18,10 @@ from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import read_job, write
 from lrbc_cli.updating.clearance import not_clear
 
 log = logging.getLogger(__name__)
@@ -73,6 +74,8 @@ def run_jobs(
     folder: Path,
     *,
     wanted: Sequence[str] = (),
+    missing: Collection[str] = (),
+    source: FrfSource | None = None,
     force: bool = False,
     accept: bool = False,
     workers: int = 1,
@@ -87,6 +90,10 @@ def run_jobs(
         Of the cache.
     wanted : sequence of str
         Jobs; all where empty.
+    missing : collection of str
+        Jobs that are not measured yet: they neither run nor fail where others rest on them.
+    source : FrfSource or None
+        FRFs of this model from an earlier call; None: from the cache, or built.
     force : bool
         Run finished jobs again.
     accept : bool
@@ -101,23 +108,24 @@ def run_jobs(
     ReductionStage or None
         None where nothing had to run, or for full-order evaluation.
     """
-    return _Run(inputs, folder, wanted, force, progress).all(accept, workers)
+    names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
+    return _Run(inputs, folder, names, force, progress).all(accept, workers, source)
 
 
 class _Run:
     """What the jobs of one call share."""
 
-    def __init__(self, inputs: Inputs, folder: Path, wanted: Sequence[str], force: bool, progress: Callable[[str], None]) -> None:
+    def __init__(self, inputs: Inputs, folder: Path, names: list[str], force: bool, progress: Callable[[str], None]) -> None:
         self.inputs, self.folder, self.progress = inputs, folder, progress
         self.output = inputs.campaign.output
-        self.names = choose_jobs(inputs, wanted)
+        self.names = names
         self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
         self.workers = 1
         self.taken: list[float] = []
 
-    def all(self, accept: bool, workers: int) -> tuple[Outcome, ReductionStage | None]:
+    def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
         campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
@@ -125,8 +133,13 @@ class _Run:
                 self._keep(p)
         todo = [name for name in self.names if name not in outcome.results]
         write_campaign(self.output, self.inputs)
-        source: FrfSource | None = None
-        if any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
+        write(self.output / "structure.json", structure_of(self.inputs))
+        if source is not None:
+            source = replace(source, inputs=self.inputs, progress=self.progress)
+            self.stage = source.stage
+            if self.stage is not None:
+                write_reduction(self.output, self.inputs, self.stage)
+        elif any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
             if campaign.update.evaluation != "full":
                 self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
                 write_reduction(self.output, self.inputs, self.stage)

@@ -93,8 +93,7 @@ def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
     except DataError:
         stored = None  # the plan says what is wrong with it
     seconds = stored.seconds.get("total") if isinstance(stored, JobRecord) else None
-    files = [config.frf, *([] if config.coherence is None else [config.coherence]), *config.repeats]
-    missing = [str(file) for file in files if not file.is_file()]
+    missing = [str(file) for file in config.all_files if not file.is_file()]
     if missing:
         before = "; there is a result of an earlier measurement" if isinstance(stored, JobRecord) else ""
         return JobStatus("missing", ", ".join(missing) + before, seconds)

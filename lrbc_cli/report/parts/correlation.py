@@ -11,8 +11,8 @@ from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Chart, Curve, Item, Panel, Tiles, linear_axis
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, TITLE, TOP
 from lrbc_cli.report.drawing.style import COSINES
-from lrbc_cli.report.drawing.svg import legend, svg
-from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
+from lrbc_cli.report.drawing.svg import drawn, legend
+from lrbc_cli.report.html import Cell, Markup, beside, details, table, tag
 from lrbc_cli.results.job import CorrelationRecord, JobRecord, Peak
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.tables import Fdac
@@ -68,7 +68,8 @@ def _tiles(values: Floats, edges: Floats) -> list[Item]:
 def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps: Mapping[str, Chart]) -> list[Markup | None] | None:
     """Return the section's parts; None where no job has any figure of correlation."""
     shown = [(job, job.correlation) for job in jobs if job.correlation is not None]
-    if not shown and not maps:
+    modes = _modes(jobs)
+    if not shown and not maps and modes is None:
         return None
     text = (
         "FRAC is 1 where two FRFs differ by a factor only; it weighs lines by their magnitude, so that a shift of a sharp peak by its own "
@@ -76,16 +77,49 @@ def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps:
         "1 on the diagonal is agreement, a ridge beside it a shift in frequency. Peaks are matched one to one by frequency (within 5 %) "
         "and shape."
     )
-    drawn = [figure(svg(chart), chart.title, chart.subtitle) for chart in list(maps.values())[:_MAPS]]
+    pictures = [drawn(chart, beside((job, "fdac.png"), (job, "fdac.csv"))) for job, chart in list(maps.items())[:_MAPS]]
     further = list(maps)[_MAPS:]
     links = [tag("p", f"Maps of {len(further)} further jobs stand in their folders as fdac.png.")] if further else []
     first = next(iter(maps.values()), None)
     parts: list[Markup | None] = [tag("p", text)]
     if shown:
         parts += [_overview(shown), _by_response(campaign, shown), _peaks(shown)]
+    parts.append(modes)
     if first is not None:
-        parts += [tag("h3", "FDAC, initial and updated"), legend(first), tag("div", *drawn, class_="grid pairs"), *links]
+        parts += [tag("h3", "FDAC, initial and updated"), legend(first), tag("div", *pictures, class_="grid pairs"), *links]
     return parts
+
+
+def _modes(jobs: Sequence[JobRecord]) -> Markup | None:
+    """Return natural frequencies and damping of the model before and after, a table for each job that has them."""
+    tables = []
+    for job in jobs:
+        if job.modes is None or not job.modes.pairs:
+            continue
+        rows: list[list[str | Cell]] = [
+            [
+                fmt.fixed(pair.before_hz, 1),
+                fmt.fixed(pair.after_hz, 1),
+                fmt.signed(100.0 * (pair.after_hz / pair.before_hz - 1.0), 2),
+                fmt.fixed(100.0 * pair.before_damping, 2),
+                fmt.fixed(100.0 * pair.after_damping, 2),
+                fmt.fixed(pair.mac, 2),
+            ]
+            for pair in job.modes.pairs
+        ]
+        state = "reference state" if job.modes.before == "reference" else "initial model"
+        head = ["Before [Hz]", "After [Hz]", "Shift [%]", "ζ before [%]", "ζ after [%]", "MAC"]
+        tables.append(
+            tag("div", table(f"{job.job}: modes of the {state} (before) and of the updated model (after)", head, rows, text_columns=0))
+        )
+    if not tables:
+        return None
+    text = (
+        "Of the reduced model in its band; the loss factor of a mode is 2ζ. The MAC compares the shapes over the whole model, weighted "
+        "by kinetic energy; modes with a MAC below 0.5 have no counterpart."
+    )
+    count = f"{len(tables)} job{'' if len(tables) == 1 else 's'}"
+    return details(f"Natural frequencies and damping, {count}", tag("p", text), tag("div", *tables, class_="grid peaks"))
 
 
 def _overview(shown: Sequence[tuple[JobRecord, CorrelationRecord]]) -> Markup:

@@ -10,6 +10,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, Marks, Panel, Tiles, Word, linear_axis
 from lrbc_cli.report.drawing.layout import RIGHT, SMALL, TOP
+from lrbc_cli.report.drawing.names import GLYPH, names_beside
 from lrbc_cli.report.drawing.style import PROBABILITIES
 from lrbc_cli.report.parts.tables import NOT_COVERED, loose_of, names_of, sentence
 from lrbc_cli.report.places import along_the_edges
@@ -22,8 +23,6 @@ _WIDE, _NARROW, _HIGH = 38.0, 13.0, 23.0
 _WIDTH = 980.0
 #: A cell narrower than this has no room for the probability in figures.
 _FIGURES = 22.0
-#: Width of a character in units of the font size.
-_GLYPH = 0.6
 
 
 def level_of(bolt: Bolt) -> int | None:
@@ -44,9 +43,9 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     column = {name: index + 0.5 * edge for edge, index, name in _numbered(edges)}
     count = len(names) + 0.5 * (len(edges) - 1)
     labels = [_shortened(job.job) for job in shown]
-    left = 16.0 + _GLYPH * SMALL * max(len(label) for label in labels)
+    left = 16.0 + GLYPH * SMALL * max(len(label) for label in labels)
     cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
-    items = _key(shown)
+    items = verdict_key(shown)
     filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
     marks: dict[str, list[tuple[float, float]]] = {}
     words: list[Item] = []
@@ -79,7 +78,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
     ]
     if hatched:
-        signs = ["? undecided"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
+        signs = ["? inconclusive"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
         signs += [] if all(job.explained for job in shown) else ["– no verdict"]
         items.append(Tiles("hatch", np.empty((0, 4)), f"hatched: {', '.join(signs)}"))
         items.append(_hatching(np.array(hatched), cell))
@@ -88,7 +87,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         items.append(Curve("known", *_outlines(np.array(framed))))
     items += [Marks(role, np.array([x for x, _ in found]), np.array([y for _, y in found])) for role, found in sorted(marks.items())]
     items += words
-    every = max(1, int(np.ceil((_GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
+    every = max(1, int(np.ceil((GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
     ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
     along = any(group.arc_length is not None for job in shown for group in job.parameters.values())
     x_axis = Axis("" if len(names) < 2 else "bolts in order along the edge" if along else "bolts", 0.0, count, ticks)
@@ -104,7 +103,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
 
 
-def _key(jobs: Sequence[JobRecord]) -> list[Item]:
+def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
     """Items that draw nothing but stand in the legend: what the colours mean."""
     bolts = [bolt for job in jobs for bolt in job.bolts]
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
@@ -185,41 +184,14 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     def level(point: Floats) -> float:
         return float(middle[up] + 5.0 / scale) if flat else float(point[up])
 
-    items = _key(among or [job])
-    nothing = np.empty(0)
+    items = verdict_key(among or [job])
     for positions in lines:
         items.append(Curve("edge", positions[:, across], np.array([level(point) for point in positions])))
     places = np.array([[bolt.position[across], level(bolt.position)] for bolt in bolts])
-    marks: dict[str, list[int]] = {}
-    for index, bolt in enumerate(bolts):
-        step = level_of(bolt) if job.explained else None
-        role = "outside-dot" if bolt.outside else "unknown-dot" if step is None else f"p{step}"
-        marks.setdefault(role, []).append(index)
-    named = {}
-    for role in sorted(marks):
-        chosen = marks[role]
-        told = [job.explained or bolts[index].outside for index in chosen]
-        named[role] = tuple(sentence(bolts[i]) if known else f"{bolts[i].name}: no verdict" for i, known in zip(chosen, told, strict=True))
-        items.append(Marks(role, places[chosen, 0], places[chosen, 1], names=named[role]))
-    removed = [index for index, bolt in enumerate(bolts) if bolt.removed]
-    if removed:
-        items.append(Marks("known-dot", nothing, nothing, "ringed: known to be removed"))
-        items.append(Marks("known", places[removed, 0], places[removed, 1]))
-    unsure = [index for index, bolt in enumerate(bolts) if not bolt.outside and (bolt.verdict == "undecided" or not job.explained)]
-    if unsure:
-        items.append(Marks("unsure-dot", nothing, nothing, "? undecided" if job.explained else "– no verdict"))
-        items.append(Marks("unsure", places[unsure, 0], places[unsure, 1]))
-    for index, bolt in enumerate(bolts):
-        step = level_of(bolt) if job.explained else None
-        on = "strong" if step is None else f"on{step}"
-        if bolt.outside:
-            items.append(Word("outside-on", places[index, 0], places[index, 1], NOT_COVERED, 6.0))
-        elif index in unsure:
-            items.append(Word(on, places[index, 0], places[index, 1], "?" if job.explained else "–", 8.5, bold=True))
-        else:
-            items.append(Marks(f"{bolt.verdict}-{'on0' if step is None else on}", places[[index], 0], places[[index], 1]))
+    items += bolt_items(bolts, places, explained=job.explained)
     nodes = [(x, level(point)) for positions in lines for x, point in zip(positions[:, across], positions, strict=True)]
-    items += _names(bolts, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high))
+    names, loose = [bolt.name for bolt in bolts], [index for index, bolt in enumerate(bolts) if bolt.verdict == "loose"]
+    items += names_beside(names, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high), first=loose)
     found = job.names("loose")
     alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
     subtitle = loose_of(job) if job.explained else "no verdict"
@@ -227,29 +199,42 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
 
 
-def _names(bolts: Sequence[Bolt], places: Floats, nodes: Floats, scale: float, limits: tuple[float, float]) -> list[Item]:
-    """Names beside the bolts, away from neighbours and edges and inside the figure: loose ones first, others where there is room."""
-    points, (least, most) = places * scale, (limit * scale for limit in limits)
-    below, right, left, above = (0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")
-    order = sorted(range(len(bolts)), key=lambda index: (bolts[index].verdict != "loose", index))
-    taken: list[tuple[float, float, float, float]] = [(x - 8, x + 8, y - 8, y + 8) for x, y in points]
-    taken += [(x - 2, x + 2, y - 2, y + 2) for x, y in nodes * scale]
-    words: list[Item] = []
-    for index in order:
-        x, y = points[index]
-        width = _GLYPH * 7.0 * len(bolts[index].name)
-        apart = np.abs(points - points[index])
-        apart[index] = np.inf
-        beside = apart[int(np.argmin(apart.sum(axis=1)))]
-        # Under one another: a name stands beside its bolt, where it cannot be the next one's.
-        upright = len(points) > 1 and beside[1] > beside[0]
-        for dx, dy, anchor in (right, left, below, above) if upright else (below, above, right, left):
-            low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
-            box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
-            if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in taken):
-                taken.append(box)
-                words.append(
-                    Word("text", places[index, 0] + dx / scale, places[index, 1] + dy / scale, bolts[index].name, 7.0, anchor=anchor)
-                )
-                break
-    return words
+def bolt_signs(bolt: Bolt, explained: bool) -> list[tuple[str, str]]:
+    """Return the roles that make up a bolt's symbol, from below, each with its letter where it is one."""
+    step = level_of(bolt) if explained else None
+    on = "strong" if step is None else f"on{step}"
+    signs = [("outside-dot" if bolt.outside else "unknown-dot" if step is None else f"p{step}", "")]
+    signs += [("known", "")] if bolt.removed else []
+    if bolt.outside:
+        return [*signs, ("outside-on", NOT_COVERED)]
+    if bolt.verdict == "undecided" or not explained:
+        return [*signs, ("unsure", ""), (on, "?" if explained else "–")]
+    return [*signs, (f"{bolt.verdict}-{'on0' if step is None else on}", "")]
+
+
+def told(bolt: Bolt, explained: bool) -> str:
+    """Return what is shown where a bolt is pointed at."""
+    return sentence(bolt) if explained or bolt.outside else f"{bolt.name}: no verdict"
+
+
+def letter_size(letter: str) -> float:
+    """Return the size of a letter on a bolt's symbol, in points."""
+    return 7.0 if letter == NOT_COVERED else 8.5
+
+
+def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> list[Item]:
+    """Return the symbols of bolts at (n, 2) places, and what explains them in a legend."""
+    items: list[Item] = []
+    for bolt, (x, y) in zip(bolts, places, strict=True):
+        for layer, (role, letter) in enumerate(bolt_signs(bolt, explained)):
+            names = (told(bolt, explained),) if layer == 0 else ()
+            bold = letter in {"?", "–"}
+            items.append(
+                Word(role, x, y, letter, letter_size(letter), bold=bold)
+                if letter
+                else Marks(role, np.array([x]), np.array([y]), names=names)
+            )
+    nothing, roles = np.empty(0), {item.role for item in items}
+    items += [Marks("known-dot", nothing, nothing, "ringed: known to be removed")] if "known" in roles else []
+    items += [Marks("unsure-dot", nothing, nothing, "? inconclusive" if explained else "– no verdict")] if "unsure" in roles else []
+    return items

@@ -1,0 +1,58 @@
+"""Natural frequencies of a job's model before and after updating, for its result file."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import ReductionStage
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.terms import KIND_POWER, Parameterisation
+from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
+
+log = logging.getLogger(__name__)
+
+
+def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any] | None:
+    """The key ``modes`` of ``result.json``; None without a reduced model. What drifted in a measurement is not in these modes."""
+    if stage is None:
+        return None
+    model, band = stage.reduction.model, inputs.campaign.reduction.band
+    try:
+        before, after = (modes_of(model, polynomial(result.parameters, theta), band) for theta in (result.prior, result.solution.theta))
+    except NumericalError as error:
+        log.warning("job %s: %s", result.name, error.problem)
+        return None
+    likeness = mac(model, before, after)
+    rows = [
+        {
+            **_mode("before", before, a),
+            **_mode("after", after, b),
+            "mac": None if a is None or b is None else float(likeness[a, b]),
+        }
+        for a, b in paired(likeness)
+    ]
+    rows.sort(key=lambda row: row["after_hz"] or row["before_hz"])
+    return {"before": "reference" if result.against_reference else "initial", "pairs": rows}
+
+
+def _mode(state: str, modes: Modes, index: int | None) -> dict[str, Any]:
+    if index is None:
+        return {f"{state}_hz": None, f"{state}_damping": None}
+    return {f"{state}_hz": float(modes.frequency_hz[index]), f"{state}_damping": float(modes.damping_ratio[index])}
+
+
+def polynomial(parameters: Parameterisation, theta: Floats) -> Complexes | Floats:
+    """(nt, 3) k, c and m of the terms, complex where their damping is hysteretic."""
+    terms = parameters.polynomial(theta)
+    loss = np.zeros_like(terms)
+    kappa = parameters.scales(theta)
+    for group, (_, at) in zip(parameters.groups, parameters.slices, strict=True):
+        if group.damping is not None and at is not None and group.damping.loss_factor:
+            loss[group.terms, KIND_POWER[group.kind]] = group.damping.loss_factor * kappa[group.terms] * 10.0 ** theta[at]
+    return terms + 1j * loss if loss.any() else terms

@@ -1,0 +1,188 @@
+"""What is drawn of a structure: its nodes, thinned where there are many, and what the campaign places on them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from lrbc_cli.arrays import Bools, Floats, Integers
+from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.results.structure import StructureRecord
+
+#: Nodes drawn at most.
+MOST = {"structure": 2200, "acoustic": 700}
+
+#: Edges that are compared with those of their neighbours at a time.
+_CHUNK = 4096
+
+_AXES = ("UX", "UY", "UZ")
+
+
+def structure_of(inputs: Inputs) -> StructureRecord:
+    """The structure as it is drawn; without a picture, and why, where nothing says where the nodes lie.
+
+    Parameters
+    ----------
+    inputs : Inputs
+
+    Returns
+    -------
+    StructureRecord
+        Places in metres, rounded to a millionth of the model's size.
+    """
+    table, name = inputs.dofs, inputs.campaign.name
+    if table is None:
+        return StructureRecord.checked({"campaign": name, "reason": "the campaign gives no coordinates of nodes (`model.dofs`)"})
+    inner = np.char.startswith(table.component.astype(np.str_), "INNER")
+    size = float(np.ptp(table.xyz[~inner], axis=0).max()) if not inner.all() else 0.0
+    if size == 0.0:
+        return StructureRecord.checked({"campaign": name, "reason": "all nodes of `model.dofs` lie at one point"})
+    digits = int(np.ceil(-np.log10(1e-6 * size)))
+    fields, notes = [], []
+    for field, mask in (("structure", ~table.is_acoustic & ~inner), ("acoustic", table.is_acoustic & ~inner)):
+        if mask.any():
+            drawn, note = _field(inputs.model.K, table, mask, field)
+            fields.append(drawn | {"xyz": np.round(drawn["xyz"], digits)})
+            notes += [note] if note else []
+    bolts = inputs.bolts
+    tree = {
+        "campaign": name,
+        "fields": fields,
+        "bolts": [] if bolts is None else [{"name": n, "position": p} for n, p in zip(bolts.name, bolts.xyz, strict=True)],
+        "excitations": [
+            {"name": load, "quantity": "force", **_place(table, inputs.model.B[:, [k]])} for k, load in enumerate(inputs.excitations)
+        ],
+        "responses": [
+            {"name": r.name, "quantity": r.quantity, "used": bool(i in inputs.used), **_place(table, inputs.model.L[[i]].T.tocsc())}
+            for i, r in enumerate(inputs.responses)
+        ],
+        "terms": [_terms(inputs, table, group) for group in inputs.groups if group.xyz is not None],
+        "notes": notes,
+    }
+    return StructureRecord.checked(tree)
+
+
+def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[dict[str, Any], str]:
+    """Nodes and lines of one field, and what was left out."""
+    dofs = np.flatnonzero(mask)
+    _, first, node = np.unique(table.node[dofs], return_index=True, return_inverse=True)
+    xyz = table.xyz[dofs][first]
+    group, kept = thinned(xyz, MOST[field])
+    drawn = xyz[kept]
+    note = "" if kept.size == xyz.shape[0] else f"{kept.size} of {xyz.shape[0]} {field} nodes are drawn"
+    lines = np.zeros((0, 2), dtype=np.int64)
+    if field == "structure":
+        # What the stiffness couples are neighbours, whatever program wrote the model; lines through the air would hide the structure.
+        row_of = np.full(table.size, -1)
+        row_of[dofs] = group[node]
+        entries = K.tocoo()
+        a, b = row_of[entries.row], row_of[entries.col]
+        pairs = np.unique((a * kept.size + b)[(a >= 0) & (a < b)])
+        lines = neighbours(drawn, np.column_stack([pairs // kept.size, pairs % kept.size]))
+    return {"field": field, "count": int(xyz.shape[0]), "xyz": drawn, "lines": lines.ravel().tolist()}, note
+
+
+def thinned(xyz: Floats, most: int) -> tuple[Integers, Integers]:
+    """Nodes on a coarser raster where there are too many.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float array
+    most : int
+
+    Returns
+    -------
+    (n,) int array
+        Which of the nodes kept stands for each.
+    (m,) int array
+        The nodes kept, at most so many: of each cell the one nearest its middle. Cells are centred on the ends of the model.
+    """
+    n = xyz.shape[0]
+    group = np.arange(n)
+    if n <= most:
+        return group, group
+    low, extent = xyz.min(axis=0), np.ptp(xyz, axis=0)
+    sample = xyz[:: max(1, n // 500)]
+    step = float(np.median(cKDTree(xyz).query(sample, k=2)[0][:, 1])) or 1e-3 * float(extent.max())
+    times, kept = 1, group
+    while kept.size > most:
+        times = max(times + 1, int(times * (kept.size / most) ** (1 / 3)))
+        count = np.rint(extent / (times * step))
+        size = np.where(count > 0, extent / np.maximum(count, 1), np.inf)
+        at = (xyz - low) / size
+        cell = np.rint(at)
+        key = (cell[:, 0] * (count[1] + 1) + cell[:, 1]) * (count[2] + 1) + cell[:, 2]
+        # The nearest to the middle comes first in its cell.
+        order = np.lexsort((np.round(((at - cell) ** 2).sum(axis=1), 6), key))
+        _, first, inverse = np.unique(key[order], return_index=True, return_inverse=True)
+        kept = order[first]
+        group[order] = inverse
+    return group, kept
+
+
+def neighbours(xyz: Floats, pairs: Integers) -> Integers:
+    """Pairs of nodes without a third one that is nearer to both: the sides of elements without their diagonals.
+
+    Parameters
+    ----------
+    xyz : (n, 3) float array
+    pairs : (m, 2) int array
+        Nodes that are coupled, each pair once.
+
+    Returns
+    -------
+    (k, 2) int array
+    """
+    length = np.linalg.norm(xyz[pairs[:, 0]] - xyz[pairs[:, 1]], axis=1)
+    pairs, length = pairs[length > 0], length[length > 0]
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    begin = np.searchsorted(both[:, 0], np.arange(xyz.shape[0] + 1))
+    degree = np.diff(begin)
+    swap = degree[pairs[:, 0]] > degree[pairs[:, 1]]
+    ends = np.where(swap[:, None], pairs[:, ::-1], pairs)
+    keep = np.ones(len(ends), dtype=bool)
+    for start in range(0, len(ends), _CHUNK):
+        own = ends[start : start + _CHUNK]
+        count = degree[own[:, 0]]
+        of = np.repeat(np.arange(len(own)), count)
+        offset = np.arange(of.size) - np.repeat(np.cumsum(count) - count, count)
+        third = xyz[both[begin[own[of, 0]] + offset, 1]]
+        far = np.maximum(np.linalg.norm(third - xyz[own[of, 0]], axis=1), np.linalg.norm(third - xyz[own[of, 1]], axis=1))
+        keep[start + of[far < (1.0 - 1e-6) * length[start + of]]] = False
+    return np.asarray(pairs[keep])
+
+
+def _place(table: DofTable, vector: sp.csc_array) -> dict[str, Any]:
+    """Where a load or a row of responses acts: the mean of its nodes, weighted by its entries, and the direction of its displacements."""
+    rows, values = vector.indices, np.real(vector.data)
+    moving = np.isin(table.component[rows], _AXES)
+    if moving.any():
+        rows, values = rows[moving], values[moving]
+    weights = np.abs(values) / np.abs(values).sum()
+    axes = np.array([values[table.component[rows] == axis].sum() for axis in _AXES])
+    length = float(np.linalg.norm(axes))
+    return {"position": weights @ table.xyz[rows], "direction": axes / length if moving.any() and length > 0 else None}
+
+
+def _terms(inputs: Inputs, table: DofTable, group: TermGroup) -> dict[str, Any]:
+    """The terms of a group; springs are those of a table of bushings, in which a vector joins two nodes."""
+    springs = []
+    if group.config.select.bushings is not None:
+        left = inputs.model.terms.left
+        for k in group.terms:
+            rows = left.indices[left.indptr[k] : left.indptr[k + 1]]
+            ends, first = np.unique(table.node[rows], return_index=True)
+            springs += [*table.xyz[rows[first]]] if ends.size == 2 else []
+    return {
+        "name": group.name,
+        "kind": group.config.kind,
+        "along_edge": group.arc_length is not None and group.count > 1,
+        "positions": group.xyz,
+        "springs": np.array(springs).reshape(-1, 3),
+    }

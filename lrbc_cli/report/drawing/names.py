@@ -1,0 +1,72 @@
+"""Names beside points, where there is room for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.report.drawing.chart import Item, Word
+
+#: Width of a character in units of the font size.
+GLYPH = 0.6
+#: Room that a symbol and a point of a line take, in points.
+_SYMBOL, _DOT = 8.0, 2.0
+
+
+def names_beside(
+    names: Sequence[str],
+    places: Floats,
+    clear: Floats,
+    scale: float,
+    limits: tuple[float, float],
+    *,
+    first: Sequence[int] = (),
+    size: float = 7.0,
+    taken: Sequence[tuple[float, float, float, float]] = (),
+) -> list[Item]:
+    """Return names beside their points, away from neighbours and other things and inside the figure; those without room are left out.
+
+    Parameters
+    ----------
+    names
+        Of the points.
+    places : (n, 2) float array
+        In units of the axes; ``scale`` points make one.
+    clear : (m, 2) float array
+        Other places that names keep away from.
+    scale : float
+        Of the axes.
+    limits
+        Of the horizontal axis.
+    first
+        Points whose names are placed before the others.
+    size
+        Of the letters, in points.
+    taken
+        Boxes (left, right, low, high) that are taken already, in points.
+    """
+    points, (least, most) = places * scale, (limit * scale for limit in limits)
+    below, right, left, above = (0.0, -15.5, "middle"), (12.0, 0.0, "start"), (-12.0, 0.0, "end"), (0.0, 15.5, "middle")
+    boxes = [*taken, *((x - _SYMBOL, x + _SYMBOL, y - _SYMBOL, y + _SYMBOL) for x, y in points)]
+    boxes += [(x - _DOT, x + _DOT, y - _DOT, y + _DOT) for x, y in clear * scale]
+    words: list[Item] = []
+    for index in [*first, *(index for index in range(len(names)) if index not in first)]:
+        x, y = points[index]
+        width = GLYPH * size * len(names[index])
+        apart = np.abs(points - points[index])
+        apart[index] = np.inf
+        beside = apart[int(np.argmin(apart.sum(axis=1)))]
+        # Under one another: a name stands beside its point, where it cannot be the next one's.
+        upright = len(points) > 1 and beside[1] > beside[0]
+        near = (right, left, below, above) if upright else (below, above, right, left)
+        for dx, dy, anchor in (*near, *((2.2 * dx, 2.0 * dy, anchor) for dx, dy, anchor in near)):
+            low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
+            box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
+            if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in boxes):
+                boxes.append(box)
+                place = places[index] + np.array([dx, dy]) / scale
+                words.append(Word("text", float(place[0]), float(place[1]), names[index], size, anchor=anchor))
+                break
+    return words

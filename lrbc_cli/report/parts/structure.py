@@ -1,0 +1,179 @@
+"""The picture of the structure: still, with the verdicts of a job, and turnable on a page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.report.drawing.chart import Chart, Item
+from lrbc_cli.report.drawing.layout import Shape, Symbols, Text
+from lrbc_cli.report.drawing.structure import Scene, layers, mark_names, marks_at, panel_of, scene_of
+from lrbc_cli.report.drawing.style import css
+from lrbc_cli.report.drawing.svg import legend, markup_of, own_size, svg
+from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.parts.strip import bolt_items, bolt_signs, letter_size, told, verdict_key
+from lrbc_cli.report.parts.tables import loose_of
+from lrbc_cli.results.job import Bolt, JobRecord
+from lrbc_cli.results.structure import StructureRecord
+from lrbc_cli.updating.clearance import sentence
+
+_WIDTH = 640.0
+#: Coordinates on the page are whole numbers, of which so many make the size of the structure.
+_GRID = 10_000
+
+_ABOUT = "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view."
+
+
+def structure_chart(record: StructureRecord, job: JobRecord | None = None, among: Sequence[JobRecord] = ()) -> Chart:
+    """Return the still picture, bolts coloured by the verdicts of a job; legends of several jobs (``among``) share one scale."""
+    scene = scene_of(record)
+    view = scene.camera.axes.T
+    found = _bolts(record, job)
+    bolts = {place.name: place.position for place in record.bolts}
+    places = np.array([*bolts.values()]).reshape(-1, 3) @ view
+    extra: list[Item] = verdict_key(among or [job]) if job is not None else []
+    judged = [index for index, bolt in enumerate(found) if bolt is not None]
+    rest = [index for index, bolt in enumerate(found) if bolt is None]
+    if rest:
+        extra.append(marks_at("bolt", places[rest], "bolt", tuple(record.bolts[index].name for index in rest)))
+    if job is not None:
+        extra += bolt_items([bolt for bolt in found if bolt is not None], places[judged], explained=job.explained)
+    left = 50.0 if scene.plane else 12.0
+    panel, height, scale = panel_of(scene, _WIDTH, left, extra)
+    first = [index for index, bolt in enumerate(found) if bolt is not None and bolt.verdict == "loose"]
+    words = mark_names(scene, bolts, scale, (panel.x.low, panel.x.high), first)
+    panel = replace(panel, items=(*panel.items, *words))
+    title, subtitle = (record.campaign, "") if job is None else (job.job, loose_of(job) if job.explained else "no verdict")
+    alt = f"Picture of the structure with {len(bolts)} bolts" + (f", job {title}: {subtitle}." if job is not None else ".")
+    return Chart(title, subtitle, alt, (panel,), _WIDTH, height + (44.0 if scene.plane else 22.0), left=left)
+
+
+def _bolts(record: StructureRecord, job: JobRecord | None) -> list[Bolt | None]:
+    found = {} if job is None else {bolt.name: bolt for bolt in job.bolts}
+    return [found.get(place.name) for place in record.bolts]
+
+
+def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> list[Markup | None]:
+    """Return the turnable picture, with a chooser where there are several jobs; still where scripts do not run."""
+    # That which has something to show.
+    first = next((index for index, job in enumerate(jobs) if job.names("loose")), 0)
+    shown = jobs[first] if jobs else None
+    chart = structure_chart(record, shown, jobs)
+    scene = scene_of(record)
+    options = [tag("option", job.job, value=str(index), selected=index == first) for index, job in enumerate(jobs)]
+    choose = tag("label", "Job ", tag("select", *options, name="shown")) if len(jobs) > 1 else None
+    buttons = [
+        tag("button", text, type="button", data_do=do, title=about)
+        for text, do, about in (("First view", "0", "0"), ("+", "+", "Nearer"), ("−", "-", "Farther"))
+    ]
+    switches = [("names", "Names")] + ([("air", "Air")] if "air" in scene.dots else [])
+    boxes = [
+        tag("label", tag("input", type="checkbox", name=name, checked=name != "air" or not scene.plane), f" {text}")
+        for name, text in switches
+    ]
+    data = json.dumps(_data(record, scene, jobs, first), ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
+    stage = tag(
+        "div",
+        tag("div", svg(chart), class_="still", style=own_size(chart)),
+        class_="stage",
+        tabindex="0",
+        role="group",
+        aria_label=f"{chart.alt} {_ABOUT}",
+    )
+    text = "" if shown is None else f"{shown.job}: {sentence(shown.finding)}"
+    thinned = f" {'; '.join(record.notes)}." if record.notes else ""
+    return [
+        legend(chart),
+        tag(
+            "div",
+            tag("div", choose, *boxes, *buttons, class_="controls", hidden=True),
+            tag("p", text, class_="told", aria_live="polite") if text else None,
+            stage,
+            tag("script", Markup(data), type="application/json"),
+            class_="turnable",
+        ),
+        tag("p", _ABOUT + thinned, class_="about"),
+    ]
+
+
+def _data(record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], first: int) -> dict[str, Any]:
+    """What the script draws."""
+    middle, size = 0.5 * (scene.low + scene.high), float((scene.high - scene.low).max())
+
+    def whole(xyz: Floats) -> list[int]:
+        return np.rint((xyz - middle) / size * _GRID).astype(int).ravel().tolist()
+
+    glyphs: dict[str, int] = {}
+
+    def glyph(*shapes: Shape) -> int:
+        return glyphs.setdefault("".join(map(markup_of, shapes)), len(glyphs))
+
+    at = np.zeros((1, 2))
+    plain = glyph(Symbols("bolt", at))
+    states = []
+    for job in jobs:
+        bolts = [[plain, place.name] if bolt is None else [glyph(*_shapes(bolt, job)), told(bolt, job.explained)]
+                 for place, bolt in zip(record.bolts, _bolts(record, job), strict=True)]  # fmt: skip
+        states.append({"text": f"{job.job}: {sentence(job.finding)}", "bolts": bolts})
+    return {
+        "camera": [scene.camera.azimuth, scene.camera.elevation],
+        "low": whole(scene.low),
+        "high": whole(scene.high),
+        "lines": [[role, whole(lines)] for _, role, lines in layers(scene)],
+        "dots": [[role, whole(dots)] for role, dots in scene.dots.items()],
+        "marks": [
+            *(
+                [point.name, whole(point.position), glyph(Symbols(role, at)), f"{point.name}: {scene.labels[role]}"]
+                for role, point in scene.marks
+            ),
+            *([place.name, whole(place.position), plain, place.name] for place in record.bolts),
+        ],
+        "rulers": [
+            [whole(ruler.ends), ruler.label, [[whole(place), text] for place, text in ruler.ticks]] for ruler in scene.rulers
+        ],
+        "jobs": states,
+        "first": first,
+        "bolts": len(record.bolts),
+        "glyphs": [*glyphs],
+    }  # fmt: skip
+
+
+def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:
+    """A bolt's symbol about the origin."""
+    shapes: list[Shape] = []
+    for role, letter in bolt_signs(bolt, job.explained):
+        size = letter_size(letter)
+        shapes.append(Text(role, 0.0, 0.36 * size, letter, "middle", size, bold=True) if letter else Symbols(role, np.zeros((1, 2))))
+    return shapes
+
+
+def script() -> str:
+    """Return the script that turns the picture."""
+    return files("lrbc_cli.report").joinpath("structure.js").read_text(encoding="utf-8")
+
+
+def structure_page(record: StructureRecord) -> str:
+    """Return a self-contained page with the turnable picture alone."""
+    code = script()
+    sheet = css() + files("lrbc_cli.report").joinpath("page.css").read_text(encoding="utf-8")
+    allowed = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{allowed}'; base-uri 'none'; form-action 'none'"
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", name="viewport", content_="width=device-width, initial-scale=1"),
+        tag("meta", http_equiv="Content-Security-Policy", content_=policy),
+        tag("title", f"{record.campaign} – the structure"),
+        tag("style", Markup(sheet)),
+    )
+    heading = tag("header", tag("h1", record.campaign), tag("p", "The structure, its bolts, sensors and updated terms", class_="meta"))
+    body = tag("body", heading, tag("main", tag("section", *structure_parts(record))), tag("script", Markup(code)))
+    return "<!doctype html>\n" + tag("html", head, body, lang="en") + "\n"

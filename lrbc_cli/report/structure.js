@@ -1,0 +1,182 @@
+"use strict";
+(() => {
+  // Turns the picture of the structure: the same lines, dots and symbols as in the still one, which stays where scripts do not run.
+  const make = (name, attributes, parent, text) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    if (text !== undefined) element.textContent = text;
+    if (parent) parent.append(element);
+    return element;
+  };
+  const RULER = 28, FONT = 12;
+
+  const start = (holder) => {
+    const scene = JSON.parse(holder.querySelector("script").textContent);
+    const stage = holder.querySelector(".stage"), controls = holder.querySelector(".controls"), told = holder.querySelector(".told");
+    const svg = make("svg", { "aria-hidden": "true" });
+    let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false;
+
+    const airBox = controls.querySelector("[name=air]");
+    let air = !airBox || airBox.checked;
+
+    const paths = [...scene.dots.map((d) => [...d, true]), ...scene.lines].map(([role, xyz, dots]) => {
+      const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? 2.2 : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
+      return { role, xyz, dots, path: make("path", attributes, svg) };
+    });
+    const frame = make("path", { class: "l r-box" }, svg);
+    const rulers = scene.rulers.map(([ends, label, ticks]) => ({
+      ends, words: [...ticks, [null, label]].map(([at, text]) => ({ at, text, element: make("text", { class: "t r-text", "text-anchor": "middle" }, svg, text) })),
+    }));
+    const marks = scene.marks.map(([name, at, glyph, title]) => {
+      const group = make("g", {}, svg);
+      return { name, at, group, title: make("title", {}, group, title), glyph: make("g", {}, group), own: glyph, label: null, first: false };
+    });
+    for (const mark of marks) mark.label = make("text", { class: "t r-strong label" }, svg, mark.name);
+
+    // Symbols of bolts are those of the chosen job; bolts stand last.
+    const choose = (index) => {
+      const job = scene.jobs[index], offset = marks.length - scene.bolts;
+      marks.forEach((mark, i) => {
+        const [glyph, title] = job && i >= offset ? job.bolts[i - offset] : [mark.own, mark.title.textContent];
+        mark.glyph.innerHTML = scene.glyphs[glyph];
+        mark.title.textContent = title;
+        mark.first = scene.glyphs[glyph].includes("loose-on");
+      });
+      if (job && told) told.textContent = job.text;
+    };
+
+    const draw = () => {
+      waiting = false;
+      const width = Math.max(stage.clientWidth, 200);
+      const [ca, sa, ce, se] = [azimuth, elevation].flatMap((angle) => [Math.cos, Math.sin].map((f) => f((angle * Math.PI) / 180)));
+      const right = [-sa, ca, 0], up = [-se * ca, -se * sa, ce];
+      const dot = (v, xyz, i) => v[0] * xyz[i] + v[1] * xyz[i + 1] + v[2] * xyz[i + 2];
+      const bounds = [1e9, -1e9, 1e9, -1e9];
+      const grow = (xyz, i) => {
+        const x = dot(right, xyz, i), y = dot(up, xyz, i);
+        bounds[0] = Math.min(bounds[0], x); bounds[1] = Math.max(bounds[1], x);
+        bounds[2] = Math.min(bounds[2], y); bounds[3] = Math.max(bounds[3], y);
+      };
+      for (let k = 0; k < 8; k++) grow([0, 1, 2].map((i) => (k & (1 << i) ? scene.high : scene.low)[i]), 0);
+      const wide = Math.max(bounds[1] - bounds[0], 1), high = Math.max(bounds[3] - bounds[2], 1);
+      const space = width - 2 * RULER - 20;
+      // The height is that of the first view: what stands below the picture must not move while it turns.
+      if (!draw.height) draw.height = Math.round(Math.min(Math.max((space * high) / wide + 2 * RULER + 20, 190), Math.max(0.72 * width, 300), 520));
+      const height = draw.height, scale = zoom * Math.min(space / wide, (height - 2 * RULER - 20) / high);
+      const cx = (bounds[0] + bounds[1]) / 2, cy = (bounds[2] + bounds[3]) / 2;
+      const px = (xyz, i) => width / 2 + (dot(right, xyz, i) - cx) * scale, py = (xyz, i) => height / 2 - (dot(up, xyz, i) - cy) * scale;
+      svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+
+      for (const { role, xyz, dots, path } of paths) {
+        const parts = [];
+        for (let i = 0; i < (role === "air" && !air ? 0 : xyz.length); i += dots ? 3 : 6) {
+          parts.push("M", px(xyz, i).toFixed(1), " ", py(xyz, i).toFixed(1));
+          if (dots) parts.push("h0");
+          else parts.push("L", px(xyz, i + 3).toFixed(1), " ", py(xyz, i + 3).toFixed(1));
+        }
+        path.setAttribute("d", parts.join(""));
+      }
+
+      const strokes = [];
+      for (const { ends, words } of rulers) {
+        const a = [px(ends, 0), py(ends, 0)], b = [px(ends, 3), py(ends, 3)];
+        const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
+        strokes.push(`M${a}L${b}`);
+        let out = length > 1 ? [(b[1] - a[1]) / length, (a[0] - b[0]) / length] : [0, 1];
+        const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+        if (out[0] * (middle[0] - width / 2) + out[1] * (middle[1] - height / 2) < 0) out = out.map((v) => -v);
+        for (const { at, text, element } of words) {
+          const [x, y] = at ? [px(at, 0), py(at, 0)] : middle, far = (at ? 12 : RULER) + (0.28 * FONT * text.length + (at ? -2 : 8)) * Math.abs(out[0]);
+          if (at) strokes.push(`M${x} ${y}l${out[0] * 4} ${out[1] * 4}`);
+          element.setAttribute("x", x + out[0] * far);
+          element.setAttribute("y", y + out[1] * far + 4);
+          element.setAttribute("font-size", FONT - 1);
+          element.style.display = length < 40 ? "none" : "";
+        }
+      }
+      frame.setAttribute("d", strokes.join(""));
+
+      // Names where there is room: first those of loose bolts.
+      const seen = marks.map(({ at }) => [px(at, 0), py(at, 0)]);
+      const bolts = seen.slice(marks.length - scene.bolts);
+      const apart = bolts.slice(1).map(([x, y], i) => Math.hypot(x - bolts[i][0], y - bolts[i][1])).filter((d) => d > 1);
+      // Symbols shrink where bolts stand close to one another.
+      const grown = Math.min(1, Math.max(0.6, Math.min(...apart, 24) / 19)), near = 8 * grown;
+      const taken = seen.map(([x, y]) => [x - near, x + near, y - near, y + near]);
+      for (const { xyz } of paths.filter(({ role }) => role === "term")) {
+        for (let i = 0; i < xyz.length; i += 6) {
+          const [x, y, dx, dy] = [px(xyz, i), py(xyz, i), px(xyz, i + 3) - px(xyz, i), py(xyz, i + 3) - py(xyz, i)];
+          for (let k = 0; k < 8; k++) taken.push([x + (k * dx) / 8 - 2, x + (k * dx) / 8 + 2, y + (k * dy) / 8 - 2, y + (k * dy) / 8 + 2]);
+        }
+      }
+      for (const mark of [...marks.filter((m) => m.first), ...marks.filter((m) => !m.first)]) {
+        const x = px(mark.at, 0), y = py(mark.at, 0), long = 0.6 * FONT * mark.name.length;
+        mark.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${(0.125 * grown).toFixed(4)})`);
+        const close = [[13 * grown, 4, "start"], [-13 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
+        const found = names && [...close, ...close.map(([dx, dy, anchor]) => [2.2 * dx, dx ? dy : 2 * dy, anchor])].find(([dx, dy, anchor]) => {
+          const left = x + dx - { start: 0, middle: 0.5, end: 1 }[anchor] * long, box = [left, left + long, y + dy - 10, y + dy + 2];
+          const free = box[0] > 0 && box[1] < width && box[2] > 0 && box[3] < height;
+          if (!free || taken.some((t) => box[0] < t[1] && t[0] < box[1] && box[2] < t[3] && t[2] < box[3])) return false;
+          taken.push(box);
+          return true;
+        });
+        mark.label.style.display = found ? "" : "none";
+        if (!found) continue;
+        for (const [key, value] of Object.entries({ x: x + found[0], y: y + found[1], "text-anchor": found[2], "font-size": FONT })) mark.label.setAttribute(key, value);
+      }
+    };
+    const later = () => {
+      if (!waiting) requestAnimationFrame(draw);
+      waiting = true;
+    };
+    const act = {
+      ArrowLeft: () => (azimuth += 5), ArrowRight: () => (azimuth -= 5),
+      ArrowUp: () => (elevation = Math.min(90, elevation + 5)), ArrowDown: () => (elevation = Math.max(-90, elevation - 5)),
+      "+": () => (zoom = Math.min(8, zoom * 1.25)), "-": () => (zoom = Math.max(0.5, zoom / 1.25)),
+      0: () => ([azimuth, elevation, zoom] = [...scene.camera, 1]),
+    };
+    stage.addEventListener("keydown", (event) => {
+      if (!act[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      act[event.key]();
+      later();
+    });
+    let held = null;
+    stage.addEventListener("pointerdown", (event) => {
+      held = [event.clientX, event.clientY];
+      stage.setPointerCapture(event.pointerId);
+    });
+    stage.addEventListener("pointermove", (event) => {
+      if (!held) return;
+      azimuth -= 0.5 * (event.clientX - held[0]);
+      elevation = Math.max(-90, Math.min(90, elevation + 0.5 * (event.clientY - held[1])));
+      held = [event.clientX, event.clientY];
+      later();
+    });
+    for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, () => (held = null));
+    controls.addEventListener("click", (event) => {
+      const does = event.target.dataset && act[event.target.dataset.do];
+      if (does) does(), later();
+    });
+    controls.addEventListener("change", (event) => {
+      if (event.target.name === "shown") choose(Number(event.target.value));
+      if (event.target.name === "names") names = event.target.checked;
+      if (event.target.name === "air") air = event.target.checked;
+      later();
+    });
+    const select = controls.querySelector("select");
+    choose(select ? Number(select.value) : scene.first);
+    controls.hidden = false;
+    stage.querySelector(".still").replaceWith(svg);
+    holder.classList.add("turns");
+    new ResizeObserver(() => {
+      draw.height = 0;
+      const before = [azimuth, elevation, zoom];
+      act[0]();
+      draw();
+      [azimuth, elevation, zoom] = before;
+      later();
+    }).observe(stage);
+  };
+  for (const holder of document.querySelectorAll(".turnable")) start(holder);
+})();

@@ -1,0 +1,142 @@
+"""The picture of the structure: bolts by verdict, one figure a job, turnable on the page."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_campaign import campaign_of
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.report import write_report
+from lrbc_cli.report.drawing.structure import Camera, scene_of
+from lrbc_cli.report.parts.structure import structure_chart, structure_page
+from lrbc_cli.report.write import write_structure
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job, write, write_json
+from lrbc_cli.results.structure import StructureRecord
+
+
+def plate(output: Path, lift: float = 0.0) -> StructureRecord:
+    """A grid of 6 by 5 nodes beside the bolts of the campaign, curved where it is lifted."""
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0.1, 0.9, 6), np.linspace(0.2, 0.7, 5)))
+    number = np.arange(30).reshape(5, 6)
+    pairs = [*zip(number[:, :-1].ravel(), number[:, 1:].ravel(), strict=True), *zip(number[:-1].ravel(), number[1:].ravel(), strict=True)]
+    point = {"direction": [0.0, 0.0, 1.0], "quantity": "acceleration", "used": True}
+    return StructureRecord.checked(
+        {
+            "campaign": "soundbox-left-edge",
+            "fields": [
+                {"field": "structure", "count": 30, "xyz": np.column_stack([x, y, lift * x**2]), "lines": np.array(pairs).ravel()},
+                {"field": "acoustic", "count": 900, "xyz": [[0.0, 0.0, 0.5], [1.0, 1.0, 1.0]]},
+            ],
+            "bolts": [bolt.tree() for bolt in campaign_of(output).bolts],
+            "excitations": [{"name": "hammer", "position": [0.4, 0.4, 0.0], **point, "quantity": "force"}],
+            "responses": [
+                {"name": "acc</script>", "position": [0.7, 0.5, 0.0], **point},
+                {"name": "mic01", "position": [0.5, 0.3, 0.4], "direction": None, "quantity": "pressure", "used": False},
+            ],
+            "terms": [
+                {"name": "edge", "kind": "stiffness", "along_edge": True, "positions": [[0.1, 0.2, 0], [0.1, 0.7, 0]], "springs": []}
+            ],
+            "notes": ["2 of 900 acoustic nodes are drawn"],
+        }
+    )
+
+
+def job_of(output: Path, name: str = "bolts-04") -> JobRecord:
+    job = read_job(output, name)
+    assert isinstance(job, JobRecord)
+    return job
+
+
+class Elements(HTMLParser):
+    """Start tags, and the text of each kind of script."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: dict[str, str] = {}
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        if self.found and self.found[-1][0] == "script":
+            kind = str(self.found[-1][1].get("type", "code"))
+            self.scripts[kind] = self.scripts.get(kind, "") + data
+
+
+def test_every_job_has_its_picture_and_the_page_a_chooser(output: Path) -> None:
+    record = plate(output)
+    write(output / "structure.json", record)
+    write_report(output, workers=1)
+    for name in ("bolts-00", "bolts-04"):
+        assert (output / name / "structure.png").read_bytes().startswith(b"\x89PNG")
+    page = Elements((output / "report.html").read_text(encoding="utf-8"))
+    assert [entry["value"] for name, entry in page.found if name == "option"][:2] == ["0", "1"]
+    scene = json.loads(page.scripts["application/json"])
+    job = job_of(output)
+    # The first job with loose bolts is shown first; colours and signs are those of the strip.
+    assert scene["first"] == 1
+    assert scene["bolts"] == len(record.bolts) == len(scene["jobs"][1]["bolts"])
+    for bolt, (glyph, title) in zip(job.bolts, scene["jobs"][1]["bolts"], strict=True):
+        assert title.startswith(f"{bolt.name}: {bolt.verdict}")
+        assert ("loose-on" in scene["glyphs"][glyph]) == (bolt.verdict == "loose")
+    assert job.names("loose")
+    assert scene["jobs"][1]["text"].startswith("bolts-04: ")
+    assert scene["marks"][1][0] == "acc</script>"
+
+
+def test_the_scene_of_what_is_flat_is_a_plan_and_else_a_view_in_space(output: Path) -> None:
+    flat, curved = scene_of(plate(output)), scene_of(plate(output, lift=0.3))
+    np.testing.assert_allclose(flat.camera.axes, [[1, 0, 0], [0, 1, 0]], atol=1e-12)
+    assert (flat.plane, curved.plane) == ("xy", "")
+    for camera in (flat.camera, curved.camera, Camera(123.0, -40.0)):
+        np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(2), atol=1e-12)
+    # Air is left out of a plan.
+    assert flat.high[0] < 1.0
+    assert curved.high[0] == 1.0
+    assert flat.labels["air"] == "air, 2 of 900 nodes"
+    assert {"sensor", "microphone-unseen", "hammer", "mesh", "term"} <= set(flat.labels)
+    for record in (plate(output), plate(output, lift=0.3)):
+        job = job_of(output)
+        chart = structure_chart(record, job)
+        words = {item.text for panel in chart.panels for item in panel.items if hasattr(item, "text")}
+        assert {*job.names("loose"), "hammer", "mic01"} <= words
+        # Nothing lies outside the frame.
+        for item in chart.panels[0].items:
+            if getattr(item, "y", None) is not None and np.size(item.y):
+                x, y = chart.panels[0].x, chart.panels[0].y
+                assert x.low <= np.nanmin(item.x) <= np.nanmax(item.x) <= x.high
+                assert y.low <= np.nanmin(item.y) <= np.nanmax(item.y) <= y.high
+
+
+def test_the_page_of_the_picture_needs_nothing_from_outside(output: Path) -> None:
+    text = structure_page(plate(output))
+    page = Elements(text)
+    assert all(not ({"src", "href"} & set(attributes)) for _, attributes in page.found)
+    assert not re.search(r"url\(|@import|https?://(?!www\.w3\.org/2000/svg)", text)
+    assert json.loads(page.scripts["application/json"])["jobs"] == []
+    # Still where scripts do not run.
+    assert any(name == "svg" and attributes.get("role") == "img" for name, attributes in page.found)
+
+
+def test_no_picture_without_coordinates(output: Path) -> None:
+    assert write_structure(output, StructureRecord.checked({"campaign": "soundbox-left-edge", "reason": "no coordinates"})) == []
+    write_report(output, workers=1)
+    assert 'class="turnable"' not in (output / "report.html").read_text(encoding="utf-8")
+    assert not list(output.rglob("structure.png"))
+
+
+def test_a_damaged_structure_is_told(output: Path) -> None:
+    tree = plate(output).tree()
+    del tree["bolts"][0]["position"]
+    write_json(output / "structure.json", tree)
+    with pytest.raises(DataError, match=r"structure.json(.|\n)*bolts\[0\].position"):
+        write_report(output, workers=1)
