@@ -1,6 +1,9 @@
 #!/bin/sh
 # A measurement campaign: whenever the FRF file of a job arrives, identify that job from it and say what was found.
 #
+# `lrbc watch CONFIG` does this and more, on every system. This script stays as an example of how a campaign of one's own is put together
+# from the commands of lrbc: what they say for programs, what their exit codes mean.
+#
 #   sh configs/measure.sh CONFIG FOLDER [--once]
 #
 # CONFIG is the campaign file; it names one job a configuration of the bolts, and a job NAME is measured as FOLDER/NAME.uff

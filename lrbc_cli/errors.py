@@ -30,7 +30,9 @@ class LrbcError(Exception):
         How to mend it.
     """
 
-    exit_code = 1
+    exit_code, kind = 1, "internal"
+    #: Further errors that were found beside it.
+    others: tuple[LrbcError, ...] = ()
 
     def __init__(
         self,
@@ -64,6 +66,18 @@ class LrbcError(Exception):
             lines.append(f"  fix:      {_shortened(self.hint)}")
         return "\n".join(lines)
 
+    def tree(self) -> dict[str, str | None]:
+        """The parts of the message, for programs."""
+        parts = {
+            "kind": self.kind,
+            "problem": self.problem,
+            "file": self.file,
+            "place": self.place,
+            "expected": self.expected,
+            "found": self.found,
+        }
+        return {name: None if part is None else _shortened(part) for name, part in (parts | {"fix": self.hint}).items()}
+
     def __str__(self) -> str:
         return self.message
 
@@ -71,16 +85,16 @@ class LrbcError(Exception):
 class ConfigError(LrbcError):
     """The command line or the campaign file is wrong (exit code 2)."""
 
-    exit_code = 2
+    exit_code, kind = 2, "usage"
 
 
 class DataError(LrbcError):
     """An input file is missing, damaged or inconsistent (exit code 3)."""
 
-    exit_code = 3
+    exit_code, kind = 3, "data"
 
 
 class NumericalError(LrbcError):
     """A computation failed or did not reach its tolerance (exit code 4)."""
 
-    exit_code = 4
+    exit_code, kind = 4, "numerical"

@@ -27,6 +27,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
+from lrbc_cli.config.explain import suggestion
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.method import rule_of
 from lrbc_cli.model.fem import FeModel
@@ -347,7 +348,8 @@ class Study:
         if job in campaign.jobs:
             return self.inputs
         if not measured:
-            raise ConfigError(f"no job '{job}' in this campaign", file=campaign.path, expected=", ".join(campaign.jobs), found=job)
+            hint, known = suggestion(job, campaign.jobs), ", ".join(campaign.jobs)
+            raise ConfigError(f"no job '{job}' in this campaign", file=campaign.path, expected=known, found=job, hint=hint)
         return with_job(self.inputs, job)
 
     def _theta(self, parameters: Parameterisation, given: ArrayLike | None, log10: Mapping[str, ArrayLike]) -> Floats:

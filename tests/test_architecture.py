@@ -29,10 +29,11 @@ ALLOWED = {
     "report": {"errors", "model", "io", "config", "reduction", "updating", "results"},
     "campaign": {"errors", "model", "io", "config", "reduction", "updating", "results", "method"},
     "virtual": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign"},
+    "watch": {"errors", "io", "config", "updating", "results", "campaign", "report"},
     "guide": {"config"},
     "matrices": {"errors", "model", "reduction", "updating"},
     "study": {"errors", "model", "io", "config", "reduction", "updating", "results", "method", "campaign"},
-    "cli": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign", "virtual", "report", "guide"},
+    "cli": {"errors", "model", "io", "config", "reduction", "updating", "results", "campaign", "virtual", "report", "watch", "guide"},
     "__main__": {"cli"},
 }
 
@@ -51,6 +52,7 @@ FORBIDDEN = {
     "campaign": {"yaml", "click", "matplotlib"},
     "virtual": {"yaml", "h5py", "click", "matplotlib", "pydantic"},
     "report": {"yaml", "h5py", "click", "pydantic"},
+    "watch": NO_FILES | {"numpy", "scipy"},
     "guide": NO_FILES | {"numpy", "scipy"},
     "matrices": NO_FILES,
     "study": {"yaml", "h5py", "click", "pydantic"},

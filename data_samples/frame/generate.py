@@ -167,6 +167,13 @@ def write_model(folder: Path) -> None:
     print(f"n {free.size}, nnz K {stiffness.nnz}, M {mass.nnz}, {SEGMENTS} terms")
 
 
+def write_points(path: Path) -> None:
+    """Write where the plate is hit, and where the sensors on nodes are."""
+    rows = [f"hammer,{HAMMER[0]:g},{HAMMER[1]:g},0,UZ,"]
+    rows += [f"{name},{SENSORS[name][0]:g},{SENSORS[name][1]:g},0,UZ,acceleration" for name in ON_NODES]
+    write_table(path, "name,x,y,z,component,quantity", rows)
+
+
 def write_measurements(folder: Path, seed: int) -> None:
     """Write accelerances of the true model in each state."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -226,6 +233,7 @@ def main() -> None:
     arguments = parser.parse_args()
     logging.getLogger("skfem").setLevel(logging.ERROR)
     write_model(arguments.out / "model")
+    write_points(arguments.out / "points.csv")
     write_measurements(arguments.out / "frf", arguments.seed)
 
 

@@ -181,6 +181,7 @@ def calibrate(
     rounds: list[Round] = []
     now = inputs
     while True:
+        progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
         fit = fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations)
         if fit.solution.status == "failed":
             raise NumericalError(f"the calibration from job {settings.job} fails: {fit.solution.reason}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from lrbc_cli.campaign.jobs.identity import about_measurement
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache
@@ -48,11 +49,9 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     resolved = campaign.resolved()
     job = campaign.jobs[calibration.job]
     reduced = cache.key_parts(inputs)
-    about = {k: v for k, v in resolved["jobs"][calibration.job].items() if k not in ("frf", "coherence", "repeats", "removed")}
     groups = [{k: v for k, v in group.items() if k != "select"} for group in resolved["parameters"].values()]
     # As for jobs: which terms share a value.
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
-    files = [job.frf, *([job.coherence] if job.coherence is not None else []), *job.repeats]
     return {
         "model": cache.digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
         "terms": cache.digest(
@@ -60,8 +59,8 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         ),
         "band": cache.digest(reduced["band"], reduced["tolerance"]),
         "measurement": cache.digest(
-            [file_hash(file) for file in files],
-            about,
+            [file_hash(file) for file in job.all_files],
+            about_measurement(resolved, job, calibration.job),
             {name: value.get("record") for name, value in resolved["responses"].items()},
             [[response.name, response.quantity] for response in inputs.responses],
         ),
@@ -140,7 +139,12 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
     ConfigError, DataError
         See ``read_as_exported``.
     """
-    inputs = read_as_exported(campaign)
+    return with_stored_calibration(read_as_exported(campaign), calibration=calibration)
+
+
+def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inputs:
+    """The same of inputs as exported."""
+    campaign = inputs.campaign
     if campaign.calibration is None:
         try:
             there = (campaign.output / FILE).is_file()

@@ -179,7 +179,7 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             selected = select_lines(inputs, measurement, name)
         except LrbcError as error:
             out.errors[name] = error
-            lines.append(f"{name}: unusable ({error.message.splitlines()[0]})")
+            lines.append(f"{name}: unusable, see its error")
             continue
         readable.append(name)
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))

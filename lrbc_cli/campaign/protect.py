@@ -12,6 +12,11 @@ from pydantic import BaseModel
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError
 
+
+def _figures(*names: str) -> tuple[str, ...]:
+    return tuple(f"{name}.{kind}" for name in names for kind in ("png", "pdf", "svg"))
+
+
 #: What commands write under the output folder: ``update``, ``calibrate``, ``reduce``, ``plan`` and ``report``; into a job's folder; into
 #: that of the calibration. A test compares it with what they leave.
 IN_OUTPUT = (
@@ -21,12 +26,10 @@ IN_OUTPUT = (
     "calibration.json",
     "plan.json",
     "plan.csv",
-    "plan.png",
     "structure.json",
-    "structure.png",
     "structure.html",
-    "verdicts.png",
     "report.html",
+    *_figures("plan", "structure", "verdicts", "damping"),
 )
 IN_JOB = (
     "result.json",
@@ -35,12 +38,7 @@ IN_JOB = (
     "profile.csv",
     "fdac.csv",
     "evidence.json",
-    "profile.png",
-    "map.png",
-    "structure.png",
-    "fdac.png",
-    "l-curve.png",
-    "frf-*.png",
+    *_figures("profile", "map", "structure", "fdac", "l-curve", "frf-*"),
 )
 IN_CALIBRATION = ("frf.csv",)
 

@@ -12,6 +12,7 @@ from lrbc_cli.campaign.calibration import FILE, fitting
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.terminal import say
 from lrbc_cli.results.model import CalibrationRecord
 
 
@@ -44,16 +45,16 @@ def calibrate(
                 }
             )
         else:
-            click.echo(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({reason})")
-            click.echo(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
-            click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+            say(f"calibration from {settings.job}: {'runs' if runs else 'kept'} ({reason})")
+            say(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
+            say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         return
     record, kept = run_calibration(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
     if as_json:
         say_json(record.tree())
     else:
-        click.echo("\n".join(describe(record, kept)))
-        click.echo(f"{inputs.campaign.output / FILE}")
+        say("\n".join(describe(record, kept)))
+        say(f"{inputs.campaign.output / FILE}")
 
 
 def describe(record: CalibrationRecord, kept: bool) -> list[str]:

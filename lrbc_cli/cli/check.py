@@ -7,10 +7,14 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.check import check as examine
+from lrbc_cli.campaign.files import unusable_files
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.cli.terminal import complain, say
+from lrbc_cli.config import Campaign, load_campaign
+from lrbc_cli.errors import LrbcError
 
 
 @click.command()
@@ -18,24 +22,31 @@ from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 @calibration_option
 @click.option("--picture", is_flag=True, help="Draw the structure: structure.png and structure.html in the output folder.")
 def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool, *, picture: bool) -> int:
-    """Read all inputs and print the plan; change nothing, but for the picture where it is asked for."""
-    inputs = load(config, overrides, calibration=calibration, warn=False)
+    """Read all inputs and print the plan; change nothing, but for the picture where it is asked for.
+
+    Where the model cannot be made, all files that cannot be read are named.
+    """
+    campaign = load_campaign(config, overrides)
+    try:
+        inputs = load(config, overrides, calibration=calibration, warn=False)
+    except LrbcError as error:
+        return _without_model(campaign, error, as_json)
     drawn = _draw(inputs, tell=not as_json) if picture else []
     findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
     if as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
     else:
         for title, lines in findings.sections.items():
-            click.echo(title)
+            say(title)
             for line in lines:
-                click.echo(f"  {line}")
+                say(f"  {line}")
         if findings.warnings:
-            click.echo("warnings")
+            say("warnings")
             for line in findings.warnings:
-                click.echo(f"  {line}")
-    for error in findings.errors.values():
-        click.echo(error.message, err=True)
-    return max((error.exit_code for error in findings.errors.values()), default=0)
+                say(f"  {line}")
+    for unusable in findings.errors.values():
+        complain(unusable.message)
+    return max((unusable.exit_code for unusable in findings.errors.values()), default=0)
 
 
 def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
@@ -46,7 +57,22 @@ def _draw(inputs: Inputs, *, tell: bool) -> list[Path]:
     record = structure_of(inputs)
     files = write_structure(inputs.campaign.output, record)
     if tell:
-        click.echo("picture")
+        say("picture")
         for line in [*map(str, files), *record.notes] if files else [f"none: {record.reason}"]:
-            click.echo(f"  {line}")
+            say(f"  {line}")
     return files
+
+
+def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:
+    """Say what stopped the reading, and which other files cannot be read."""
+    found = unusable_files(campaign)
+    errors = {error.message: error for error in (first, *first.others, *(error for several in found.values() for error in several))}
+    if as_json:
+        trees = {key: [error.tree() for error in several] for key, several in found.items()}
+        beside = [error.tree() for error in first.others]
+        say_json({"campaign": campaign.name, "exit_code": first.exit_code, "error": first.tree(), "others": beside, "errors": trees})
+    for message in errors:
+        complain(message)
+    if len(errors) > 1 and not as_json:
+        say(f"{len(errors)} things to mend; all other files can be read by themselves")
+    return first.exit_code

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,10 +16,11 @@ from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.cli.interruption import stop_if_asked
 from lrbc_cli.cli.options import verbosity
+from lrbc_cli.cli.terminal import line, remark, say
 from lrbc_cli.config import load_campaign
 from lrbc_cli.results.fields import plain
 
-__all__ = ["cache_folder", "load", "progress", "say_json"]
+__all__ = ["cache_folder", "load", "progress", "say_json", "tell_calibration"]
 
 
 def load(
@@ -30,7 +29,7 @@ def load(
     """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts.
 
     What became of a stored calibration is said; False leaves it out, None looks for none.
-    ``warn=False`` leaves the warnings about files and model to the caller.
+    ``warn=False`` leaves the warnings about files and model, and the calibration, to the caller.
     """
     campaign = load_campaign(config, overrides)
     if own_output:
@@ -38,12 +37,17 @@ def load(
     inputs = read_as_exported(campaign) if calibration is None else read_inputs(campaign, calibration=calibration)
     if warn and verbosity.level >= 0:
         for warning in (*inputs.warnings, *inputs.method.warnings):
-            click.echo(f"warning: {warning}", err=True)
-    use = inputs.calibration
-    # That there is none is no news but for those who ask for the plan.
-    if use is not None and verbosity.level >= (0 if use.used or use.stale or not calibration else 1):
-        click.echo(f"{'warning: ' if use.stale else ''}calibration: {use.text}", err=True)
+            remark(warning, kind="warning")
+    if warn:
+        tell_calibration(inputs, wanted=bool(calibration))
     return inputs
+
+
+def tell_calibration(inputs: Inputs, *, wanted: bool) -> None:
+    """Say on stderr what became of a stored calibration; that there is none is no news but for those who left it out."""
+    use = inputs.calibration
+    if use is not None and verbosity.level >= (0 if use.used or use.stale or not wanted else 1):
+        remark(f"calibration: {use.text}", kind="warning" if use.stale else "")
 
 
 def progress() -> Callable[[str], None]:
@@ -62,25 +66,13 @@ def progress() -> Callable[[str], None]:
 
 def _shown() -> Callable[[str], None]:
     if verbosity.level >= 1:
-        return lambda text: click.echo(text, err=True)
+        return lambda text: remark(text)
     if verbosity.level == 0 and sys.stderr.isatty():
-
-        def width() -> int:
-            # Of stderr, as stdout may be a file. Terminals begin a new line after their last column; windows are resized.
-            try:
-                columns = os.get_terminal_size(sys.stderr.fileno()).columns
-            except (OSError, ValueError):
-                columns = 0
-            return max((columns or shutil.get_terminal_size().columns) - 1, 1)
-
-        def show(text: str) -> None:
-            click.echo("\r" + text[: width()].ljust(width()), err=True, nl=False)
-
-        click.get_current_context().call_on_close(lambda: click.echo("\r" + " " * width() + "\r", err=True, nl=False))
-        return show
+        click.get_current_context().call_on_close(line.clear)
+        return line.show
     return lambda _: None
 
 
 def say_json(tree: Mapping[str, Any]) -> None:
     """Print one JSON document."""
-    click.echo(json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False))
+    say(json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False))

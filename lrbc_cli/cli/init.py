@@ -7,13 +7,34 @@ from pathlib import Path
 import click
 
 from lrbc_cli.cli.options import verbosity_options
-from lrbc_cli.config.skeleton import write_skeleton
+from lrbc_cli.cli.terminal import say
+from lrbc_cli.config.skeleton import FILE, write_skeleton
 
 
 @click.command(short_help="Write a commented campaign file to fill in.")
 @click.argument("directory", metavar="[DIR]", type=click.Path(path_type=Path), default=Path())
+@click.option("--from", "source", type=click.Path(path_type=Path), help="Fill it in from the files of this folder, as far as they tell.")
 @verbosity_options
-def init(directory: Path) -> None:
-    """Write a commented campaign file, and folders for the model and the FRFs, into DIR (default: the current folder)."""
-    for path in write_skeleton(directory):
-        click.echo(path)
+def init(directory: Path, source: Path | None) -> None:
+    """Write a commented campaign file into DIR (default: the current folder), with its schema for editors; nothing is overwritten.
+
+    With --from it speaks of the matrices, tables and FRF files of a folder: recognised by their content, roles by names and content.
+    Else folders and tables to fill in come with it.
+    """
+    if source is None:
+        for path in write_skeleton(directory):
+            say(path)
+        return
+    # Here: numpy and the readers are not needed for a template.
+    from lrbc_cli.campaign.drafting.draft import draft
+    from lrbc_cli.campaign.drafting.recognise import recognise
+
+    made = draft(directory, recognise(source))
+    text = made.text()
+    for path in write_skeleton(directory, text):
+        say(path)
+    for line in made.recognised:
+        say(f"recognised  {line}")
+    for line in made.todo:
+        say(f"to do       {' '.join(line.split())}")
+    say(f"next: lrbc check {directory / FILE}")

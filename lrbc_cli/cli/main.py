@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import json
 import os
 import select
 import sys
@@ -19,6 +20,7 @@ import click
 from lrbc_cli import __version__
 from lrbc_cli.cli import interruption
 from lrbc_cli.cli.options import verbosity, verbosity_options
+from lrbc_cli.cli.terminal import complain
 from lrbc_cli.errors import ConfigError, LrbcError, NumericalError
 
 #: Where each command stands, and its line in the help: commands are imported when they run, so that the help is quick.
@@ -30,7 +32,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reduce": ("lrbc_cli.cli.reduce:reduce", "Build the reduced model, or find it in the cache."),
     "calibrate": ("lrbc_cli.cli.calibrate:calibrate", "Identify the global factors of the reference model."),
     "update": ("lrbc_cli.cli.update:update", "Identify the parameters of all jobs, or of those named."),
+    "watch": ("lrbc_cli.cli.watch:watch", "Judge and report measurements as their files arrive."),
     "report": ("lrbc_cli.cli.report:report", "Draw figures, tables and report.html from the results."),
+    "run": ("lrbc_cli.cli.run:run", "Calibrate where asked, update, report: the result in a sentence a job."),
+    "status": ("lrbc_cli.cli.status:status", "Tell which jobs are done, stale, missing or failed; change nothing."),
     "simulate": ("lrbc_cli.cli.simulate:simulate", "Compute FRFs of the model and write them to a file."),
     "schema": ("lrbc_cli.cli.schema:schema", "Print the JSON Schema of the campaign or result files."),
     "guide": ("lrbc_cli.cli.guide:guide", "Show the pages of the guide."),
@@ -38,6 +43,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 DEFECT = 1
 INTERRUPTED = 130
 PIPE_CLOSED = 141
+#: What an error that is not of this package is under --json, by its exit code.
+KINDS = {2: "usage", 3: "data", 4: "numerical", INTERRUPTED: "interrupted"}
 #: How long an interrupted run waits for what it is about to finish.
 GRACE_SECONDS = 5.0
 #: Errors of writing that more space or another place mends.
@@ -119,7 +126,8 @@ class LazyGroup(click.Group):
                 raise
             # click makes an Abort of most interrupts.
             interrupted = isinstance(error, KeyboardInterrupt | click.Abort) and args is None
-            _stop(error, at_once=interrupted and not _leave_soon())
+            as_json = "--json" in (sys.argv[1:] if args is None else args)
+            _stop(error, at_once=interrupted and not _leave_soon(), as_json=as_json)
         if not standalone_mode:
             return code
         sys.exit(code if type(code) is int else 0)
@@ -195,38 +203,43 @@ def _reader_has_gone() -> bool:
         return True
 
 
-def _stop(error: BaseException, *, at_once: bool = False) -> NoReturn:
-    """Say what happened, once, and exit; at once: whatever threads do."""
+def _stop(error: BaseException, *, at_once: bool = False, as_json: bool = False) -> NoReturn:
+    """Say what happened, once, and exit; at once: whatever threads do; with --json the document on stdout is the error."""
     # Some versions of click name it as the cause, others do not.
     if isinstance(error, click.Abort) and isinstance(error.__cause__ or error.__context__, EOFError):
         error = error.__cause__ or error.__context__ or error
-    if isinstance(error, LrbcError):
-        message, code = error.message, error.exit_code
-    elif isinstance(error, click.ClickException):
-        message, code = _usage_error(error), error.exit_code
-    elif isinstance(error, KeyboardInterrupt | click.Abort):
-        message, code = "lrbc: interrupted; what was finished is kept", INTERRUPTED
-    elif isinstance(error, MemoryError):
-        short = NumericalError(
-            f"not enough memory ({str(error).rstrip('.') or 'no details'})",
-            hint="a coarser model, fewer terms or responses, or more memory; lrbc check predicts what is needed",
-        )
-        message, code = short.message, short.exit_code
-    elif isinstance(error, OSError) and error.errno in NO_SPACE:
-        hint = "free space where stdout and the results go, or choose another place"
-        full = ConfigError(f"what was found cannot be written ({error.strerror})", file=error.filename, hint=hint)
-        message, code = full.message, full.exit_code
-    else:
-        message, code = _defect(error), DEFECT
+    message, code = _told(error)
     with suppress(OSError):
-        click.echo(message, err=True)
+        complain(message)
         if verbosity.level >= 2 and not isinstance(error, click.ClickException):
             click.echo("".join(traceback.format_exception(error)).rstrip(), err=True)
+        if as_json:
+            parts = error.tree() if isinstance(error, LrbcError) else {"problem": message}
+            click.echo(
+                json.dumps({"exit_code": code, "error": {"kind": KINDS.get(code, "internal"), **parts}}, indent=1, ensure_ascii=False)
+            )
     if at_once:
         sys.stderr.flush()
         os._exit(code)
     _release_streams()
     sys.exit(code)
+
+
+def _told(error: BaseException) -> tuple[str, int]:
+    """Message and exit code."""
+    if isinstance(error, click.ClickException):
+        return _usage_error(error), error.exit_code
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return "lrbc: interrupted; what was finished is kept", INTERRUPTED
+    if isinstance(error, MemoryError):
+        error = NumericalError(
+            f"not enough memory ({str(error).rstrip('.') or 'no details'})",
+            hint="a coarser model, fewer terms or responses, or more memory; lrbc check predicts what is needed",
+        )
+    elif isinstance(error, OSError) and error.errno in NO_SPACE:
+        hint = "free space where stdout and the results go, or choose another place"
+        error = ConfigError(f"what was found cannot be written ({error.strerror})", file=error.filename, hint=hint)
+    return (error.message, error.exit_code) if isinstance(error, LrbcError) else (_defect(error), DEFECT)
 
 
 @click.group(

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import click
 
+from lrbc_cli.cli.terminal import remark
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 LEVELS = {-2: logging.CRITICAL, -1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO, 2: logging.DEBUG}
@@ -20,7 +22,7 @@ class _StderrHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             # As the commands' own lines begin.
-            click.echo(f"{record.levelname.lower()}: {self.format(record)}", err=True)
+            remark(self.format(record), kind=record.levelname.lower())
         except Exception:
             self.handleError(record)
 

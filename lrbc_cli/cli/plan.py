@@ -9,6 +9,7 @@ import click
 from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.terminal import say
 from lrbc_cli.report import draw_plan, plan_text
 
 
@@ -51,5 +52,5 @@ def plan(
     if as_json:
         say_json(record.tree())
     else:
-        click.echo(plan_text(output))
-        click.echo(f"plan in {output}: plan.json, plan.csv, plan.png")
+        say(plan_text(output))
+        say(f"plan in {output}: plan.json, plan.csv, plan.png")

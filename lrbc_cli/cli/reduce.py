@@ -16,6 +16,7 @@ from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.campaign.simulate import check_parameters
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.model import ReductionRecord
 
@@ -96,10 +97,10 @@ def reduce(
     if as_json:
         say_json(record.tree() | ({"exports": written} if exports else {}))
     else:
-        click.echo("\n".join([*describe(record, stage.seconds), *[describe_export(item, record) for item in written]]))
+        say("\n".join([*describe(record, stage.seconds), *[describe_export(item, record) for item in written]]))
     unstable = written[0].get("state_space", {}).get("unstable_poles", 0) if written else 0
     if unstable and verbosity.level >= 0:
-        click.echo(f"warning: {unstable} poles of the state space lie in the right half plane: it grows without bounds", err=True)
+        remark(f"{unstable} poles of the state space lie in the right half plane: it grows without bounds", kind="warning")
 
 
 def _dry_run(inputs: Inputs, folder: Path, exports: tuple[Path, ...], *, force: bool, as_json: bool) -> None:
@@ -117,7 +118,7 @@ def _dry_run(inputs: Inputs, folder: Path, exports: tuple[Path, ...], *, force: 
         return
     would = "builds the reduced model (--force)" if force else ("finds it in the cache" if decision.hit else "builds the reduced model")
     missed = [f"{decision.missed}; --accept-tolerance accepts it"] if decision.missed and not force else []
-    click.echo("\n".join([f"{would}: {decision.reason}", *missed, *[f"writes {file}" for file in exports]]))
+    say("\n".join([f"{would}: {decision.reason}", *missed, *[f"writes {file}" for file in exports]]))
 
 
 def describe(record: ReductionRecord, seconds: float) -> list[str]:

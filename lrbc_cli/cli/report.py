@@ -11,21 +11,36 @@ from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
+from lrbc_cli.cli.terminal import say
 from lrbc_cli.config import load_campaign
-from lrbc_cli.report import summary_text, write_report
+from lrbc_cli.report import VECTORS, summary_text, write_report
+
+
+def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str, ...]:
+    kinds = tuple(dict.fromkeys(part.strip().lower() for part in value.split(",") if part.strip()))
+    unknown = [kind for kind in kinds if kind not in VECTORS]
+    if unknown:
+        raise click.BadParameter(f"{', '.join(unknown)}: give {' or '.join(VECTORS)}, or both with a comma between.")
+    return kinds
 
 
 @click.command()
 @campaign_options
+@click.option(
+    "--figures", metavar="KINDS", default="", callback=_kinds, help="Figures for print beside the PNG files: pdf, svg or both (pdf,svg)."
+)
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Show this job only; repeatable.")
-def report(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, jobs: tuple[str, ...]) -> None:
+def report(
+    config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, figures: tuple[str, ...], jobs: tuple[str, ...]
+) -> None:
     """Draw figures, tables and report.html from the results."""
     campaign = load_campaign(config, overrides)
     require_own_output(campaign)
     require_inputs_apart(campaign)
-    page = write_report(campaign.output, jobs=jobs or None, workers=min(2, os.cpu_count() or 1), progress=progress())
+    workers = min(2, os.cpu_count() or 1)
+    page = write_report(campaign.output, jobs=jobs or None, workers=workers, figures=figures, progress=progress())
     if as_json:
         say_json({"report": page})
     else:
-        click.echo(summary_text(campaign.output, jobs or None))
-        click.echo(f"report: {page}")
+        say(summary_text(campaign.output, jobs or None), finding=True)
+        say(f"report: {page}")

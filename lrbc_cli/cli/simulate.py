@@ -9,6 +9,7 @@ import click
 from lrbc_cli.campaign.simulate import simulate as compute
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.terminal import say
 
 
 @click.command()
@@ -60,4 +61,4 @@ def simulate(
     if as_json:
         say_json({"file": out, "lines": count, "responses": [r.name for r in frf.records]})
     else:
-        click.echo(f"{out}: {len(frf.records)} responses, {count} lines, {'full' if full else 'reduced'} order")
+        say(f"{out}: {len(frf.records)} responses, {count} lines, {'full' if full else 'reduced'} order")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,6 +14,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
+from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.report import summary_text
 from lrbc_cli.updating.clearance import sentence
 
@@ -63,14 +65,14 @@ def update(
         _dry_run(inputs, folder, jobs, force=force, as_json=as_json)
         return 0
     outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
-    if verbosity.level >= 0:
-        for name, error in outcome.errors.items():
-            click.echo(f"job {name} failed: {error.message}", err=True)
-        for name, record in outcome.results.items():
-            for warning in record.warnings:
-                click.echo(f"warning: job {name}: {warning}", err=True)
+    tell_troubles(outcome)
     code = outcome.exit_code(fail_on_loose)
-    _tell(inputs, outcome, code, as_json=as_json, fail_on_loose=fail_on_loose)
+    if as_json:
+        say_json(outcome_tree(inputs, outcome, code))
+    else:
+        say(summary_text(inputs.campaign.output, finished(inputs, outcome), reasons=False), finding=True)
+        tell_clearance(outcome, code, fail_on_loose)
+        say(f"results in {inputs.campaign.output}")
     return code
 
 
@@ -88,32 +90,44 @@ def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool
         )
         return
     if inputs.campaign.update.evaluation != "full":
-        click.echo(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
+        say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         if decision.missed:
-            click.echo(f"{decision.missed}; --accept-tolerance accepts it")
+            say(f"{decision.missed}; --accept-tolerance accepts it")
     for p in plans:
-        click.echo(f"{p.name}: {p.verb} ({p.reason})")
+        say(f"{p.name}: {p.verb} ({p.reason})")
 
 
-def _tell(inputs: Inputs, outcome: Outcome, code: int, *, as_json: bool, fail_on_loose: bool) -> None:
-    output = inputs.campaign.output
-    done = [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
-    if as_json:
-        say_json(
-            {
-                "exit_code": code,
-                "output": output,
-                "kept": outcome.kept,
-                "judged": outcome.judged,
-                "failed": {n: e.message for n, e in outcome.errors.items()},
-                "findings": {name: sentence(job) for name, job in findings_of(outcome.results, done).items()},
-                "not_clear": outcome.not_clear,
-                "results": outcome.results,
-            }
-        )
-        return
-    click.echo(summary_text(output, done, reasons=False))
+def tell_troubles(outcome: Outcome) -> None:
+    """Say on stderr why jobs failed, and what is doubtful about the others."""
+    if verbosity.level >= 0:
+        for name, error in outcome.errors.items():
+            complain(f"job {name} failed: {error.message}")
+        for name, record in outcome.results.items():
+            for warning in record.warnings:
+                remark(f"job {name}: {warning}", kind="warning")
+
+
+def finished(inputs: Inputs, outcome: Outcome) -> list[str]:
+    """The jobs of this call, in the campaign's order."""
+    return [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
+
+
+def outcome_tree(inputs: Inputs, outcome: Outcome, code: int) -> dict[str, Any]:
+    """What ``--json`` says of the jobs."""
+    return {
+        "exit_code": code,
+        "output": inputs.campaign.output,
+        "kept": outcome.kept,
+        "judged": outcome.judged,
+        "failed": {n: e.message for n, e in outcome.errors.items()},
+        "findings": {name: sentence(job) for name, job in findings_of(outcome.results, finished(inputs, outcome)).items()},
+        "not_clear": outcome.not_clear,
+        "results": outcome.results,
+    }
+
+
+def tell_clearance(outcome: Outcome, code: int, fail_on_loose: bool) -> None:
+    """Say what the exit code of ``--fail-on-loose`` means."""
     if fail_on_loose and code in CLEARANCE:
         why = "; ".join(f"{name}: {', '.join(points)}" if name else ", ".join(points) for name, points in outcome.not_clear.items())
-        click.echo(CLEARANCE[code] + (f" ({why})" if code == 7 else ""))
-    click.echo(f"results in {output}")
+        say(f"{CLEARANCE[code]}" + (f" ({why})" if code == 7 else ""))

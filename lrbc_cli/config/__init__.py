@@ -18,6 +18,7 @@ from lrbc_cli.config.skeleton import write_skeleton
 from lrbc_cli.config.structure import (
     DofSource,
     FieldDamping,
+    FileRecordRef,
     GroupConfig,
     GroupDampingConfig,
     ModelConfig,
@@ -27,6 +28,7 @@ from lrbc_cli.config.structure import (
     ResponseConfig,
     SelectConfig,
 )
+from lrbc_cli.config.watch import WatchConfig
 
 __all__ = [
     "ArraysConfig",
@@ -36,6 +38,7 @@ __all__ = [
     "EveryLine",
     "FactorGroup",
     "FieldDamping",
+    "FileRecordRef",
     "GroupConfig",
     "GroupDampingConfig",
     "JobConfig",
@@ -52,6 +55,7 @@ __all__ = [
     "SelectConfig",
     "TextFormat",
     "UpdateConfig",
+    "WatchConfig",
     "campaign_schema",
     "load_campaign",
     "write_skeleton",

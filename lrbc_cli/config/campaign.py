@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PrivateAttr
 
@@ -14,6 +14,7 @@ from lrbc_cli.config.document import Document
 from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
 from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
 from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
+from lrbc_cli.config.watch import WatchConfig
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.units import UnitSystem, parse_system
 
@@ -46,6 +47,17 @@ class Campaign(Strict):
     output: FilePath = Field(
         default=Path("output"), validate_default=False, description="Folder for the results; absent: `output` beside the file."
     )
+    description: Annotated[str, Field(max_length=2000)] = Field(
+        default="", description="What was measured, in a sentence or two, for the head of the page; it changes no result."
+    )
+    test_article: Annotated[str, Field(max_length=200)] = Field(
+        default="", description="What was tested: name, drawing or serial number, for the head of the page."
+    )
+    operator: Annotated[str, Field(max_length=200)] = Field(default="", description="Who measured, for the head of the page.")
+    compare_with: Literal["paper"] | None = Field(
+        default=None,
+        description="`paper`: the damping and the times that the paper states for its SoundBox stand beside those of this campaign.",
+    )
     units: Annotated[str, AfterValidator(_check_units)] = Field(
         default="SI",
         description="Units of the model's files and of all coordinates, of this file too: three of length, force, mass and time, such as "
@@ -66,6 +78,9 @@ class Campaign(Strict):
     )
     jobs: NameMap[JobConfig] = Field(
         default={}, validate_default=True, description="Measurements to identify, by name; each gets a folder of results."
+    )
+    watch: WatchConfig | None = Field(
+        default=None, description="A folder whose files are jobs too, named as the files are, for every command; absent: `jobs` alone."
     )
 
     _document: Document = PrivateAttr()

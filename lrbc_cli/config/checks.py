@@ -9,23 +9,7 @@ from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
-
-#: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
-RESERVED_JOBS = (
-    "campaign.csv",
-    "campaign.json",
-    "reduction.json",
-    "calibration.json",
-    "calibration",
-    "plan.json",
-    "plan.csv",
-    "plan.png",
-    "structure.json",
-    "structure.png",
-    "structure.html",
-    "verdicts.png",
-    "report.html",
-)
+from lrbc_cli.config.watch import RESERVED_JOBS
 
 
 def check_references(campaign: Campaign) -> None:
@@ -73,6 +57,8 @@ def _check_case(campaign: Campaign, section: str) -> None:
 
 def _check_names(campaign: Campaign) -> None:
     update = campaign.update
+    if campaign.watch is not None and campaign.watch.like is not None:
+        _known(campaign, campaign.watch.like, campaign.jobs, "job", "watch", "like")
     if update.reference is not None:
         _known(campaign, update.reference, campaign.jobs, "job", "update", "reference")
     elif update.approach == "bolts" and campaign.jobs:

@@ -14,6 +14,7 @@ from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
 from lrbc_cli.config.explain import explain
 from lrbc_cli.config.gone import refuse_gone
+from lrbc_cli.config.watch import with_folder
 from lrbc_cli.errors import ConfigError
 
 DEFAULT_OUTPUT = "output"
@@ -32,7 +33,7 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     Returns
     -------
     Campaign
-        Frozen, with absolute paths.
+        Frozen, with absolute paths; its jobs are those of the file and of the watched folder.
 
     Raises
     ------
@@ -54,6 +55,7 @@ def _build(document: Document) -> Campaign:
     except ValidationError as error:
         raise explain(error, document, Campaign) from None
     campaign._document = document
+    campaign = with_folder(campaign).campaign
     check_references(campaign)
     return campaign
 

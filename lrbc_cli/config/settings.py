@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from lrbc_cli.config.fields import (
-    FilePath,
+    Files,
     FrozenDict,
     Name,
     NameMap,
@@ -17,6 +18,7 @@ from lrbc_cli.config.fields import (
     Range,
     Strict,
     check_unique,
+    files_of,
     problem,
 )
 from lrbc_cli.config.structure import Record
@@ -258,7 +260,10 @@ class TextFormat(Strict):
 class JobConfig(Strict):
     """One measurement to identify."""
 
-    frf: FilePath = Field(description="File with the measured FRFs (UFF 58, CSV, HDF5), recognised by its content.")
+    frf: Files = Field(
+        description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5), recognised by its content; or a list of files "
+        "on the same lines, for instance of one response or one hammer point each."
+    )
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(), description="Names of the bolts known to be removed; for the report only, the identification never sees them."
     )
@@ -266,13 +271,15 @@ class JobConfig(Strict):
         default=None, description="Layout of a text file, and unit and quantity of any file; absent: recognised."
     )
     records: NameMap[Record] = Field(
-        default={}, validate_default=True, description="What this file calls a response, by response: a name, or {node:, direction:}."
+        default={},
+        validate_default=True,
+        description="What the files call a response, by response: a name, a number, {node:, direction:}, {file:} or {file:, number:}.",
     )
     scale: NameMap[float] = Field(
         default={}, validate_default=True, description="Factor on the measured FRF, by response, for instance of a recalibrated sensor."
     )
-    coherence: FilePath | None = Field(
-        default=None, description="File with the coherence of these FRFs; absent: from the FRF file, if it has it."
+    coherence: Files | None = Field(
+        default=None, description="File with the coherence of these FRFs, or a list of files; absent: from the FRF files, if they have it."
     )
 
     averages: int = Field(
@@ -280,22 +287,39 @@ class JobConfig(Strict):
         ge=1,
         description="Averages behind each measured FRF (hammer blows, blocks), for the noise that its coherence tells; of one file.",
     )
-    repeats: Annotated[tuple[FilePath, ...], AfterValidator(check_unique)] = Field(
+    repeats: Annotated[tuple[Files, ...], AfterValidator(check_unique)] = Field(
         default=(),
-        description="Further files with measurements of the same state on the same lines; FRFs are averaged, their scatter tells "
-        "the noise of the lines.",
+        description="Further measurements of the same state on the same lines, each a file or a list of files; FRFs are averaged, their "
+        "scatter tells the noise of the lines.",
     )
+
+    @property
+    def measurements(self) -> tuple[tuple[Path, ...], ...]:
+        """Files of the measurement, then those of each repeat."""
+        return (files_of(self.frf), *map(files_of, self.repeats))
+
+    @property
+    def first(self) -> Path:
+        """The file that a message on the whole measurement names."""
+        return self.measurements[0][0]
+
+    @property
+    def all_files(self) -> tuple[Path, ...]:
+        """Every file that is read for it."""
+        coherence = () if self.coherence is None else files_of(self.coherence)
+        return (*self.measurements[0], *coherence, *(file for files in self.measurements[1:] for file in files))
 
     @model_validator(mode="after")
     def _other_files(self) -> JobConfig:
-        if self.frf in self.repeats:
-            raise problem(
-                "the measurement itself as its own repeat",
-                "repeats",
-                self.repeats.index(self.frf),
-                expected="further files",
-                hint="remove it: repeats are added to frf",
-            )
+        first, *further = self.measurements
+        for index, files in enumerate(further):
+            if set(first) & set(files):
+                raise problem(
+                    "the measurement itself as its own repeat",
+                    *("repeats", index),
+                    expected="further files",
+                    hint="remove it: repeats are added to frf",
+                )
         return self
 
     @model_validator(mode="after")

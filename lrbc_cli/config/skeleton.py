@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+import json
 from importlib.resources import files
 from pathlib import Path
 
+from lrbc_cli.config.schema import campaign_schema
 from lrbc_cli.errors import ConfigError
 
 FILE = "campaign.yaml"
 FOLDERS = ("model", "frf")
 
+#: The schema beside the campaign file, and the line that tells editors of it.
+SCHEMA = "campaign.schema.json"
+SCHEMA_LINE = f"# yaml-language-server: $schema={SCHEMA}"
 
-def write_skeleton(folder: Path) -> list[Path]:
-    """Write a commented campaign file, and folders for the model and the FRFs.
+#: Tables to fill in, with rows that only show how.
+TABLES = {
+    "model/dofs.csv": (
+        "dof,node,component,x,y,z",
+        "# one line a row of the matrices, from 0; coordinates in metres:",
+        "# 0,1,UZ,0.0,0.0,0.0",
+        "# 1,1,ROTX,0.0,0.0,0.0",
+    ),
+    "model/bolts.csv": ("name,x,y,z", "# one line a bolt; coordinates in metres:", "# B01,0.0,0.05,0.0", "# B02,0.0,0.15,0.0"),
+}
+
+
+def write_skeleton(folder: Path, text: str | None = None) -> list[Path]:
+    """Write a commented campaign file with its schema beside it; without a text of its own also folders and tables to fill in.
 
     Parameters
     ----------
     folder
         Where; made if need be.
+    text
+        Of the campaign file; None: the template.
 
     Returns
     -------
@@ -30,21 +49,28 @@ def write_skeleton(folder: Path) -> list[Path]:
         Where a campaign file stands already (it is left as it is), or the folder cannot be written.
     """
     folder = Path(folder)
-    template = files("lrbc_cli.config").joinpath("template.yaml").read_text(encoding="utf-8")
-    file = folder / FILE
-    for below in (folder / name for name in FOLDERS):
+    template = f"{SCHEMA_LINE}\n" + files("lrbc_cli.config").joinpath("template.yaml").read_text(encoding="utf-8")
+    file, folders = folder / FILE, FOLDERS if text is None else ()
+    for below in (folder / name for name in folders):
         if below.exists() and not below.is_dir():
             raise ConfigError("a file stands where a folder is wanted", file=below, hint="name another folder: lrbc init DIR")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with file.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(template)
+            stream.write(template if text is None else text)
         made = [file]
-        for name in FOLDERS:
+        for name in folders:
             below = folder / name
             if not below.is_dir():
                 below.mkdir()
                 made.append(below)
+        tables = {name: "\n".join(lines) + "\n" for name, lines in TABLES.items()} if text is None else {}
+        schema = json.dumps(campaign_schema(), indent=1, ensure_ascii=False) + "\n"
+        for name, content in ({SCHEMA: schema} | tables).items():
+            if not (folder / name).exists():
+                with (folder / name).open("x", encoding="utf-8", newline="\n") as stream:
+                    stream.write(content)
+                made.append(folder / name)
     except FileExistsError as error:
         taken = Path(error.filename or file)
         raise ConfigError(

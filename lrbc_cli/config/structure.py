@@ -25,6 +25,8 @@ from lrbc_cli.config.fields import (
 )
 
 NodeNumber = Annotated[int, Field(ge=0)]
+RecordName = Annotated[str, Field(min_length=1)]
+RecordNumber = Annotated[int, Field(ge=1)]
 Forms = Sequence[tuple[tuple[str, ...], tuple[str, ...]]]
 
 POINT_FORMS: Forms = ((("near", "component"), ()), (("node", "component"), ()), (("dof",), ()), (("vector",), ()))
@@ -174,21 +176,49 @@ class PointConfig(Strict):
         return self
 
 
+Direction = Annotated[int, Field(ge=0, le=6)]
+
+
 class RecordRef(Strict):
-    """Node and direction by which an FRF file calls a response."""
+    """Node and direction by which an FRF file calls a response, and where several hammer points are in it, those of the reference."""
 
     node: NodeNumber = Field(description="Response node of the record.")
-    direction: int = Field(
-        ge=0, le=6, description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
+    direction: Direction = Field(
+        description="Response direction of the record: 0 scalar, 1 to 3 translation, 4 to 6 rotation, without its sign."
     )
+    reference_node: NodeNumber | None = Field(default=None, description="Reference node of the record, where the hammer hit; absent: any.")
+    reference_direction: Direction | None = Field(default=None, description="Reference direction of the record; absent: any.")
+
+
+class FileRecordRef(Strict):
+    """A record in one of a job's files: {file:} where it holds one, {file:, number:} or {file:, name:}."""
+
+    file: FilePath = Field(description="One of the files of the job's `frf`.")
+    number: RecordNumber | None = Field(
+        default=None, description="Number of the record in that file, from 1, as `lrbc check -v` lists them."
+    )
+    name: RecordName | None = Field(default=None, description="Name of the record in that file.")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FileRecordRef:
+        if self.number is not None and self.name is not None:
+            raise problem("a record by number and by name", "name", expected="number or name", found="both", hint="remove one of them")
+        return self
 
 
 def _record_form(value: object) -> str:
-    return "form:name" if isinstance(value, str) else "form:node"
+    if isinstance(value, str | int):
+        return "form:name" if isinstance(value, str) else "form:number"
+    return "form:file" if isinstance(value, FileRecordRef) or (isinstance(value, dict) and "file" in value) else "form:node"
 
 
-RecordName = Annotated[str, Field(min_length=1)]
-Record = Annotated[Annotated[RecordName, Tag("form:name")] | Annotated[RecordRef, Tag("form:node")], Discriminator(_record_form)]
+Record = Annotated[
+    Annotated[RecordName, Tag("form:name")]
+    | Annotated[RecordNumber, Tag("form:number")]
+    | Annotated[RecordRef, Tag("form:node")]
+    | Annotated[FileRecordRef, Tag("form:file")],
+    Discriminator(_record_form),
+]
 
 
 class ResponseConfig(PointConfig):
@@ -202,7 +232,8 @@ class ResponseConfig(PointConfig):
         default=None, description="pressure, displacement, velocity or acceleration; absent: pressure at PRES, else displacement."
     )
     record: Record | None = Field(
-        default=None, description="What the FRF files call this response where that differs: a name, or {node:, direction:}."
+        default=None,
+        description="What the FRF files call this response where that differs: a name, a number from 1, or {node:, direction:}.",
     )
     excitation: Name | None = Field(default=None, description="The excitation it belongs to; needed only where there are several.")
 

@@ -15,11 +15,14 @@ TOPICS: dict[str, str] = {
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
     "results": "result files",
+    "page": "reading report.html; what inconclusive means; figures for print",
     "verdicts": "reading a verdict; exit codes for scripts",
     "method": "the method: low-rank terms, interface FRFs, reduction, updating",
     "statistics": "the statistical model: residuals, covariance, priors, decision",
     "api": "the interface for Python, from its docstrings",
     "troubleshooting": "messages and their causes",
+    "limits": "what the method and this version cannot do",
+    "glossary": "the words, one line each",
 }
 
 
@@ -51,7 +54,8 @@ def campaign_page(schema: Mapping[str, Any]) -> str:
         "# The campaign file",
         "",
         "YAML; paths are relative to the file, units are SI unless `units` or an input file says otherwise, unknown keys are errors.",
-        "`lrbc init` writes a commented file, `configs/frame.yaml` of the source is a complete one, `lrbc schema` gives the JSON Schema.",
+        "`lrbc init` writes a commented file, `lrbc init --from DIR` one for the files of a folder (`lrbc guide formats`), both with",
+        "the JSON Schema beside it, for completion and help in editors. `configs/frame.yaml` of the source is a complete one.",
         "",
     ]
     seen: set[str] = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,14 @@ READERS: dict[str, Callable[[Path, TextLayout | None], FrfSet]] = {
     "text": read_frf_text,
 }
 
+#: First bytes of files that measurement programs write too.
+_FOREIGN = {
+    b"PK\3\4": "an Excel workbook or a zip archive",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook or another compound document",
+    b"TDSm": "a TDMS file (time histories of LabVIEW, FlexLogger)",
+    b"RIFF": "a sound file",
+}
+
 #: Writer by the file's ending.
 WRITERS: dict[str, Callable[[Path, FrfSet], None]] = {
     ".csv": write_frf_csv,
@@ -62,10 +71,14 @@ def detect_frf_format(path: Path) -> str:
         return "uff"
     if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "text"
+    known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
+    if known is not None:
+        expected = "a universal file (dataset 58), CSV or other text, HDF5 or MATLAB"
+        raise DataError(f"this is {known}", file=path, expected=expected, found="no FRFs that can be read", hint="export one of these")
     raise DataError(
         "the format of this file is not known",
         file=path,
-        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB v5",
+        expected="a universal file (dataset 58), CSV or other text, HDF5 or MATLAB",
         found=f"binary data starting with {start[:8].hex(' ')}",
         hint="export a universal file or CSV",
     )
@@ -87,7 +100,9 @@ def read_frf(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file is missing or damaged, holds no FRF, or a value or frequency is wrong.
     """
     path = Path(path)
-    return READERS[detect_frf_format(path)](path, layout)
+    found = READERS[detect_frf_format(path)](path, layout)
+    records = [replace(record, number=record.number or at + 1, file=str(path)) for at, record in enumerate(found.records)]
+    return replace(found, records=tuple(records))
 
 
 def write_frf(path: Path, frf: FrfSet) -> None:

@@ -16,6 +16,7 @@ class Notes:
 
     def __init__(self) -> None:
         self._about: dict[str, list[int]] = {}
+        self._left: dict[str, list[int]] = {}
 
     def add(self, text: str, record: int | None = None) -> None:
         """Note something about a record, or about the whole file."""
@@ -23,9 +24,19 @@ class Notes:
         if record is not None:
             places.append(record)
 
+    def leave_out(self, what: str, record: int) -> None:
+        """Note a record that is no FRF, or none that serves."""
+        self._left.setdefault(what, []).append(record)
+
+    @property
+    def left_out(self) -> str:
+        """All that was left out, in one line; empty where nothing was."""
+        return ", ".join(f"{_ranges(records)} ({what})" for what, records in self._left.items())
+
     def lines(self) -> tuple[str, ...]:
-        """All notes in the order in which they came up."""
-        return tuple(f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items())
+        """All notes in the order in which they came up, and in one line what was left out."""
+        told = [f"{_ranges(records)}: {text}" if records else text for text, records in self._about.items()]
+        return (*told, *([f"left out: {self.left_out}"] if self._left else []))
 
 
 def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) -> None:

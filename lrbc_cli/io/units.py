@@ -105,6 +105,8 @@ def parse_unit(label: str) -> Unit | None:
     text = re.sub(
         r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m.group().translate(_SUPERSCRIPTS), label.strip().strip("[]").replace("µ", "u").replace("μ", "u")
     )
+    # "ms-2" is no reciprocal square of a millisecond.
+    text = re.sub(r"(?<![A-Za-z])m ?s\^?-([12])", r"m/s^\1", text)
     if not text or text.upper() in ("NONE", "-") or len(text) > 80:
         return None
     tokens: list[str] = []

@@ -32,6 +32,10 @@ class FrfRecord:
         Ordinary coherence on the same lines.
     place : str
         Where in the file, for messages: ``record 3``, ``column mic01_real``.
+    number : int
+        Of the record in its file, from 1.
+    file : str
+        The file it was read from.
     """
 
     name: str
@@ -44,6 +48,8 @@ class FrfRecord:
     reference_direction: int = 0
     coherence: NDArray[np.float64] | None = None
     place: str = ""
+    number: int = 0
+    file: str = ""
 
 
 @dataclass(frozen=True)

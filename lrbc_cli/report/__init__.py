@@ -2,6 +2,6 @@
 
 from lrbc_cli.report.parts.plan import draw_plan, plan_text
 from lrbc_cli.report.summary import summary_text
-from lrbc_cli.report.write import write_report
+from lrbc_cli.report.write import VECTORS, write_report
 
-__all__ = ["draw_plan", "plan_text", "summary_text", "write_report"]
+__all__ = ["VECTORS", "draw_plan", "plan_text", "summary_text", "write_report"]

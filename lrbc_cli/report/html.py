@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from urllib.parse import quote
 
 
 class Markup(str):
@@ -16,7 +17,7 @@ class Markup(str):
     __slots__ = ()
 
 
-_VOID = frozenset({"br", "meta", "link", "hr", "col"})
+_VOID = frozenset({"br", "meta", "link", "hr", "col", "input"})
 
 
 def tag(element: str, *children: str | None, markup: str | None = None, **attributes: str | bool | None) -> Markup:
@@ -100,7 +101,18 @@ def details(summary: str, *content: str | None, open_: bool = False, **attribute
     return tag("details", tag("summary", summary), *content, markup=None, open=open_, **attributes)
 
 
-def figure(drawing: Markup, title: str, note: str, **attributes: str | bool | None) -> Markup:
-    """Return a figure under its title."""
-    caption = tag("figcaption", tag("b", title), tag("span", note) if note else None)
-    return tag("figure", caption, tag("div", drawing, class_="plot"), markup=None, **attributes)
+def beside(*places: tuple[str, str], text: str | None = None) -> Markup:
+    """Return links to files beside the page, each a folder (empty: that of the page) and a name; their text is the kind of the file."""
+    links = []
+    for folder, name in places:
+        way = "/".join(quote(part) for part in (folder, name) if part)
+        links.append(tag("a", text or name.rpartition(".")[2].upper(), href=way, aria_label=f"{text or 'file'} {folder} {name}"))
+    return join(links, " ")
+
+
+def figure(drawing: Markup, title: str, note: str, files: Markup | None = None, **attributes: str | bool | None) -> Markup:
+    """Return a figure under its title; it can be reached by keyboard, to be read and scrolled."""
+    links = tag("span", files, class_="files") if files else None
+    caption = tag("figcaption", tag("b", title), tag("span", note) if note else None, links)
+    plot = tag("div", drawing, class_="plot", tabindex="0", role="group", aria_label=f"{title}, {note}" if note else title)
+    return tag("figure", caption, plot, markup=None, **attributes)

@@ -14,11 +14,13 @@ from pathlib import Path
 from types import FrameType
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.files import frf_file, replace
-from lrbc_cli.report.page import Content, FrfFigure, render
+from lrbc_cli.report.page import render
 from lrbc_cli.report.parts.correlation import fdac_chart
-from lrbc_cli.report.parts.figures import frf_chart, profile_chart, profile_scales
+from lrbc_cli.report.parts.damping import damping_chart
+from lrbc_cli.report.parts.figures import channel_chart, frf_chart, profile_chart, profile_scales
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
@@ -35,11 +37,21 @@ log = logging.getLogger(__name__)
 #: Fewer figures than this are drawn here: starting processes takes about as long.
 _WORTH_PROCESSES = 40
 
+#: Kinds of figures for print.
+VECTORS = ("pdf", "svg")
+
 _Task = tuple[Chart, Path]
 
 
 def write_report(
-    output: Path, *, jobs: Sequence[str] | None = None, workers: int = 2, progress: Callable[[str], None] | None = None
+    output: Path,
+    *,
+    jobs: Sequence[str] | None = None,
+    workers: int = 2,
+    draw: bool = True,
+    figures: Sequence[str] = (),
+    live: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw all figures and write ``report.html``; reads result files only.
 
@@ -53,6 +65,12 @@ def write_report(
         Names of the jobs to show; all that have results where None.
     workers
         Processes that draw figures.
+    figures
+        Of `VECTORS`: files for print beside the PNG files.
+    draw
+        Draw the image files; False leaves them as they are, and takes a fraction of the time.
+    live
+        The page loads itself anew every few seconds.
     progress
         Called with one line of text now and then.
 
@@ -70,10 +88,12 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs)
-    drawn = _draw_all(tasks, workers, say)
-    say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+    if draw:
+        tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
+        drawn = _draw_all(tasks, workers, say)
+        say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
     page = output / "report.html"
-    text = render(content)
+    text = render(content, live=live)
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
     say(f"{page} written")
@@ -88,7 +108,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
     structure = _structure(output)
-    profiles, maps, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
+    profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
     frfs, l_curves = list[FrfFigure](), list[Chart]()
     content = Content(
         campaign=campaign,
@@ -98,20 +118,24 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         frfs=frfs,
         strip=strip_chart(campaign, done),
         maps=maps,
+        channels=channels,
         fdac=fdac,
+        damping=damping_chart(done, paper=campaign.compare_with == "paper"),
         calibration=calibration,
         calibration_frf=calibration_frf,
         l_curves=l_curves,
         plan=plan,
         structure=structure,
     )
-    tasks: list[_Task] = [] if content.strip is None else [(content.strip, output / "verdicts.png")]
-    if plan is not None:
-        tasks.append((plan_chart(plan), output / "plan.png"))
+    whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
+    tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
     scales = profile_scales(done)
+    tight = _reference(output, campaign, done)
     for job in done:
         folder, table = output / job.job, read_fdac(output / job.job / "fdac.csv")
-        curve = l_curve_chart(job)
+        curve, bars = l_curve_chart(job), channel_chart(job)
+        if bars is not None:
+            channels[job.job] = bars
         charts = {
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
@@ -127,10 +151,16 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         frf = read_frf(folder / "frf.csv")
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
-            chart = frf_chart(job, response, frf)
+            chart = frf_chart(job, response, frf, tight if job.job != campaign.reference else None)
             frfs.append(FrfFigure(job.job, name, response.used if misfit is None else misfit.used, chart))
             tasks.append((chart, folder / frf_file(name)))
     return content, tasks
+
+
+def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]) -> tuple[str, Frf] | None:
+    """The measurement of the tight state, beside which the others stand; None where it has no result, or is not shown."""
+    name = next((job.job for job in done if job.job == campaign.reference), None)
+    return None if name is None else (name, read_frf(output / name / "frf.csv"))
 
 
 def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
@@ -270,6 +300,9 @@ def _interruption_held_back() -> Iterator[None]:
 
 
 def _draw_one(task: _Task) -> None:
-    from lrbc_cli.report.drawing.png import draw
+    from lrbc_cli.report.drawing.png import draw, publish
 
-    draw(*task)
+    if task[1].suffix == ".png":
+        draw(*task)
+    else:
+        publish(*task)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -414,6 +415,7 @@ class JobRecord(_JobBase):
             validated=self.validity is not None and self.validity.passed is True,
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
+            missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
         )
 
 

@@ -42,10 +42,17 @@ class Tool(Record):
 
 
 class CampaignRecord(StoredRecord):
-    """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one."""
+    """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one.
+
+    ``description``, ``test_article``, ``operator`` and ``compare_with`` are what the campaign file says; no result rests on them.
+    """
 
     format: Literal["lrbc-campaign"]
     campaign: str
+    description: str = ""
+    test_article: str = ""
+    operator: str = ""
+    compare_with: Literal["paper"] | None = None
     reference: str | None = None
     jobs: Annotated[Many[str], AfterValidator(_folders)]
     bolts: Many[PlaceRecord]

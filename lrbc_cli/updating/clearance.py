@@ -38,6 +38,8 @@ class JobFinding:
         ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
     doubtful : sequence of str
         Bolts of a baseline that come out loose all the same.
+    missing : sequence of str
+        Responses that the job should have been identified from, and does not hold.
     """
 
     status: str
@@ -45,6 +47,7 @@ class JobFinding:
     validated: bool = True
     assumed: str | None = None
     doubtful: Sequence[str] = ()
+    missing: Sequence[str] = ()
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -78,6 +81,8 @@ def open_points(job: JobFinding) -> list[str]:
         points.append(f"{_names(job.doubtful)} taken as tight, but loose against the reference job")
     if job.assumed is None and not job.seen:
         points.append(_no_verdict(job))
+    if job.missing:
+        points.append(f"no record of {_names(job.missing)}")
     if not job.validated:
         points.append(NOT_VALIDATED)
     return points
@@ -99,11 +104,16 @@ def sentence(job: JobFinding) -> str:
     if job.status not in FINISHED or not job.seen:
         return _no_verdict(job)
     loose, tight, inconclusive = job.named("loose"), job.named("tight"), job.inconclusive
+    alarm = f"{_names([bolt.name for bolt in loose])} loose"
+    likely = _likely(inconclusive) if loose and job.assumed is None else []
+    if likely:
+        # Beside those that are loose they stand in the alarm, and are not counted again.
+        alarm += f", {_names(likely)} probably"
+        inconclusive = [bolt for bolt in inconclusive if bolt.name not in likely]
     outside = len(job.bolts) - len(job.seen)
     counts = [f"{len(tight)} tight"] if tight else []
     counts += [_inconclusive(inconclusive)] if inconclusive else []
     counts += [f"{outside} outside"] if outside else []
-    alarm = f"{_names([bolt.name for bolt in loose])} loose"
     if job.assumed is not None:
         role = "the reference job" if job.assumed == "reference" else "a baseline"
         counts += [alarm] if loose else []
@@ -130,11 +140,31 @@ def _no_verdict(job: JobFinding) -> str:
 
 
 def _inconclusive(bolts: Sequence[BoltFinding]) -> str:
-    # More likely loose than not.
-    likely = [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
+    likely = _likely(bolts)
     return f"{len(bolts)} inconclusive" + (f" ({_names(likely)} probably loose)" if likely else "")
 
 
+def _likely(bolts: Sequence[BoltFinding]) -> list[str]:
+    """Those that are more likely loose than not."""
+    return [bolt.name for bolt in bolts if (bolt.probability or 0.0) > 0.5]
+
+
 def _names(names: Sequence[str]) -> str:
-    rest = len(names) - MOST_NAMES
-    return ", ".join(names) if rest <= 0 else f"{', '.join(names[:MOST_NAMES])} and {rest} more"
+    """A list of names; ``B08 to B10`` where three or more follow one another by their number."""
+    runs: list[list[str]] = []
+    for name in names:
+        if runs and _next(runs[-1][-1]) == name:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    # Each with the number of bolts that it stands for.
+    words = [word for run in runs for word in ([(f"{run[0]} to {run[-1]}", len(run))] if len(run) > 2 else [(name, 1) for name in run])]
+    rest = sum(count for _, count in words[MOST_NAMES:])
+    return ", ".join(word for word, _ in words[:MOST_NAMES]) + (f" and {rest} more" if rest else "")
+
+
+def _next(name: str) -> str | None:
+    """``B09`` gives ``B10``; None for a name without a number at its end."""
+    stem = name.rstrip("0123456789")
+    number = name[len(stem) :]
+    return f"{stem}{int(number) + 1:0{len(number)}d}" if number.isascii() and number else None

@@ -14,7 +14,7 @@ import pytest
 from campaigns import Folder, command, environment
 
 from lrbc_cli import __version__
-from lrbc_cli.cli import common
+from lrbc_cli.cli import common, terminal
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="a POSIX shell")
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
@@ -66,7 +66,7 @@ def test_no_reader_is_no_defect(args: list[str]) -> None:
 @pytest.mark.parametrize("columns", [80, 40])
 def test_progress_fits_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: int) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setattr(common.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
+    monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
     with click.Context(click.Command("trial")):
         show: Callable[[str], None] = common.progress()
         show("long " * 50)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
-from lrbc_cli.config import Campaign, load_campaign, write_skeleton
+from lrbc_cli.config import Campaign, campaign_schema, load_campaign, write_skeleton
 from lrbc_cli.config.explain import key_paths
 from lrbc_cli.errors import ConfigError
 
@@ -15,14 +16,23 @@ from lrbc_cli.errors import ConfigError
 def test_it_writes_a_campaign_that_loads(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "campaign"
     made = write_skeleton(folder)
-    assert made == [folder / "campaign.yaml", folder / "model", folder / "frf"]
+    tables = [folder / "model" / "dofs.csv", folder / "model" / "bolts.csv"]
+    assert made == [folder / "campaign.yaml", folder / "model", folder / "frf", folder / "campaign.schema.json", *tables]
+    # Editors find the schema, and rows that only show how are comments.
+    assert made[0].read_text(encoding="utf-8").startswith(f"# yaml-language-server: $schema={made[3].name}\n")
+    assert json.loads(made[3].read_text(encoding="utf-8")) == campaign_schema()
+    for table in tables:
+        assert all(line.startswith("#") for line in table.read_text().splitlines()[1:])
     campaign = load_campaign(made[0])
     assert campaign.parameters["edge"].initial == "auto"
 
 
 def test_existing_folders_are_used(tmp_path: Path) -> None:
     (tmp_path / "model").mkdir()
-    assert write_skeleton(tmp_path) == [tmp_path / "campaign.yaml", tmp_path / "frf"]
+    (tmp_path / "model" / "dofs.csv").write_text("mine")
+    made = write_skeleton(tmp_path)
+    assert made == [tmp_path / name for name in ("campaign.yaml", "frf", "campaign.schema.json", "model/bolts.csv")]
+    assert (tmp_path / "model" / "dofs.csv").read_text() == "mine"
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -49,7 +49,8 @@ def test_separators_are_found_out(tmp_path, delimiter, decimal, header):
     (found,) = result.records
     np.testing.assert_array_equal(found.frequency_hz, FREQUENCY)
     np.testing.assert_array_equal(found.values, H)
-    assert found.name == ("a" if header else "column 2")
+    assert found.name == ("a" if header else "")
+    assert header or found.place == "column 2"
     assert any(f"decimal {'point' if decimal == '.' else 'comma'}" in note for note in result.notes)
 
 

@@ -279,9 +279,32 @@ def test_other_functions_are_left_out_with_one_note(tmp_path):
     )
     result = read(tmp_path, content)
     assert len(result.records) == 1
-    assert "records 2-3: auto spectrum, not an FRF; left out" in result.notes
-    assert any(note.startswith("record 4: FRF without phase") for note in result.notes)
-    assert any(note.startswith("record 5: an FRF of strain") for note in result.notes)
+    left = "left out: records 2-3 (auto spectrum), record 4 (FRF without phase, real values), record 5 (FRF of strain)"
+    assert [note for note in result.notes if "left out" in note] == [left]
+
+
+@pytest.mark.parametrize(
+    ("content", "found", "fix"),
+    [
+        (2 * function(kind=1, ordinate=2), "records 1-2 (time response)", "average FRFs"),
+        (function(kind=9, ordinate=2) + function(kind=2, ordinate=2), "record 1 (power spectral density), record 2 (auto spectrum)", "H1"),
+        (function(kind=5), "record 1 (transmissibility)", "over the hammer force"),
+        (function(ordinate=2), "record 1 (FRF without phase, real values)", "complex"),
+        (function(kind=6, ordinate=2, values=(0.1, 0.2, 0.3)), "coherence only", "beside it"),
+        ("    -1\n   151\nmodel\n    -1\n" + units(*SI), "no dataset 58, but 151 (header), 164 (units)", "functions"),
+    ],
+)
+def test_what_to_export_instead(tmp_path, content, found, fix):
+    with pytest.raises(DataError, match="holds no FRF") as caught:
+        read(tmp_path, content)
+    assert found in str(caught.value.found)
+    assert fix in str(caught.value.hint)
+
+
+def test_an_frf_without_a_type_is_known_by_its_axes(tmp_path):
+    result = read(tmp_path, "    -1\n   151\nmodel\n    -1\n" + function(kind=0) + function(kind=0, denominator=(12, 0, 0, "", "")))
+    assert [record.number for record in result.records] == [1]
+    assert "record 1: function type 0, taken as an FRF by its axes" in result.notes
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("Hz", 1.0), ("NONE", 1.0), ("kHz", 1e3), ("rad/s", 1 / (2 * np.pi))])
@@ -317,7 +340,9 @@ def test_uneven_spacing(tmp_path):
     content = function(body=" 1.00000E+01 1.0 2.0 1.50000E+01 3.0 4.0 3.33000E+01 5.0 6.0").replace(
         f"{1:10d}  1.00000E+01", f"{0:10d}  0.00000E+00"
     )
-    np.testing.assert_array_equal(read(tmp_path, content).records[0].frequency_hz, [10, 15, 33.3])
+    result = read(tmp_path, content)
+    np.testing.assert_array_equal(result.records[0].frequency_hz, [10, 15, 33.3])
+    assert "record 1: uneven spacing, lines taken as given" in result.notes
 
 
 VALUES = (1 - 2j, 3 + 4.5j, -1 / 8 + 6j)

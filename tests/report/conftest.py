@@ -17,8 +17,10 @@ def output(tmp_path: Path) -> Path:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign with its report, a failed job included; read only."""
     folder = tmp_path_factory.mktemp("finished")
-    write_campaign(
-        folder, (0, 4, 15), responses=("mic01", "mic02"), used=("mic01",), failed=("bolts-20",), lines=90, band=True, coherence=True
-    )
+    said = {"description": "Virtual: nobody measured.", "test_article": "box 7", "operator": "A. Nobody", "compare_with": "paper"}
+    options = {"responses": ("mic01", "mic02"), "used": ("mic01",), "lines": 90}
+    write_campaign(folder, (0, 4, 15), failed=("bolts-20",), band=True, coherence=True, said=said, **options)
+    for file in ("campaign.csv", *(f"bolts-{count:02d}/profile.csv" for count in (0, 4, 15))):
+        (folder / file).touch()
     write_report(folder, workers=1)
     return folder

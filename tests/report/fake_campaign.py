@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -161,7 +161,12 @@ def write_job(
             }
         if damping:
             exponent = -0.3 + 0.19 * removed
-            entry |= {"damping_exponent": exponent, "damping_factor": 10**exponent}
+            entry |= {
+                "damping_exponent": exponent,
+                "damping_factor": 10**exponent,
+                "damping_exponent_std": 0.1,
+                "damping_bounds": [-0.4, 4.0],
+            }
         parameters[group] = entry
     found = []
     for number in range(1, BOLTS + 1) if bolts else ():
@@ -319,6 +324,7 @@ def write_campaign(
     name: str = "soundbox-left-edge",
     unexplained: Sequence[int] = (),
     calibration: bool = False,
+    said: Mapping[str, str] | None = None,
     **job_options,
 ) -> list[str]:
     """Write a whole campaign; returns the names of its jobs in order."""
@@ -339,6 +345,7 @@ def write_campaign(
             "jobs": [*jobs, *failed], "bolts": places,
             "responses": [{"name": entry, "quantity": "pressure", "unit": "Pa/N", "used": entry in used} for entry in responses],
             "tool": {"name": "lrbc", "version": "0.1.0"},
+            **(said or {}),
         },
     )  # fmt: skip
     if reduction:

@@ -1,4 +1,6 @@
 import re
+from dataclasses import replace as replace_chart
+from importlib.resources import files
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,16 +10,17 @@ from fake_campaign import changed as replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, decade_axis, linear_axis
+from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, Tiles, decade_axis, linear_axis
 from lrbc_cli.report.drawing.layout import lay_out
-from lrbc_cli.report.drawing.png import draw, is_current
-from lrbc_cli.report.drawing.style import STYLES, css
+from lrbc_cli.report.drawing.png import draw, is_current, publish
+from lrbc_cli.report.drawing.style import PROBABILITIES, STYLES, css, luminance
 from lrbc_cli.report.drawing.svg import path, svg
 from lrbc_cli.report.parts import figures
+from lrbc_cli.report.parts.damping import damping_chart
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.results.job import CornerRecord, LCurveRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.results.tables import read_frf
+from lrbc_cli.results.tables import Frf, read_frf
 
 
 def points_of(data: str) -> np.ndarray:
@@ -159,12 +162,48 @@ def test_reduction_charts_stand_zero_errors(finished):
     assert figures.trace_chart(replace(reduction, trace=())) is None
 
 
-def test_many_jobs_share_one_quiet_colour(finished):
+def test_channels_show_what_the_result_says(finished):
     job = read_job(finished, "bolts-04")
-    charts = figures.convergence_charts([replace(job, job=f"job-{k}") for k in range(30)])
-    assert [chart.title for chart in charts] == ["Cost", "Misfit at the lines used"]
-    assert len(charts[0].legend()) == 1
-    assert figures.convergence_charts([replace(job, history=())]) == []
+    (panel,) = figures.channel_chart(job).panels
+    bars = {item.role: item.edges for item in panel.items if isinstance(item, Tiles)}
+    for role, name, place in (("channel", "mic01", 0), ("channel-unseen", "mic02", 1)):
+        ((left, right, low, high),) = bars[role]
+        assert left < place < right
+        assert (low, high) == (0.0, job.misfit_db.responses[name].final)
+    (before,) = [item for item in panel.items if isinstance(item, Curve)]
+    np.testing.assert_array_equal(before.y[::3], [entry.initial for entry in job.misfit_db.responses.values()])
+    assert figures.channel_chart(replace(job, misfit_db=replace(job.misfit_db, responses={}))) is None
+
+
+def test_a_state_stands_over_the_measured_reference(finished):
+    """On its own lines, which may be others; coherence is a curve where it was measured."""
+    campaign, job, own = campaign_of(finished), read_job(finished, "bolts-04"), read_frf(finished / "bolts-04" / "frf.csv")
+    other = read_frf(finished / "bolts-00" / "frf.csv")
+    few = Frf(other.frequency_hz[::2], {name: {key: v[::2] for key, v in found.items()} for name, found in other.responses.items()})
+    chart = figures.frf_chart(job, campaign.response("mic01"), own, ("bolts-00", few))
+    curves = {item.label: item for item in chart.panels[0].items if isinstance(item, Curve)}
+    np.testing.assert_array_equal(curves["measured, bolts-00"].x, few.frequency_hz)
+    np.testing.assert_array_equal(curves["measured, bolts-00"].y, few.responses["mic01"]["measured_db"])
+    assert "measured, bolts-00" in chart.alt
+    (coherence,) = [item for item in chart.panels[2].items if isinstance(item, Curve)]
+    np.testing.assert_array_equal(coherence.y, own.responses["mic01"]["coherence"])
+    bare = Frf(own.frequency_hz, {"mic01": {**own.responses["mic01"], "coherence": np.full(len(own.frequency_hz), np.nan)}})
+    assert len(figures.frf_chart(job, campaign.response("mic01"), bare).panels) == 2
+
+
+def test_damping_stands_over_the_number_of_removed_bolts(finished):
+    """With its interval inside the bounds; the paper's values only where the campaign asks for them."""
+    jobs = [read_job(finished, name) for name in ("bolts-00", "bolts-04", "bolts-15")]
+    found = {paper: damping_chart(jobs, paper=paper).panels[0].items for paper in (True, False)}
+    marks = {item.role: item for item in found[True] if isinstance(item, Marks)}
+    np.testing.assert_array_equal(marks["series0"].x, [0, 4, 15])
+    np.testing.assert_allclose(marks["series0"].y, [-0.3, 0.46, 2.55])
+    np.testing.assert_allclose(marks["stated"].y[marks["stated"].x == 15], 3.269)
+    assert "stated" not in {item.role for item in found[False]}
+    (whiskers,) = [item for item in found[True] if isinstance(item, Curve)]
+    np.testing.assert_allclose(whiskers.y[:2], [-0.4, -0.3 + 0.196])
+    assert damping_chart(jobs[:1], paper=True) is None
+    assert damping_chart([replace(job, removed=None) for job in jobs], paper=True) is None
 
 
 def tiny(title: str = "a", last: float = 3.0) -> Chart:
@@ -238,3 +277,73 @@ class TestLCurve:
 
     def test_no_curve(self, finished):
         assert l_curve_chart(read_job(finished, "bolts-04")) is None
+
+
+# -- readable -----------------------------------------------------------------------------------------------------------
+
+
+def contrast(a: str, b: str) -> float:
+    """WCAG 2."""
+    high, low = sorted((luminance(a), luminance(b)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def variables(sheet: str) -> dict[str, tuple[str, str]]:
+    """Colours of the page's own style sheet, light and dark."""
+    light, dark = sheet.split("@media screen and (prefers-color-scheme: dark)")[:2]
+    found = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", part)) for part in (light, dark)]
+    assert set(found[0]) == set(found[1])
+    return {name: (colour, found[1][name]) for name, colour in found[0].items()}
+
+
+def test_words_stand_out_from_what_is_behind_them():
+    """AA: 4.5 to 1, light and dark, on the page, on cards, on badges and on the cells of the strip."""
+    sheet = files("lrbc_cli.report").joinpath("page.css").read_text(encoding="utf-8")
+    page = variables(sheet) | {role: (style.light, style.dark) for role, style in STYLES.items()}
+    words = {name: ("page", "card") for name in ("text", "strong", "soft", "link")} | {
+        name: ("page",) for name in ("bad", "warn", "loose-name")
+    }
+    words |= {"good": ("good-back",), "outside-on": ("outside",), "on0": ("p0", "unknown")}
+    pairs = [(word, back) for word, backs in words.items() for back in backs]
+    pairs += [(name, f"{name}-back") for name in ("bad", "warn")] + [(f"on{step}", f"p{step}") for step in range(PROBABILITIES)]
+    weak = {(word, back): worst for word, back in pairs if (worst := min(map(contrast, page[word], page[back]))) < 4.5}
+    assert not weak
+    # Words use no other colours.
+    used = {name for rule in re.findall(r"\bcolor: var\(--([\w-]+)\)", sheet) for name in [rule]}
+    assert used <= {word for word, _ in pairs}
+
+
+def test_letters_are_large_enough_on_a_phone(finished):
+    """A drawing is never narrower than its letters need: narrower screens scroll it."""
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    drawings = re.findall(r'<svg viewBox="0 0 (\d+) \d+" role="img".*?</svg>', page, re.S)
+    sizes = []
+    for drawing in re.finditer(r'<svg viewBox="0 0 (\d+) \d+" role="img" [^>]*?style="min-width:(\d+)px".*?</svg>', page, re.S):
+        width, least = float(drawing.group(1)), float(drawing.group(2))
+        sizes += [float(size) * least / width for size in re.findall(r'font-size="([\d.]+)"', drawing.group(0))]
+    assert len(drawings) >= 19
+    assert min(sizes) >= 9.0
+
+
+def test_words_in_figures_have_colours_for_words(finished):
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    roles = set(re.findall(r'<text class="t r-([\w-]+)"', page))
+    assert roles <= {"text", "strong", "loose-name", "outside-on", *(f"on{step}" for step in range(PROBABILITIES))}
+
+
+# -- for print ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("width", "expected"), [(200.0, 90.0), (430.0, 140.0), (620.0, 190.0), (980.0, 190.0)])
+def test_figures_for_print_have_widths_of_journals(tmp_path, width, expected):
+    chart = replace_chart(tiny(), width=width)
+    publish(chart, tmp_path / "a.svg")
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    assert float(root.get("width").removesuffix("pt")) / 72 * 25.4 == pytest.approx(expected, abs=0.01)
+    assert not root.findall(".//{*}text")
+    publish(chart, tmp_path / "a.pdf")
+    content = (tmp_path / "a.pdf").read_bytes()
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", content).group(1)
+    assert float(box) / 72 * 25.4 == pytest.approx(expected, abs=0.01)
+    assert b"/FontFile2" in content
+    assert b"/CreationDate" not in content

@@ -60,11 +60,13 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
     [
         (job("tttttt"), "no loose bolt found: 6 tight"),
         (job("tttttp"), "no loose bolt found: 5 tight, 1 inconclusive (B6 probably loose)"),
-        (job("tltlup"), "B2, B4 loose; 2 tight, 2 inconclusive (B6 probably loose)"),
-        (job("lll"), "B1, B2, B3 loose"),
+        (job("tltlup"), "B2, B4 loose, B6 probably; 2 tight, 1 inconclusive"),
+        (job("lll"), "B1 to B3 loose"),
         (job("tto"), "no loose bolt found: 2 tight, 1 outside"),
         (job("uuu"), "no loose bolt found, but none is judged tight: 3 inconclusive"),
-        (job("l" * 12), "B1, B2, B3, B4, B5, B6, B7, B8 and 4 more loose"),
+        (job("l" * 12), "B1 to B12 loose"),
+        (job("lluppp"), "B1, B2 loose, B4 to B6 probably; 1 inconclusive"),
+        (job("lt" * 10 + "lll"), "B1, B3, B5, B7, B9, B11, B13, B15 and 5 more loose; 10 tight"),
         (job("tt", "unexplained"), "no verdict: the model does not explain the measurement"),
         (job("", "failed"), "no verdict: failed"),
         (job(""), "no verdict: no bolts to judge"),
@@ -77,6 +79,11 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
 )
 def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
     assert sentence(found) == text
+
+
+def test_runs_of_bolts_keep_their_zeros() -> None:
+    names = ["B08", "B09", "B10", "B12", "north", "P9", "P10", "P11"]
+    assert sentence(JobFinding("converged", [BoltFinding(name, "loose") for name in names])) == "B08 to B10, B12, north, P9 to P11 loose"
 
 
 def test_what_was_not_validated_is_said() -> None:

@@ -224,7 +224,7 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
     texts = [_factor_text(inputs, common, len(offsets), job) for common in grouped(offsets, _quantities(inputs))]
     raise DataError(
         "measurement and model are in different units, it seems",
-        file=inputs.campaign.jobs[job].frf,
+        file=inputs.campaign.jobs[job].first,
         place=f"job {job}",
         expected="FRFs that differ from the model's by its errors, not by one factor at all lines",
         found="; ".join(found for found, _ in texts),

@@ -1,4 +1,4 @@
-"""Matching the records of an FRF file to the responses of the campaign."""
+"""The measurement of a job: its files, arranged by response on the lines of the band."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
-from lrbc_cli.campaign.reading.inputs import Inputs, Response
+from lrbc_cli.campaign.identification.matching import describe, matched, reciprocal
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.fields import files_of
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
-from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
+from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.residuals import DB
 
@@ -70,79 +71,6 @@ def with_job(inputs: Inputs, name: str) -> Inputs:
     return replace(inputs, campaign=inputs.campaign.model_copy(update={"jobs": {**inputs.campaign.jobs, name: job}}))
 
 
-def _describe(record: FrfRecord) -> str:
-    parts = [record.name or "(no name)"]
-    if record.response_node is not None:
-        parts.append(f"node {record.response_node} direction {record.response_direction}")
-    if record.reference_node is not None:
-        parts.append(f"over node {record.reference_node} direction {record.reference_direction}")
-    parts.append(record.quantity or "quantity unknown")
-    return f"{record.place}: {', '.join(parts)}"
-
-
-def _place_text(response: Response) -> str:
-    if response.node is None:
-        return ""
-    return f", or of node {response.node}" + ("" if response.direction is None else f" direction {response.direction}")
-
-
-def match_record(response: Response, wanted: str | RecordRef | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
-    """The record of a response: by what the campaign says, else by name, else by node and direction.
-
-    Returns
-    -------
-    FrfRecord or None
-        None where the file has none.
-
-    Raises
-    ------
-    DataError
-        Where several records fit.
-    """
-
-    def one(found: list[FrfRecord], how: str) -> FrfRecord | None:
-        if len(found) > 1:
-            # Several hammer points: the record over this response's own input.
-            node, _ = inputs.excitation_points[response.input]
-            own = [r for r in found if node is not None and r.reference_node == node]
-            if len(own) == 1:
-                return own[0]
-            raise DataError(
-                f"several records fit response {response.name} ({how})",
-                file=frf.source,
-                found="; ".join(_describe(r) for r in found[:12]),
-                hint=f"say which one in responses.{response.name}.record or in the job's records",
-            )
-        return found[0] if found else None
-
-    if isinstance(wanted, RecordRef):
-        return one(
-            [r for r in frf.records if r.response_node == wanted.node and r.response_direction == wanted.direction],
-            f"node {wanted.node} direction {wanted.direction}",
-        )
-    name = wanted if wanted is not None else response.name
-    found = one([r for r in frf.records if r.name.strip().lower() == name.strip().lower()], f"name {name}")
-    if found is not None or wanted is not None:
-        return found
-    if response.node is None:
-        return None
-    driven, _ = inputs.excitation_points[response.input]
-    several = len(inputs.excitations) > 1
-
-    def fits(record: FrfRecord) -> bool:
-        if record.response_node != response.node:
-            return False
-        # Labels of one's own have no direction: then any motion of the node will do.
-        if response.direction is None and record.response_direction == 0:
-            return False
-        if response.direction is not None and record.response_direction != response.direction:
-            return False
-        return not several or driven is None or record.reference_node in (None, driven)
-
-    direction = "" if response.direction is None else f" direction {response.direction}"
-    return one([r for r in frf.records if fits(r)], f"node {response.node}{direction}")
-
-
 def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     """Read a job's FRFs, the mean of its repeats, and arrange them by response on the lines inside the band.
 
@@ -155,22 +83,26 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     if not job.repeats:
         return first
     # A coherence in a file of its own belongs to the first measurement.
-    further = [_read(inputs, job.model_copy(update={"frf": file, "coherence": None}), name) for file in job.repeats]
-    for file, other in zip(job.repeats, further, strict=True):
-        if other.frequency_hz.shape != first.frequency_hz.shape or not np.allclose(other.frequency_hz, first.frequency_hz, rtol=1e-5):
+    further = [_read(inputs, job.model_copy(update={"frf": files, "coherence": None}), name) for files in job.repeats]
+    for files, other in zip(job.measurements[1:], further, strict=True):
+        if not _same_lines(other.frequency_hz, first.frequency_hz):
             raise DataError(
                 "a repeat on other lines than its measurement",
-                file=file,
+                file=files[0],
                 place=f"job {name}",
-                expected=f"the lines of {job.frf.name}: " + _lines_text(first.frequency_hz),
+                expected=f"the lines of {job.first.name}: " + _lines_text(first.frequency_hz),
                 found=_lines_text(other.frequency_hz),
                 hint="repeats are measured with the same settings; else make them jobs of their own",
             )
     return _mean_of([first, *further])
 
 
+def _same_lines(a: Floats, b: Floats) -> bool:
+    return a.shape == b.shape and np.allclose(a, b, rtol=1e-5)
+
+
 def _lines_text(axis: Floats) -> str:
-    return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz"
+    return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz" if axis.size else "no line"
 
 
 def _mean_of(parts: list[Measurement]) -> Measurement:
@@ -200,20 +132,21 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
 
 
 def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
-    frf = read_frf(job.frf, layout)
-    hashes = {job.frf.as_posix(): file_hash(job.frf)}
-    coherences = {}
-    if job.coherence is not None:
-        coherences = read_coherence(job.coherence)
-        hashes[job.coherence.as_posix()] = file_hash(job.coherence)
-    records = _matched(inputs, job, name, frf)
-    missing = [response.name for response, record in zip(inputs.responses, records, strict=True) if record is None]
-    notes, warnings = list(frf.notes), [f"{job.frf.name}: {warning}" for warning in frf.warnings]
-    warnings += [f"{job.frf.name}: no record of response {response}, which is only reported" for response in missing]
+    frf, hashes = _records_of(job, name)
+    coherences = _coherences(job, hashes)
+    records = matched(inputs, job, name, frf)
+    notes = list(frf.notes)
+    warnings = [*frf.warnings, *_missing(inputs, job, records)]
     unstated = [r.name for r, record in zip(inputs.responses, records, strict=True) if record is not None and record.quantity is None]
     if unstated:
         notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
+    exchanged = [r.name for r, record in zip(inputs.responses, records, strict=True) if record and reciprocal(record, r, inputs)]
+    if exchanged:
+        notes.append(f"hammer and sensor exchanged, by reciprocity: {', '.join(exchanged)}")
+    unused = len(frf.records) - len({id(record) for record in records if record is not None})
+    if unused:
+        notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
+    _require_one_axis(records, job, name, inputs)
     axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
@@ -231,12 +164,15 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 coherence[found, i] = table[at[found]]
                 break
     for i in inputs.used:
-        if not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
+        if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(
-                f"the record of response {inputs.responses[i].name} is zero on the whole band", file=job.frf, expected="measured values"
+                f"the record of response {inputs.responses[i].name} is zero on the whole band",
+                file=records[i].file,
+                expected="measured values",
             )
     warnings += _gaps(axis, values, job, inputs)
-    mapping = (f"{r.name}: {_describe(record)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
+    several = len(job.measurements[0]) > 1
+    mapping = (f"{r.name}: {describe(record, several)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
     return Measurement(
         frequency_hz=axis,
         values=values,
@@ -249,34 +185,106 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     )
 
 
-def _matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfRecord | None]:
-    """The record of each response, of its quantity; None where a response that is only reported has none."""
-    records: list[FrfRecord | None] = []
-    for i, response in enumerate(inputs.responses):
-        wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
-        record = match_record(response, wanted, frf, inputs)
-        if record is None and i in inputs.used:
+def _called(job: JobConfig) -> str:
+    """Its files in words."""
+    first, *others = job.measurements[0]
+    return first.name + (f" and {len(others)} more" if others else "")
+
+
+def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
+    """All records of a job's files, and the hashes of these.
+
+    Raises
+    ------
+    DataError
+        Where a file is unusable, or two are the same.
+    """
+    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
+    files = job.measurements[0]
+    records: list[FrfRecord] = []
+    notes: list[str] = []
+    warnings: list[str] = []
+    hashes: dict[str, str] = {}
+    for file in files:
+        digest = file_hash(file)
+        twin = next((other for other, known in hashes.items() if known == digest), None)
+        if twin is not None:
             raise DataError(
-                f"no record of response {response.name}",
-                file=job.frf,
+                "two files of one job hold the same",
+                file=file,
                 place=f"job {name}",
-                expected=(f"name {wanted}" if isinstance(wanted, str) else f"node {wanted.node} direction {wanted.direction}")
-                if wanted is not None
-                else f"a record named {response.name}" + _place_text(response),
-                found="; ".join(_describe(r) for r in frf.records[:12]) + (" ..." if len(frf.records) > 12 else ""),
-                hint=f"say which one in responses.{response.name}.record or in the job's records",
+                expected="each response once",
+                found=f"the content of {Path(twin).name} once more",
+                hint="was another file meant?",
             )
-        if record is not None and record.quantity not in (None, response.quantity):
+        hashes[file.as_posix()] = digest
+        found = read_frf(file, layout)
+        about = f"{file.name}: " if len(files) > 1 else ""
+        only = found.records[0]
+        if len(found.records) == 1 and not only.name and only.response_node is None:
+            notes.append(f"{about}its one record has no name; called {file.stem} by the file")
+            found = replace(found, records=(replace(only, name=file.stem),))
+        records += found.records
+        notes += [about + note for note in found.notes]
+        warnings += [f"{file.name}: {warning}" for warning in found.warnings]
+    return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings)), hashes
+
+
+def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
+    """Coherences from files of their own, whose hashes are added."""
+    found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
+    for file in () if job.coherence is None else files_of(job.coherence):
+        own = read_coherence(file)
+        if len(own) == 1 and "" in own:
+            own = {file.stem: own[""]}
+        for key, pair in own.items():
+            if key in found:
+                raise DataError("two files give the same coherence", file=file, expected="each once", found=f"{key} for the second time")
+            found[key] = pair
+        hashes[file.as_posix()] = file_hash(file)
+    return found
+
+
+def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
+    """Warnings of responses that the files do not hold."""
+    lacking = [i for i, record in enumerate(records) if record is None]
+    used = [inputs.responses[i].name for i in lacking if i in inputs.used]
+    found = [
+        f"{_called(job)}: no record of response {inputs.responses[i].name}, which is only reported" for i in lacking if i not in inputs.used
+    ]
+    if used:
+        found.append(
+            f"{_called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
+            "and no all-clear rests on this job"
+        )
+    return found
+
+
+def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str, inputs: Inputs) -> None:
+    """Refuse files whose records lie on different lines of the band.
+
+    Raises
+    ------
+    DataError
+        Naming both files.
+    """
+    low, high = inputs.campaign.reduction.band
+    eps = 1e-9 * high
+    axes: dict[str, Floats] = {}
+    for file in dict.fromkeys(record.file for record in records if record is not None):
+        lines = np.unique(np.concatenate([r.frequency_hz for r in records if r is not None and r.file == file]))
+        axes[file] = lines[(lines >= low - eps) & (lines <= high + eps)]
+    for file, axis in list(axes.items())[1:]:
+        first, lines = next(iter(axes.items()))
+        if not _same_lines(axis, lines):
             raise DataError(
-                f"the record of response {response.name} has another quantity",
-                file=job.frf,
-                place=record.place,
-                expected=response.quantity,
-                found=record.quantity,
-                hint=f"set responses.{response.name}.quantity, or correct the record",
+                f"two files of one job are on different lines, {Path(first).name} and {Path(file).name}",
+                file=file,
+                place=f"job {name}",
+                expected=f"the lines of {Path(first).name} in the band: " + _lines_text(lines),
+                found=_lines_text(axis),
+                hint="measure or export them with one resolution and range",
             )
-        records.append(record)
-    return records
 
 
 def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
@@ -287,7 +295,7 @@ def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> li
     step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
     if axis[-1] - axis[0] + step < MIN_BAND * (high - low):
         found.append(
-            f"{job.frf.name}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
+            f"{_called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
             f"from {low:g} to {high:g} Hz; is the file complete?"
         )
     # Validation channels too: what they do not hold they cannot test.
@@ -296,7 +304,7 @@ def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> li
         if finite.any() and finite.mean() < inputs.statistics.validation.least_lines:
             own = axis[finite]
             found.append(
-                f"{job.frf.name}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
+                f"{_called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
                 f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete?"
             )
     return found
@@ -314,7 +322,7 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
     if not axis.size:
         raise DataError(
             "no line of this measurement lies in the band of the reduced model",
-            file=job.frf,
+            file=job.first,
             place=f"job {name}",
             expected=f"lines between {band[0]:g} and {band[1]:g} Hz",
             found=f"{lines[0]:g} to {lines[-1]:g} Hz",

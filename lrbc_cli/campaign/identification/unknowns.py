@@ -152,7 +152,7 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
         if off.any():
             raise DataError(
                 "a listed line was not measured",
-                file=inputs.campaign.jobs[name].frf,
+                file=inputs.campaign.jobs[name].first,
                 place=f"job {name}",
                 expected=f"lines from {frequency[0]:g} to {frequency[-1]:g} Hz",
                 found=", ".join(f"{f:g} Hz" for f in wanted[off][:5]),

@@ -122,11 +122,12 @@ def _reference_misfit(result: Identification, reference: JobRecord | None, compa
 
 def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
     """What is wrong with a file that is that of the reference job: a measurement that was not exchanged tells nothing of the bolts."""
-    job = inputs.campaign.jobs[result.name]
-    own = result.measurement.hashes.get(job.frf.as_posix())
-    if reference is None or own is None or own not in reference.provenance.inputs.values():
+    known = () if reference is None else reference.provenance.inputs.values()
+    hashes = result.measurement.hashes
+    again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if hashes.get(file.as_posix()) in known]
+    if reference is None or not again:
         return None
-    return f"{job.frf.name} holds the measurement of {reference.job} once more; was another file meant?"
+    return f"{', '.join(file.name for file in again)} holds the measurement of {reference.job} once more; was another file meant?"
 
 
 def validation_channels(

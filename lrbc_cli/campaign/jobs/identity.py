@@ -7,9 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from lrbc_cli.campaign.jobs.judging import role_of
+from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.config.fields import files_of
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.structure import FileRecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
@@ -75,15 +78,14 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
     campaign, digest = inputs.campaign, cache.digest
     resolved, job = campaign.resolved(), campaign.jobs[name]
 
-    def contents(path: Path | None) -> str | None:
+    def contents(path: Path) -> str | None:
         # A file that cannot be read is the failure of its own job, when that is run.
         try:
-            return None if path is None else file_hash(path)
+            return file_hash(path)
         except DataError:
             return None
 
     reduction = ("band", "tolerance", "limits", "version")
-    about = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
         "version": digest(IDENTIFICATION_VERSION),
@@ -103,8 +105,22 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),
-        "measurement": digest(about, contents(job.frf), contents(job.coherence), [contents(file) for file in job.repeats]),
+        "measurement": digest(
+            about_measurement(resolved, job, name),
+            [[contents(file) for file in files] for files in job.measurements],
+            None if job.coherence is None else [contents(file) for file in files_of(job.coherence)],
+        ),
     }
+
+
+def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
+    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
+    found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
+    files = [file for files in job.measurements for file in files]
+    for response, record in job.records.items():
+        if isinstance(record, FileRecordRef) and record.file in files:
+            found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
+    return found
 
 
 def judgement(inputs: Inputs, name: str) -> Identity:
@@ -116,7 +132,7 @@ def judgement(inputs: Inputs, name: str) -> Identity:
             "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
             # What is known of the bolts is told with the verdicts.
-            "removed": cache.digest({key: list(job.removed) for key, job in inputs.campaign.jobs.items()}),
+            "removed": cache.digest(list(inputs.campaign.jobs[name].removed) if states_removed(inputs) else None),
         }
     )
 

@@ -10,6 +10,7 @@ from lrbc_cli.campaign.jobs.evidence import read_evidence
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config.explain import suggestion
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.store import read_job
@@ -179,6 +180,7 @@ def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
                 place="--job",
                 expected=", ".join(campaign.jobs) or "a job",
                 found=name,
+                hint=suggestion(name, campaign.jobs),
             )
     if not campaign.jobs:
         raise campaign.error("this campaign has no jobs", "jobs", expected="at least one measurement", hint="add a job: NAME: {frf: file}")

@@ -371,6 +371,10 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
     record = CampaignRecord.checked(
         {
             "campaign": campaign.name,
+            "description": campaign.description,
+            "test_article": campaign.test_article,
+            "operator": campaign.operator,
+            "compare_with": campaign.compare_with,
             "reference": campaign.update.reference,
             "jobs": list(campaign.jobs),
             "bolts": bolts,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -74,6 +74,8 @@ def run_jobs(
     folder: Path,
     *,
     wanted: Sequence[str] = (),
+    missing: Collection[str] = (),
+    source: FrfSource | None = None,
     force: bool = False,
     accept: bool = False,
     workers: int = 1,
@@ -88,6 +90,10 @@ def run_jobs(
         Of the cache.
     wanted : sequence of str
         Jobs; all where empty.
+    missing : collection of str
+        Jobs that are not measured yet: they neither run nor fail where others rest on them.
+    source : FrfSource or None
+        FRFs of this model from an earlier call; None: from the cache, or built.
     force : bool
         Run finished jobs again.
     accept : bool
@@ -102,31 +108,38 @@ def run_jobs(
     ReductionStage or None
         None where nothing had to run, or for full-order evaluation.
     """
-    return _Run(inputs, folder, wanted, force, progress).all(accept, workers)
+    names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
+    return _Run(inputs, folder, names, force, progress).all(accept, workers, source)
 
 
 class _Run:
     """What the jobs of one call share."""
 
-    def __init__(self, inputs: Inputs, folder: Path, wanted: Sequence[str], force: bool, progress: Callable[[str], None]) -> None:
+    def __init__(self, inputs: Inputs, folder: Path, names: list[str], force: bool, progress: Callable[[str], None]) -> None:
         self.inputs, self.folder, self.progress = inputs, folder, progress
         self.output = inputs.campaign.output
-        self.names = choose_jobs(inputs, wanted)
+        self.names = names
         self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
+        self.workers = 1
+        self.taken: list[float] = []
 
-    def all(self, accept: bool, workers: int) -> tuple[Outcome, ReductionStage | None]:
+    def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
-        campaign, outcome = self.inputs.campaign, self.outcome
+        campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
             if p.kept:
                 self._keep(p)
         todo = [name for name in self.names if name not in outcome.results]
         write_campaign(self.output, self.inputs)
         write(self.output / "structure.json", structure_of(self.inputs))
-        source: FrfSource | None = None
-        if any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
+        if source is not None:
+            source = replace(source, inputs=self.inputs, progress=self.progress)
+            self.stage = source.stage
+            if self.stage is not None:
+                write_reduction(self.output, self.inputs, self.stage)
+        elif any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
             if campaign.update.evaluation != "full":
                 self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
                 write_reduction(self.output, self.inputs, self.stage)
@@ -180,6 +193,8 @@ class _Run:
         return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
+        if self.workers < 2:
+            self.progress(f"{name}: identifying, {self._ahead(1)}")
         try:
             record = work()
         except LrbcError as error:
@@ -191,7 +206,18 @@ class _Run:
         else:
             self.outcome.results[name] = record
             misfit, seconds = record.misfit_db, record.seconds["total"]
-            self.progress(f"{name}: {record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s")
+            self.taken.append(seconds)
+            text = f"{record.status}, misfit {misfit.initial:.2f} -> {misfit.final:.2f} dB, {seconds:.1f} s"
+            self.progress(f"{name}: {text}; {self._ahead(0)}")
+
+    def _ahead(self, begun: int) -> str:
+        """How many of the jobs are through, and how long the others will take by those that ran."""
+        through = len(self.outcome.results) + len(self.outcome.failed)
+        text = f"{through + begun} of {len(self.names)} jobs"
+        rest = len(self.names) - through
+        if not rest or not self.taken:
+            return text
+        return f"{text}, about {rest * sum(self.taken) / len(self.taken) / min(self.workers, rest):.0f} s left"
 
     def _failed(self, name: str, error: LrbcError) -> None:
         self.outcome.failed.append(name)

@@ -426,7 +426,7 @@ def _linearised(inputs: Inputs, by: str, tightened: bool, draws: int | None, *, 
 
 COLUMNS = (
     *("name", "group", "x", "y", "z", "arc_length_m", "verdict", "std", "variance_removed", "loss", "change", "d_prime"),
-    *("right", "right_low", "right_high", "missed", "alarm", "draws", "note"),
+    *("right", "right_low", "right_high", "missed", "alarm", "draws", "draws_right", "draws_missed", "draws_alarm", "note"),
 )
 
 
@@ -440,11 +440,11 @@ def write_plan(output: Path, record: PlanRecord) -> None:
     """
     rows = []
     for bolt in record.bolts:
-        position = [None] * 3 if bolt.position is None else list(bolt.position)
-        own = [bolt.name, bolt.group, *position, bolt.arc_length, bolt.verdict, bolt.std, bolt.variance_removed]
+        own = [bolt.name, bolt.group, *(bolt.position or (None,) * 3), bolt.arc_length, bolt.verdict, bolt.std, bolt.variance_removed]
         for loss in bolt.losses:
-            draws = 0 if loss.rehearsal is None else loss.rehearsal.draws
+            one = loss.rehearsal
+            counts = (0, None, None, None) if one is None else (one.draws, one.loose, one.tight, one.alarms)
             said = [loss.decades, loss.change, loss.d_prime, loss.right, *(loss.right95 or (None, None)), loss.missed, loss.alarm]
-            rows.append([*own, *said, draws, bolt.note])
+            rows.append([*own, *said, *counts, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)
     write(output / "plan.json", record)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,14 +17,14 @@ from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import require_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
-from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs
+from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_roles
 from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, FieldDamping, ProportionalDamping, ResponseConfig
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
@@ -32,9 +32,11 @@ from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
+from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
@@ -257,10 +259,13 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     reader = _Reader(campaign)
     K, M, acoustic = _stiffness_and_mass(reader)
     C = _damping(reader, K, M, acoustic)
-    B, points = reader.loads()
-    L, responses = reader.outputs(acoustic)
-    reader.read_bolts()
-    found, terms = reader.terms()
+    parts = _Parts()
+    loads = parts.read(reader.loads)
+    outputs = parts.read(lambda: reader.outputs(acoustic))
+    carried = parts.read(lambda: _bolts_and_terms(reader))
+    if loads is None or outputs is None or carried is None:
+        raise parts.error()
+    (B, points), (L, responses), (found, terms) = loads, outputs, carried
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
     reader.notes += require_edges(campaign, groups, bolts)
@@ -295,6 +300,31 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     )
 
 
+class _Parts:
+    """Parts of the model that do not rest on each other: all are read, whatever is wrong with one."""
+
+    def __init__(self) -> None:
+        self.errors: list[LrbcError] = []
+
+    def read(self, part: Callable[[], T]) -> T | None:
+        try:
+            return part()
+        except LrbcError as error:
+            self.errors.append(error)
+            return None
+
+    def error(self) -> LrbcError:
+        """The first error, with the others."""
+        first, *rest = self.errors
+        first.others = tuple(rest)
+        return first
+
+
+def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
+    reader.read_bolts()
+    return reader.terms()
+
+
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
     """With the mask of the pressures; fixed DOFs are left out."""
     source = reader.campaign.model
@@ -316,6 +346,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             hint="export matrices and DOF table of one model in one run",
         )
     K, M = reader.scale(K, M)
+    require_roles(K, M, source, reader.campaign.reduction.band)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
     fixed, note = fixed_dofs(K, M)
     if note:

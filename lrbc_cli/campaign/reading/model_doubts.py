@@ -9,7 +9,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.config import ModelConfig
+from lrbc_cli.errors import DataError
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.vectors import highest_omega
 
 #: Stiffness that no structure has: a penalty [N/m, or N/mm].
 PENALTY = 1e30
@@ -37,6 +40,30 @@ def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
                 stated = f"parameters {group.name}: the baseline {group.config.baseline:g}"
                 found.append(f"{stated} is more than the stiffness matrix holds there")
     return found
+
+
+def require_roles(K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz: tuple[float, float]) -> None:
+    """Refuse stiffness and mass in each other's place.
+
+    Raises
+    ------
+    DataError
+        Where no local frequency comes near the band, but all would if the two were exchanged.
+    """
+    highest, exchanged = highest_omega(K, M) / (2.0 * np.pi), highest_omega(M, K) / (2.0 * np.pi)
+    if not highest * 10.0 < band_hz[1] < exchanged < np.inf:
+        return
+    largest = [float(np.abs(matrix.data).max(initial=0.0)) for matrix in (K, M)]
+    negative = int((np.real(M.diagonal()) < 0).sum())
+    raise DataError(
+        "the stiffness and the mass matrix stand in each other's place",
+        file=source.mass.path,
+        place=source.mass.group or "model.mass",
+        expected=f"a mass far below the stiffness: frequencies in the band up to {band_hz[1]:g} Hz",
+        found=f"entries up to {largest[1]:.1e} as mass, up to {largest[0]:.1e} as stiffness: all frequencies below {highest:.1g} Hz, "
+        f"exchanged up to {exchanged:.1g} Hz" + (f"; {negative} negative masses" if negative else ""),
+        hint="exchange model.stiffness and model.mass in the campaign file",
+    )
 
 
 def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:

@@ -53,6 +53,22 @@ def read_hdf5_matrix(path: Path, group: str | None = None, arrays: ArrayNames | 
     return read_safely(_read, path, group, arrays)
 
 
+def hdf5_matrix_names(path: Path) -> list[str]:
+    """Groups and data sets of a file that are matrices.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    return read_safely(_names, path)
+
+
+def _names(path: Path) -> list[str]:
+    with open_hdf5(path) as file:
+        return _candidates(file)
+
+
 def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFile:
     with open_hdf5(path) as file:
         matlab = _is_matlab(file, path)

@@ -66,6 +66,20 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
         return MatrixFile(canonical(values if values.ndim == 2 else values[:, None], path, group), "npz", tuple(notes))
 
 
+def npz_matrix_names(path: Path) -> list[str | None]:
+    """Names of the dense arrays of an archive; None alone for one sparse matrix.
+
+    Raises
+    ------
+    DataError
+        If the archive is damaged.
+    """
+    require_file(path)
+    with damaged(path, ".npz archive"), zipfile.ZipFile(path) as archive:
+        names: list[str | None] = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+    return [None] if "format" in names and "shape" in names else names
+
+
 def _sparse(archive: zipfile.ZipFile, names: list[str], path: Path, size: int) -> Any:
     layout = _member(archive, "format", path, size)[()]
     layout = layout.decode("ascii", "replace") if isinstance(layout, bytes) else str(layout)

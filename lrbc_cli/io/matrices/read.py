@@ -9,16 +9,16 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.matrices import ArrayNames, read_hdf5_matrix
+from lrbc_cli.io.hdf5.matrices import ArrayNames, hdf5_matrix_names, read_hdf5_matrix
 from lrbc_cli.io.hdf5.tools import is_hdf5
-from lrbc_cli.io.matlab.variables import is_mat5, read_mat5_matrix
+from lrbc_cli.io.matlab.variables import is_mat5, list_variables, read_mat5_matrix
 from lrbc_cli.io.matrices.ansys_full import is_ansys_full, read_ansys_full
 from lrbc_cli.io.matrices.dmig import is_dmig, read_dmig
 from lrbc_cli.io.matrices.foreign import written_by
 from lrbc_cli.io.matrices.harwell_boeing import is_harwell_boeing, read_harwell_boeing
 from lrbc_cli.io.matrices.matrix_market import is_matrix_market, read_matrix_market
 from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
-from lrbc_cli.io.matrices.npz import read_npz_matrix
+from lrbc_cli.io.matrices.npz import npz_matrix_names, read_npz_matrix
 from lrbc_cli.io.matrices.op4 import is_op4, read_op4
 from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.sparse import MatrixFile, require_square
@@ -137,6 +137,22 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
     if format != "hdf5":
         raise ConfigError("arrays are named of HDF5 files only", file=path, place="arrays", expected="an HDF5 file", found=format)
     return read_hdf5_matrix(path, group, arrays)
+
+
+def matrix_names(path: Path) -> list[str | None]:
+    """What the matrices of a file are called; None alone where it holds one without a name.
+
+    Raises
+    ------
+    DataError
+        If the format is not known, or the file is damaged.
+    """
+    path, format = Path(path), detect_format(Path(path))
+    if format in ("hdf5", "mat-v7.3"):
+        return [*hdf5_matrix_names(path)]
+    if format == "mat-v5":
+        return [name for name, shape, kind in list_variables(path) if kind in ("sparse", "double", "single") and len(shape) == 2]
+    return [*npz_matrix_names(path)] if format == "npz" else [None]
 
 
 def _unpacked_head(path: Path) -> bytes:

@@ -16,38 +16,11 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, not_finite, scaled
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.header import decibel, fold
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
-# Words at the end (mic_real), at the start (Re mic) or around a name (Re(mic)) that tell what a column holds.
-_WORDS = {
-    "real": "real",
-    "re": "real",
-    "imag": "imag",
-    "im": "imag",
-    "imaginary": "imag",
-    "magnitude": "magnitude",
-    "mag": "magnitude",
-    "amplitude": "magnitude",
-    "amp": "magnitude",
-    "abs": "magnitude",
-    "db": "db",
-    "magnitude_db": "db",
-    "mag_db": "db",
-    "phase": "phase",
-    "phase_deg": "phase-deg",
-    "phase_rad": "phase-rad",
-    "ph": "phase",
-    "arg": "phase",
-    "coherence": "coherence",
-    "coh": "coherence",
-}
-_LONGEST_FIRST = sorted(_WORDS, key=len, reverse=True)
-_PATTERN = "|".join(_LONGEST_FIRST)
-_PREFIX = re.compile(rf"({_PATTERN})\.?[\s_:-]+(.*)", re.IGNORECASE)
-_AROUND = re.compile(rf"({_PATTERN})\.?\s*[(\[](.*)[)\]]", re.IGNORECASE)
-_FREQUENCY = re.compile(r"(freq|frequency|frequenz|f|hz|omega|w)([\s_].*|\W.*)?", re.IGNORECASE)
 _PAIRS = {"real-imag": ("real", "imag"), "magnitude-phase": ("magnitude", "phase"), "db-phase": ("db", "phase")}
 
 
@@ -76,41 +49,56 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
     notes = list(table.notes)
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
-    columns = [_classify(table, index) for index in range(len(table.names)) if index != at]
+    columns = [_classify(table, index, layout) for index in _data_columns(table, at, path)]
+    units = {column.at: column.unit for column in columns}
     pairs, representation = _chosen_pairs(table, layout, path), layout.representation or "real-imag"
     coherences: dict[str, _Column] = {}
     if not pairs:
         pairs, representation = _pairs(columns, layout, path, notes)
         coherences = {column.name: column for column in columns if column.part == "coherence"}
     records = []
+    warnings: list[str] = []
     for name, first, second in pairs:
-        parts = []
-        for index in (first, second):
-            bad = np.flatnonzero(~np.isfinite(table.values[:, index]))
-            if bad.size:
-                row = int(bad[0])
-                raise not_finite(path, f"line {table.lines[row]}, column {table.names[index] or index + 1}", table.values[row, index])
-            parts.append(table.values[:, index])
-        if representation == "magnitude-phase" and (negative := np.flatnonzero(parts[0] < 0)).size:
-            raise DataError(
-                "a magnitude is negative",
-                file=path,
-                place=f"line {table.lines[negative[0]]}, column {table.names[first] or first + 1}",
-                expected="magnitudes from 0 on",
-                found=f"{parts[0][negative[0]]:g} ({negative.size} such lines)",
-                hint="are these dB (representation: db-phase), or real and imaginary parts (real-imag)?",
-            )
-        values = _combine(parts[0], parts[1], representation, _phase_unit(table, second, representation, layout, notes))
-        scale, quantity = _unit(table.units[first], layout, representation, notes, name, path)
+        about = f"column {table.called(first)}"
+        parts = _parts(table, first, second, representation, path)
+        values = _combine(*parts, representation, _phase(table, second, representation, layout, notes))
+        scale, quantity = _unit(units.get(first, ""), layout, path, about, notes, warnings)
         coherence = None
         if name in coherences:
-            coherence, undefined = clean_coherence(table.values[:, coherences[name].at], path, f"column {table.names[coherences[name].at]}")
+            at = coherences[name].at
+            coherence, undefined = clean_coherence(table.values[:, at], path, f"column {table.called(at)}")
             if undefined:
                 notes.append(f"coherence of {name} undefined at some lines; 0 taken there")
-        place = f"column {table.names[first] or first + 1}"
-        records.append(FrfRecord(name, frequency, scaled(values, scale, path, place), quantity, coherence=coherence, place=place))
-    cut = ("the last line has no end; if the file was cut there, its last number is wrong",) if unfinished(path.read_bytes()) else ()
-    return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), cut)
+        records.append(FrfRecord(name, frequency, scaled(values, scale, path, about), quantity, coherence=coherence, place=about))
+    if unfinished(path.read_bytes()):
+        warnings.append("the last line has no end; if the file was cut there, its last number is wrong")
+    return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings)))
+
+
+def _parts(table: TextTable, first: int, second: int, representation: str, path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The two columns of an FRF.
+
+    Raises
+    ------
+    DataError
+        If a value is not finite, or a magnitude negative.
+    """
+    for index in (first, second):
+        bad = np.flatnonzero(~np.isfinite(table.values[:, index]))
+        if bad.size:
+            row = int(bad[0])
+            raise not_finite(path, f"line {table.lines[row]}, column {table.called(index)}", table.values[row, index])
+    values = table.values[:, first]
+    if representation == "magnitude-phase" and (negative := np.flatnonzero(values < 0)).size:
+        raise DataError(
+            "a magnitude is negative",
+            file=path,
+            place=f"line {table.lines[negative[0]]}, column {table.called(first)}",
+            expected="magnitudes from 0 on",
+            found=f"{values[negative[0]]:g} ({negative.size} such lines)",
+            hint="are these dB (representation: db-phase), or real and imaginary parts (real-imag)?",
+        )
+    return values, table.values[:, second]
 
 
 def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -130,12 +118,12 @@ def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[st
     table = read_table(path, layout)
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, [])
-    columns = [_classify(table, index) for index in range(len(table.names)) if index != at]
+    columns = [_classify(table, index, layout) for index in _data_columns(table, at, path)]
     chosen = [column for column in columns if column.part == "coherence"] or [column for column in columns if column.part is None]
     if not chosen:
-        found = listing([name for name in table.names if name])
+        found = listing([one.text for one in table.headings if one.text])
         raise DataError("the file holds no coherence", file=path, expected="columns NAME_coherence", found=found)
-    return {c.name: (frequency, clean_coherence(table.values[:, c.at], path, f"column {table.names[c.at] or c.at + 1}")[0]) for c in chosen}
+    return {c.name: (frequency, clean_coherence(table.values[:, c.at], path, f"column {table.called(c.at)}")[0]) for c in chosen}
 
 
 def write_frf_csv(path: Path, frf: FrfSet) -> None:
@@ -169,69 +157,76 @@ def write_frf_csv(path: Path, frf: FrfSet) -> None:
 def _frequency_column(table: TextTable, layout: TextLayout, path: Path) -> int:
     if layout.frequency is not None:
         return _find(table, layout.frequency, path, "format.frequency")
-    named = [index for index, name in enumerate(table.names) if name and _FREQUENCY.fullmatch(name)]
-    return named[0] if named else 0
+    named = [index for index, one in enumerate(table.headings) if one.is_frequency]
+    if named:
+        return named[0]
+    # A count of the lines comes before the frequency: then columns and pairs do not come out even without it.
+    counts = np.array_equal(np.diff(table.values[:, 0]), np.ones(len(table.values) - 1))
+    nameless = not any(one.text for one in table.headings)
+    return int(counts and len(table.headings) > 3 and (table.headings[0].is_index or (nameless and len(table.headings) % 2 == 0)))
+
+
+def _data_columns(table: TextTable, at: int, path: Path) -> list[int]:
+    """Columns of values: neither the frequency, which some programs repeat before each FRF, nor a count of the lines.
+
+    Raises
+    ------
+    DataError
+        If such a repeated axis is another one.
+    """
+    chosen = []
+    for index, one in enumerate(table.headings):
+        again = index != at and one.is_frequency and one.text == table.headings[at].text
+        if again and not np.array_equal(table.values[:, index], table.values[:, at]):
+            raise DataError(
+                "another frequency axis in the same table",
+                file=path,
+                place=f"column {index + 1}",
+                expected=f"the frequencies of column {at + 1}",
+                found=f"{table.values[0, index]:.10g} to {table.values[-1, index]:.10g}",
+                hint="export each FRF to a file of its own, and list these under frf of the job",
+            )
+        count = index < at and (one.is_index or not one.text)
+        if index != at and not again and not count:
+            chosen.append(index)
+    return chosen
 
 
 def _frequencies(table: TextTable, at: int, layout: TextLayout, path: Path, notes: list[str]) -> NDArray[np.float64]:
-    unit = layout.frequency_unit or table.units[at]
-    text = f"{table.names[at]} {unit}".lower()
+    unit = layout.frequency_unit or table.headings[at].unit
+    text = f"{table.headings[at].text} {unit}".lower()
     scale = 1.0
     if "khz" in text:
         scale = 1e3
     elif "rad" in text:
         scale = 1.0 / (2.0 * np.pi)
     if scale != 1.0:
-        notes.append(f"frequencies converted from {unit or table.names[at]} to Hz")
+        notes.append(f"frequencies converted from {unit or table.called(at)} to Hz")
     frequency = np.array(table.values[:, at] * scale)
-    check_frequencies(frequency, path, f"column {table.names[at] or at + 1}")
+    check_frequencies(frequency, path, f"column {table.called(at)}")
     return frequency
 
 
 def _find(table: TextTable, column: str | int, path: Path, place: str) -> int:
     """Index of a column by its name or its number from 1."""
     if isinstance(column, int):
-        if 1 <= column <= len(table.names):
+        if 1 <= column <= len(table.headings):
             return column - 1
-        found = f"{len(table.names)} columns"
+        found = f"{len(table.headings)} columns"
     else:
-        fitting = [index for index, name in enumerate(table.names) if name == column]
+        fitting = [index for index, one in enumerate(table.headings) if one.text == column]
         if len(fitting) == 1:
             return fitting[0]
-        found = listing([name for name in table.names if name]) if not fitting else f"{len(fitting)} columns of that name"
+        found = listing([one.text for one in table.headings if one.text]) if not fitting else f"{len(fitting)} columns of that name"
     raise DataError("there is no such column", file=path, place=place, expected=repr(column), found=found)
 
 
-def _classify(table: TextTable, index: int) -> _Column:
-    name, unit = table.names[index], table.units[index]
-    base, part = name, None
-    around, suffix, prefix = _AROUND.fullmatch(name), _suffix(name), _PREFIX.fullmatch(name)
-    if name.lower() in _WORDS:
-        base, part = "", _WORDS[name.lower()]
-    # Case-insensitive patterns take letters of other alphabets for "i", "k" and "s" too.
-    elif around and around.group(1).lower() in _WORDS:
-        base, part = around.group(2), _WORDS[around.group(1).lower()]
-    elif suffix:
-        base, part = suffix
-    elif prefix and prefix.group(1).lower() in _WORDS:
-        base, part = prefix.group(2), _WORDS[prefix.group(1).lower()]
-    part = part and part.split("-")[0]
-    if unit.lower() == "db" and part in (None, "magnitude"):
-        part, unit = "db", ""
-    return _Column(index, base.strip(), part, unit)
-
-
-def _suffix(name: str) -> tuple[str, str] | None:
-    """Divide ``mic01_real`` into name and part; by hand, as a pattern takes quadratic time on long runs of separators."""
-    text = name.removesuffix(".")
-    for word in _LONGEST_FIRST:
-        head, tail = text[: -len(word)], text[-len(word) :]
-        if head and tail.lower() == word and (head[-1] in "_.:-" or head[-1].isspace()):
-            end = len(head)
-            while end and (head[end - 1] in "_.:-" or head[end - 1].isspace()):
-                end -= 1
-            return head[:end], _WORDS[word]
-    return None
+def _classify(table: TextTable, index: int, layout: TextLayout) -> _Column:
+    one = table.headings[index]
+    unit = one.unit or (table.unit if one.part in (None, "real", "imag", "magnitude", "db") else "")
+    told = layout.representation == "db-phase" and one.part == "magnitude"
+    in_db = told or (one.part in (None, "magnitude", "db") and decibel(unit) is not None)
+    return _Column(index, one.name.strip(), "db" if in_db else one.part, unit)
 
 
 def _chosen_pairs(table: TextTable, layout: TextLayout, path: Path) -> list[tuple[str, int, int]]:
@@ -242,19 +237,25 @@ def _chosen_pairs(table: TextTable, layout: TextLayout, path: Path) -> list[tupl
 
 
 def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> tuple[list[tuple[str, int, int]], str]:
-    """Pairs of columns and what they hold."""
-    parts: dict[str, dict[str, int]] = {}
+    """Pairs of columns and what they hold; pairs that share a name, or have none, by their order."""
+    seen: dict[tuple[str, str], int] = {}
+    parts: dict[tuple[str, int], dict[str, int]] = {}
     for column in columns:
         if column.part is not None:
-            group = parts.setdefault(column.name, {})
-            if column.part in group:
-                place = f"column {column.at + 1}"
-                raise DataError(
-                    "two columns hold the same part of one FRF", file=path, place=place, expected="names that differ", found=column.name
-                )
-            group[column.part] = column.at
+            at = seen[column.name, column.part] = seen.get((column.name, column.part), -1) + 1
+            parts.setdefault((column.name, at), {})[column.part] = column.at
+    for (name, at), group in parts.items():
+        lacking = parts[name, 0].keys() - group.keys() - {"coherence"}
+        if at and lacking:
+            raise DataError(
+                "two columns hold the same part of one FRF",
+                file=path,
+                place=f"column {next(iter(group.values())) + 1}",
+                expected="names that differ, or as many columns of each part",
+                found=name or "no names",
+            )
     complete = {
-        kind: [(name, group[first], group[second]) for name, group in parts.items() if first in group and second in group]
+        kind: [(name, group[first], group[second]) for (name, _), group in parts.items() if first in group and second in group]
         for kind, (first, second) in _PAIRS.items()
     }
     wanted = [layout.representation] if layout.representation else list(_PAIRS)
@@ -278,16 +279,16 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
     representation = layout.representation or "real-imag"
     notes.append(f"columns taken as pairs of {' and '.join(_PAIRS[representation])}")
     pairs = list(zip(plain[::2], plain[1::2], strict=True))
-    return [(first.name or f"column {first.at + 1}", first.at, second.at) for first, second in pairs], representation
+    return [(first.name, first.at, second.at) for first, second in pairs], representation
 
 
-def _phase_unit(table: TextTable, at: int, representation: str, layout: TextLayout, notes: list[str]) -> str:
+def _phase(table: TextTable, at: int, representation: str, layout: TextLayout, notes: list[str]) -> str:
     if representation == "real-imag":
         return "rad"
-    text = f"{table.names[at]} {table.units[at]}".lower()
+    text = fold(f"{table.headings[at].text} {table.headings[at].unit}")
     if layout.phase:
         return layout.phase
-    if "deg" in text or "°" in text:
+    if re.search(r"deg|°|grad", text):
         return "deg"
     if re.search(r"(?<![a-z])rad", text):
         return "rad"
@@ -305,20 +306,23 @@ def _combine(first: NDArray[np.float64], second: NDArray[np.float64], representa
     return np.asarray(magnitude * np.exp(1j * (np.deg2rad(second) if phase == "deg" else second)), dtype=np.complex128)
 
 
-def _unit(label: str, layout: TextLayout, representation: str, notes: list[str], name: str, path: Path) -> tuple[float, str | None]:
+def _unit(label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]) -> tuple[float, str | None]:
     """Factor to SI and quantity, from the layout or the column's own unit."""
-    stated = layout.si_unit
+    stated, reference = layout.si_unit, 1.0
+    if (in_db := decibel(label)) is not None:
+        reference, label = in_db
     unit = stated or parse_unit(label)
     if stated is None and unit is not None and response_quantity(unit) is None:
         unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
     if unit is None or response_quantity(unit) is None:
-        if label:
-            notes.append(f"unit {label!r} not understood; SI taken")
-        return 1.0, layout.quantity
+        if label.strip("- "):
+            warnings.append(f"unit {label!r} not understood; SI taken: say which under 'format: {{unit: ...}}' of the job")
+        return reference, layout.quantity
     quantity = layout.quantity or response_quantity(unit)
     if quantity != response_quantity(unit):
         expected = f"a unit of {quantity} over force"
-        raise DataError("unit and quantity do not fit", file=path, place=f"column of {name}", expected=expected, found=label)
-    if unit.factor != 1.0:
-        notes.append(f"values in {layout.unit or label} multiplied by {unit.factor:.9g} to give SI")
-    return unit.factor, quantity
+        raise DataError("unit and quantity do not fit", file=path, place=place, expected=expected, found=label)
+    factor = unit.factor * (reference if stated is None else 1.0)
+    if factor != 1.0:
+        notes.append(f"values in {layout.unit or label} multiplied by {factor:.9g} to give SI")
+    return factor, quantity

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import LONGEST_NUMBER
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.units import parse_unit
+from lrbc_cli.io.text.header import Heading, read_headings, stated_unit
 
 # Each digit can be matched in one way only: what is no number is found out in linear time.
 _POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
@@ -35,17 +34,23 @@ class TextTable:
         Unreadable leading lines are left out.
     lines : (lines,) int array
         Line number of each row in the file.
-    names, units : tuple of str
-        One a column; empty strings where the file has none.
+    headings : tuple of Heading
+        One a column.
+    unit : str
+        That of the values, where a line above the table states it.
     notes : tuple of str
         What was found out rather than told.
     """
 
     values: NDArray[np.float64]
     lines: NDArray[np.int64]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    headings: tuple[Heading, ...]
+    unit: str
     notes: tuple[str, ...]
+
+    def called(self, at: int) -> str:
+        """A column for a message."""
+        return self.headings[at].text or str(at + 1)
 
 
 def read_table(path: Path, layout: TextLayout) -> TextTable:
@@ -76,16 +81,19 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
     _, width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
     rows, numbers = _rows(lines, start, delimiter, decimal, width, path)
-    names, units = _header(lines[skip:start], delimiter, width)
+    unusable = _unusable(lines, skip, start, delimiter, decimal, width)
+    above = lines[skip : start - unusable]
+    headings = read_headings(above, delimiter, width)
     notes = []
     if layout.delimiter is None or layout.decimal is None:
         notes.append(f"columns divided by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
-    notes.append(f"numbers from line {start + 1} on, {'header found' if any(names) else 'no header'}")
+    notes.append(f"numbers from line {start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}")
     usable = np.isfinite(rows).all(axis=1)
     first = int(np.argmax(usable)) if usable.any() else 0
-    if first:
-        notes.append(f"the first {first} line{'s' if first > 1 else ''} of numbers cannot be used (empty or not finite); left out")
-    return TextTable(rows[first:], numbers[first:], names, units, tuple(notes))
+    if first or unusable:
+        several = f"{first + unusable} lines" if first + unusable > 1 else "line"
+        notes.append(f"the first {several} of numbers cannot be used (empty or not finite); left out")
+    return TextTable(rows[first:], numbers[first:], headings, stated_unit(above), tuple(notes))
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -105,6 +113,18 @@ def _fits(line: str, delimiter: str, decimal: str, width: int | None) -> bool:
     if len(cells) < 2 or not cells[0] or (width is not None and len(cells) != width) or max(map(len, cells)) > LONGEST_NUMBER:
         return False
     return all(pattern.fullmatch(cell) for cell in cells)
+
+
+def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: str, width: int) -> int:
+    """Lines above the numbers that begin with a frequency and hold no numbers: near 0 Hz some programs write words."""
+    pattern = _POINT if decimal == "." else _COMMA
+    count = 0
+    while start - count > skip:
+        cells = _split(lines[start - count - 1], delimiter)
+        if len(cells) != width or not cells[0] or not pattern.fullmatch(cells[0]):
+            break
+        count += 1
+    return count
 
 
 def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
@@ -145,49 +165,3 @@ def _rows(
     texts = [(cell.replace(",", ".") if decimal == "," else cell).upper().replace("D", "E") or "nan" for cell in cells]
     values = np.array(texts, dtype=np.str_).astype(np.float64)
     return values.reshape(len(numbers), width), np.asarray(numbers, dtype=np.int64)
-
-
-def _header(lines: list[str], delimiter: str, width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units from the lines right above the numbers."""
-    above: list[list[str]] = []
-    for line in reversed(lines[-5:]):
-        text = line.strip().lstrip("#%").strip()
-        if not text:
-            continue
-        cells = _header_cells(text, delimiter)
-        while len(cells) > width and not cells[-1]:
-            cells.pop()
-        if len(cells) != width:
-            break
-        above.append(cells)
-    none = ("",) * width
-    if not above:
-        return none, none
-    if len(above) > 1 and _is_unit_row(above[0]):
-        return tuple(above[1]), tuple(cell.strip("[]() ") for cell in above[0])
-    split = [_split_unit(cell) for cell in above[0]]
-    return tuple(name for name, _ in split), tuple(unit for _, unit in split)
-
-
-def _header_cells(text: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return text.split()
-    try:
-        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
-    except csv.Error:
-        return text.split(delimiter)
-
-
-def _is_unit_row(cells: list[str]) -> bool:
-    return all(not cell or cell.upper() == "DB" or parse_unit(cell.strip("[]() ")) is not None for cell in cells) and any(cells)
-
-
-def _split_unit(cell: str) -> tuple[str, str]:
-    """Divide ``mic01 [Pa/N]`` or ``mic01 (Pa/N)`` into name and unit."""
-    at = max(cell.rfind("["), cell.rfind("("))
-    name, inside = cell[: max(at, 0)].rstrip(), cell[at + 1 : -1]
-    if not name or cell[-1] not in "])" or at == len(cell) - 1 or "]" in inside:
-        return cell, ""
-    if cell[-1] == "]" or inside.upper() == "DB" or parse_unit(inside) is not None:
-        return name, inside.strip()
-    return cell, ""

@@ -138,6 +138,11 @@ def read_datasets(path: Path) -> tuple[list[UffFunction], list[UffUnits | None],
     return functions, units, notes
 
 
+def dataset_numbers(path: Path) -> list[int]:
+    """Numbers of the datasets of a universal file that ``read_datasets`` reads, each once."""
+    return sorted({dataset.number for dataset, _ in _split(path.read_bytes(), path, [], [])})
+
+
 def _split(content: bytes, path: Path, notes: list[str], functions: list[UffFunction]) -> Iterator[tuple[_Dataset, int]]:
     """Yield each dataset with the end of its body; binary functions are read on the way, as only they know their end."""
     position, binary_seen, count = 0, False, 0
@@ -348,6 +353,9 @@ def _build(
         notes = (*notes, note) if note else notes
     else:
         abscissa = numbers[:, 0].copy()
+        steps = np.diff(abscissa)
+        if steps.size and np.ptp(steps) > 1e-3 * abs(float(np.median(steps))):
+            notes = (*notes, "uneven spacing, lines taken as given")
     abscissa_axis, numerator, denominator = (_axis(line, path, place) for line in lines[7:10])
     return UffFunction(
         record=record,

@@ -3,7 +3,8 @@
 Units. Dataset 164 gives factors for length and force; a value of the file *divided* by the factor is in SI. So say
 the text of the format (Structural Dynamics Research Laboratory, University of Cincinnati, dataset 164) and its
 example, which is unambiguous: ``Foot (pound f)`` with the factors 3.28084 (feet in a metre) and 0.224809 (pounds in
-a newton). The Julia library UFFFiles (``convert_to_si!``) divides as well; millimetres carry 1e3. A function is
+a newton). The Julia library UFFFiles (``convert_to_si!``) divides as well, and that SALOME multiplied was reported to it
+as a bug; millimetres carry 1e3. A function is
 converted with the exponents of length and force that belong to its data type (dataset 58, Addendum A: acceleration,
 velocity, displacement 1 and 0, pressure -2 and 1, force 0 and 1, moment 1 and 1); the exponents in the
 file count only for the data type *general* and for scalar directions. Where a unit label is there and understood, it
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.uff.datasets import UffAxis, UffFunction, UffUnits, read_datasets
+from lrbc_cli.io.uff.datasets import UffAxis, UffFunction, UffUnits, dataset_numbers, read_datasets
 from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
@@ -39,6 +40,15 @@ FUNCTION_TYPES = {
 }
 _QUANTITY_OF = {8: "displacement", 11: "velocity", 12: "acceleration", 15: "pressure"}
 _DATA_TYPES = {2: "stress", 3: "strain", 5: "temperature", 9: "reaction force", 13: "excitation force", 16: "mass", **_QUANTITY_OF}
+#: What to export instead of a function of this type.
+_INSTEAD = {
+    1: "time histories are not read: let the analyser average FRFs from them (H1, response over hammer force), and export these",
+    5: "a transmissibility has no force: export the response over the hammer force",
+    6: "a coherence alone is no measurement: export the FRFs beside it",
+}
+_SPECTRA = "a spectrum has no phase against the force: export the FRF (H1, response over hammer force), complex"
+_NO_PHASE = "export the FRF complex (real and imaginary part), not its magnitude"
+_DATASETS = {15: "nodes", 18: "coordinate systems", 55: "mode shapes", 82: "trace lines", 151: "header", 164: "units", 2411: "nodes"}
 _UNKNOWN, _GENERAL, _FORCE, _FREQUENCY = 0, 1, 13, 18
 
 
@@ -75,25 +85,40 @@ def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
         notes.add(warning)
     coherences = [_coherence(function, path, notes) for function in functions if function.function_type == 6]
     records: list[FrfRecord] = []
-    left: dict[int, int] = {}
     for function, unit in zip(functions, units, strict=True):
-        if function.function_type not in (4, 6):
-            what = FUNCTION_TYPES.get(function.function_type, f"function type {function.function_type}")
-            notes.add(f"{what}, not an FRF; left out", function.record)
-            left[function.function_type] = left.get(function.function_type, 0) + 1
-        elif function.function_type == 4:
+        if function.function_type == 4 or _unnamed_frf(function, notes):
             record = _frf(function, unit, layout, path, notes)
             if record is not None:
                 records.append(record)
+        elif function.function_type != 6:
+            notes.leave_out(FUNCTION_TYPES.get(function.function_type, f"function type {function.function_type}"), function.record)
     if not records:
-        raise DataError(
-            "the file holds no FRF",
-            file=path,
-            expected="dataset 58 with function type 4 and complex values",
-            found="; ".join(notes.lines()) or ("coherence only" if coherences else "no dataset 58"),
-            hint="export frequency response functions",
-        )
+        raise _no_frf(path, functions, notes)
     return FrfSet(str(path), tuple(_attach(records, coherences, notes)), notes.lines())
+
+
+def _unnamed_frf(function: UffFunction, notes: Notes) -> bool:
+    """Whether a function without a type is an FRF by its axes."""
+    by_axes = function.numerator.kind in _QUANTITY_OF and function.denominator.kind == _FORCE and function.abscissa_axis.kind == _FREQUENCY
+    found = function.function_type == 0 and by_axes and function.values.dtype.kind == "c"
+    if found:
+        notes.add("function type 0, taken as an FRF by its axes", function.record)
+    return found
+
+
+def _no_frf(path: Path, functions: list[UffFunction], notes: Notes) -> DataError:
+    """Error for a file without FRFs: what it holds instead, by number, and what to export."""
+    expected = "dataset 58 with function type 4 and complex values"
+    if not functions:
+        there = ", ".join(f"{number}{f' ({_DATASETS[number]})' if number in _DATASETS else ''}" for number in dataset_numbers(path))
+        hint = "export the measured functions too, not the geometry or the modes alone"
+        return DataError("the file holds no FRF", file=path, expected=expected, found=f"no dataset 58, but {there or 'none'}", hint=hint)
+    kinds = {function.function_type for function in functions}
+    hint = (
+        _NO_PHASE if 4 in kinds else next((_INSTEAD[kind] for kind in (1, 5) if kind in kinds), _INSTEAD[6] if kinds == {6} else _SPECTRA)
+    )
+    found = notes.left_out or f"{len(functions)} coherence functions"
+    return DataError("the file holds no FRF", file=path, expected=expected, found=found, hint=hint)
 
 
 def read_uff_coherence(path: Path) -> list[Coherence]:
@@ -115,11 +140,11 @@ def read_uff_coherence(path: Path) -> list[Coherence]:
 
 def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path: Path, notes: Notes) -> FrfRecord | None:
     if function.values.dtype.kind != "c":
-        notes.add("FRF without phase (real values); left out", function.record)
+        notes.leave_out("FRF without phase, real values", function.record)
         return None
     if function.numerator.kind not in (_UNKNOWN, _GENERAL, *_QUANTITY_OF):
         what = _DATA_TYPES.get(function.numerator.kind, f"data type {function.numerator.kind}")
-        notes.add(f"an FRF of {what}; left out", function.record)
+        notes.leave_out(f"FRF of {what}", function.record)
         return None
     frequency = _frequency(function, path)
     bad = first_bad(function.values)
@@ -143,6 +168,7 @@ def _frf(function: UffFunction, unit: UffUnits | None, layout: TextLayout, path:
         reference_node=function.reference_node or None,
         reference_direction=abs(function.reference_direction),
         place=f"record {function.record}",
+        number=function.record,
     )
 
 
@@ -309,5 +335,5 @@ def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes)
         result.append(record)
     for coherence in coherences:
         if coherence.record not in used:
-            notes.add("coherence without an FRF of the same DOFs and lines; left out", coherence.record)
+            notes.leave_out("coherence without an FRF of the same DOFs and lines", coherence.record)
     return result

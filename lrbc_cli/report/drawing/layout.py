@@ -85,7 +85,7 @@ class Drawing:
     frames: tuple[Frame, ...]
 
 
-def lay_out(chart: Chart, *, header: bool) -> Drawing:
+def lay_out(chart: Chart, *, header: bool, title: bool = True) -> Drawing:
     """Place everything.
 
     Parameters
@@ -94,9 +94,11 @@ def lay_out(chart: Chart, *, header: bool) -> Drawing:
         What to draw.
     header
         Whether title, subtitle and legend belong to the picture (PNG) or stand beside it (page).
+    title
+        Whether that is more than the legend.
     """
     around: list[Shape] = []
-    offset = _header(chart, around) if header else 0.0
+    offset = _header(chart, around, title=title) if header else 0.0
     frames = []
     for panel, box, label_x in _boxes(chart, offset):
         around += _axes(panel, box, label_x=label_x)
@@ -136,11 +138,12 @@ def _depth(item: Item) -> int:
     return (Span, Tiles, Area, LevelLine, Curve, Marks, Note, Word).index(type(item))
 
 
-def _header(chart: Chart, shapes: list[Shape]) -> float:
-    left = min(chart.left, 50.0)
-    shapes.append(Text("strong", left, 18.0, chart.title, size=LARGE, bold=True))
-    top = 33.0
-    if chart.subtitle:
+def _header(chart: Chart, shapes: list[Shape], *, title: bool) -> float:
+    left, top = min(chart.left, 50.0), 14.0
+    if title:
+        shapes.append(Text("strong", left, 18.0, chart.title, size=LARGE, bold=True))
+        top = 33.0
+    if title and chart.subtitle:
         shapes.append(Text("text", left, top, chart.subtitle, size=NORMAL))
         top += 16.0
     x = left
@@ -245,7 +248,7 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
                     level,
                     item.text,
                     "end" if item.rotated else "middle",
-                    SMALL - 1,
+                    SMALL,
                     rotated=item.rotated,
                 )
             ]

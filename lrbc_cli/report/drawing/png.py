@@ -1,4 +1,4 @@
-"""Drawings as PNG files, drawn by matplotlib's Agg back end; a file whose content would not change is left alone."""
+"""Drawings as files by matplotlib: PNG, left alone where its content would not change, and PDF or SVG at the widths of journals."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import struct
 import warnings
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -25,6 +25,8 @@ from lrbc_cli.report.drawing.style import STYLES
 from lrbc_cli.report.files import replace
 
 DPI = 120
+#: Widths of figures for print [mm]: a column, one and a half, two; none makes letters smaller than this share of their size on a screen.
+WIDTHS, _LEAST_SCALE = (90.0, 140.0, 190.0), 0.78
 _KEY = b"lrbc-chart"
 _BACKEND = f"1 {DPI} {matplotlib.__version__} {sorted(STYLES.items())!r}"
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -49,19 +51,45 @@ def draw(chart: Chart, file: Path) -> bool:
     digest = _digest(drawing)
     if _digest_in(file) == digest:
         return False
-    figure = Figure(figsize=(drawing.width / 72, drawing.height / 72), dpi=DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    transform = Affine2D().scale(1 / 72, -1 / 72).translate(0, drawing.height / 72) + figure.dpi_scale_trans
-    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
-    for order, shape in enumerate(shapes):
-        artist = _artist(shape, transform)
-        artist.set_zorder(order)
-        figure.add_artist(artist)
+    canvas = FigureCanvasAgg(_figure(drawing, 1.0))
     with warnings.catch_warnings(), replace(file) as sink:
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         options = {"metadata": {_KEY.decode(): digest, "Title": chart.title}, "pil_kwargs": {"compress_level": 2}}
         canvas.print_png(sink, **options)  # type: ignore[no-untyped-call]
     return True
+
+
+def publish(chart: Chart, file: Path) -> None:
+    """Draw the chart as PDF or SVG, by the name's ending: legend but no title, one of `WIDTHS`, fonts embedded or as outlines.
+
+    Raises
+    ------
+    DataError
+        Where the file cannot be written.
+    """
+    drawing = lay_out(chart, header=True, title=False)
+    points = [width / 25.4 * 72 for width in WIDTHS]
+    scale = next((width for width in points if width >= _LEAST_SCALE * drawing.width), points[-1]) / drawing.width
+    kind = file.suffix[1:]
+    # Without dates the same results give the same file.
+    metadata = {"Title": chart.title, **({"CreationDate": None} if kind == "pdf" else {"Date": None})}
+    fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "lrbc"}
+    with matplotlib.rc_context(fonts), warnings.catch_warnings(), replace(file) as sink:
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        _figure(drawing, scale).savefig(sink, format=kind, metadata=metadata)
+
+
+def _figure(drawing: Drawing, scale: float) -> Figure:
+    """The drawing, every unit of it ``scale`` points."""
+    unit = scale / 72
+    figure = Figure(figsize=(drawing.width * unit, drawing.height * unit), dpi=DPI, facecolor="white")
+    transform = Affine2D().scale(unit, -unit).translate(0, drawing.height * unit) + figure.dpi_scale_trans
+    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
+    for order, shape in enumerate(shapes):
+        artist = _artist(shape, transform, scale)
+        artist.set_zorder(order)
+        figure.add_artist(artist)
+    return figure
 
 
 def is_current(chart: Chart, file: Path) -> bool:
@@ -102,7 +130,7 @@ def _digest_in(file: Path) -> str | None:
     return None
 
 
-def _artist(shape: Shape, transform: Transform) -> Artist:
+def _artist(shape: Shape, transform: Transform, scale: float) -> Artist:
     style = STYLES[shape.role]
     match shape:
         case Line():
@@ -111,7 +139,7 @@ def _artist(shape: Shape, transform: Transform) -> Artist:
                 x,
                 y,
                 color=style.light,
-                linewidth=style.width,
+                linewidth=scale * style.width,
                 linestyle=(0, tuple(part / style.width for part in style.dash)) if style.dash else "-",
                 dash_capstyle="butt",
                 solid_joinstyle="round",
@@ -132,10 +160,10 @@ def _artist(shape: Shape, transform: Transform) -> Artist:
                 y,
                 linestyle="none",
                 marker=_MARKERS[style.marker],
-                markersize=2 * style.size,
+                markersize=2 * scale * style.size,
                 markerfacecolor=fill,
                 markeredgecolor=style.light,
-                markeredgewidth=style.width if style.marker in {"ring", "cross", "plus", "bar"} else 0.0,
+                markeredgewidth=scale * style.width if style.marker in {"ring", "cross", "plus", "bar"} else 0.0,
                 transform=transform,
             )
         case Text():
@@ -145,7 +173,7 @@ def _artist(shape: Shape, transform: Transform) -> Artist:
                 shape.text,
                 color=style.light,
                 fontfamily="DejaVu Sans",
-                fontsize=shape.size,
+                fontsize=scale * shape.size,
                 fontweight="bold" if shape.bold else "normal",
                 horizontalalignment=_ALIGN[shape.anchor],
                 verticalalignment="baseline",

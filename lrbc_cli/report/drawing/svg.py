@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 
 import numpy as np
@@ -10,10 +11,12 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
 from lrbc_cli.report.drawing.style import STYLES
-from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.html import Markup, figure, tag
 
 # Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
 _SCALE = 10.0
+#: Height of letters in pixels, at least.
+_LEAST = 9.05
 
 
 def svg(chart: Chart) -> Markup:
@@ -22,10 +25,21 @@ def svg(chart: Chart) -> Markup:
     return _element(drawing, label=chart.alt)
 
 
+def drawn(chart: Chart, files: Markup | None = None, *, title: str | None = None, **attributes: str | bool | None) -> Markup:
+    """Return the chart as a figure under its title, or another one."""
+    return figure(svg(chart), title or chart.title, chart.subtitle, files, **attributes)
+
+
+def least_width(drawing: Drawing) -> float:
+    """Width in pixels at which the smallest letters of a drawing have `_LEAST` pixels; narrower screens scroll it."""
+    shapes = [*drawing.around, *(shape for frame in drawing.frames for shape in frame.shapes)]
+    sizes = [shape.size for shape in shapes if isinstance(shape, Text)]
+    return math.ceil(drawing.width * _LEAST / min(sizes)) if sizes else 0.0
+
+
 def own_size(chart: Chart) -> str:
     """Style of an element that holds a drawing at the size of its letters, however wide the page is."""
-    width = f"{1.35 * chart.width:.0f}px"
-    return f"max-width:{width};--drawn:{width}"
+    return f"max-width:{max(1.35 * chart.width, least_width(lay_out(chart, header=False))):.0f}px"
 
 
 def legend(chart: Chart) -> Markup:
@@ -33,14 +47,15 @@ def legend(chart: Chart) -> Markup:
     entries = []
     for role, kind, label in chart.legend():
         shapes = "".join(markup_of(shape) for shape in swatch(role, kind, 1.0, 6.0))
-        entries.append(tag("li", Markup(f'<svg viewBox="0 0 180 120" width="18" height="12" aria-hidden="true">{shapes}</svg>'), label))
+        swatches = Markup(f'<svg viewBox="0 0 180 120" width="18" height="12" aria-hidden="true">{shapes}</svg>')
+        entries.append(tag("li", swatches, label, data_role=role))
     return tag("ul", *entries, class_="legend")
 
 
 def _element(drawing: Drawing, label: str) -> Markup:
     body = "".join(markup_of(shape) for shape in drawing.around) + "".join(_frame(frame) for frame in drawing.frames)
     box = f"0 0 {drawing.width * _SCALE:.0f} {drawing.height * _SCALE:.0f}"
-    return tag("svg", Markup(body), viewBox=box, role="img", aria_label=label)
+    return tag("svg", Markup(body), viewBox=box, role="img", aria_label=label, style=f"min-width:{least_width(drawing):.0f}px")
 
 
 def _frame(frame: Frame) -> str:

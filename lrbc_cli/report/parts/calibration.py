@@ -6,8 +6,8 @@ import math
 
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Chart
-from lrbc_cli.report.drawing.svg import legend, svg
-from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
+from lrbc_cli.report.drawing.svg import drawn, legend
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.report.parts.figures import overlay_chart
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord
 from lrbc_cli.results.tables import Frf
@@ -45,9 +45,9 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
         "They absorb errors of the model as well, so they need not be the true values of the materials."
     )
     charts = calibration_charts(calibration, frf, campaign)
-    figures = [figure(svg(chart), chart.title, chart.subtitle) for chart in charts]
+    figures = [drawn(chart) for chart in charts]
     count = 0 if frf is None else sum(campaign.response(name).used for name in frf.responses)
-    drawn, rest = figures[:count], figures[count:]
+    first, rest = figures[:count], figures[count:]
     parts: list[Markup | None] = [
         tag("p", text, class_=None if serves(calibration, campaign) else "warning"),
         _remarks(calibration),
@@ -56,7 +56,7 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
     ]
     if charts:
         parts.append(legend(charts[0]))
-    parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
+    parts.append(tag("div", *first, class_="grid pairs") if first else None)
     parts.append(details(f"Validation channels ({len(rest)})", tag("div", *rest, class_="grid pairs")) if rest else None)
     parts += [_rounds(calibration), tag("p", _provenance(calibration), class_="meta")]
     return parts
@@ -106,7 +106,7 @@ def _misfits(calibration: CalibrationRecord) -> Markup | None:
         )
         if not math.isnan(after)
     ]
-    return table(f"Mean absolute misfit of job {calibration.job} [dB]", ["", "Before", "After"], rows) if rows else None
+    return table(f"Mean absolute misfit of job {calibration.job} [dB]", ["Channels", "Before", "After"], rows) if rows else None
 
 
 def _rounds(calibration: CalibrationRecord) -> Markup | None:

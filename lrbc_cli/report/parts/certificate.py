@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.drawing.svg import legend, svg
-from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
+from lrbc_cli.report.drawing.svg import drawn, legend
+from lrbc_cli.report.html import Cell, Markup, details, table, tag
 from lrbc_cli.report.parts.figures import certificate_chart, trace_chart
 from lrbc_cli.report.parts.tables import names_of
 from lrbc_cli.results.job import Job
@@ -40,8 +40,8 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
     # As many decimals as tell lines of a narrow band apart.
     digits = max(1, math.ceil(2 - math.log10(high - low))) if high > low else 1
     charts = [chart for chart in (certificate_chart(reduction), trace_chart(reduction)) if chart is not None]
-    drawn = [tag("div", figure(svg(chart), chart.title, chart.subtitle), legend(chart)) for chart in charts]
-    parts.append(tag("div", *drawn, class_="grid pairs") if drawn else None)
+    pictures = [tag("div", drawn(chart), legend(chart)) for chart in charts]
+    parts.append(tag("div", *pictures, class_="grid pairs") if pictures else None)
     if measured.held_out:
         kinds = list(dict.fromkeys(kind for line in measured.held_out for kind in line.errors))
         rows: list[list[str | Cell]] = [

@@ -11,8 +11,8 @@ from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Chart, Curve, Item, Panel, Tiles, linear_axis
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, TITLE, TOP
 from lrbc_cli.report.drawing.style import COSINES
-from lrbc_cli.report.drawing.svg import legend, svg
-from lrbc_cli.report.html import Cell, Markup, details, figure, table, tag
+from lrbc_cli.report.drawing.svg import drawn, legend
+from lrbc_cli.report.html import Cell, Markup, beside, details, table, tag
 from lrbc_cli.results.job import CorrelationRecord, JobRecord, Peak
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.tables import Fdac
@@ -77,7 +77,7 @@ def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps:
         "1 on the diagonal is agreement, a ridge beside it a shift in frequency. Peaks are matched one to one by frequency (within 5 %) "
         "and shape."
     )
-    drawn = [figure(svg(chart), chart.title, chart.subtitle) for chart in list(maps.values())[:_MAPS]]
+    pictures = [drawn(chart, beside((job, "fdac.png"), (job, "fdac.csv"))) for job, chart in list(maps.items())[:_MAPS]]
     further = list(maps)[_MAPS:]
     links = [tag("p", f"Maps of {len(further)} further jobs stand in their folders as fdac.png.")] if further else []
     first = next(iter(maps.values()), None)
@@ -86,7 +86,7 @@ def correlation_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord], maps:
         parts += [_overview(shown), _by_response(campaign, shown), _peaks(shown)]
     parts.append(modes)
     if first is not None:
-        parts += [tag("h3", "FDAC, initial and updated"), legend(first), tag("div", *drawn, class_="grid pairs"), *links]
+        parts += [tag("h3", "FDAC, initial and updated"), legend(first), tag("div", *pictures, class_="grid pairs"), *links]
     return parts
 
 

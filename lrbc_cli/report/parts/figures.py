@@ -1,4 +1,4 @@
-"""The charts of the report, made from result files: stiffness profiles, FRF overlays, convergence, certificate."""
+"""The charts of the report, made from result files: stiffness profiles, misfit by channel, FRF overlays, errors of the reduced model."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from lrbc_cli.report.drawing.chart import (
     Note,
     Panel,
     Span,
+    Tiles,
     decade_axis,
     linear_axis,
     number,
@@ -108,13 +109,13 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
     low, high = span_of([place, along])
     margin = 0.03 * (high - low) if high > low else 0.5
     half = _half_pitch(along, (high - low) or 1.0)
-    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", "undecided"), ("outside", "outside-stripe", _OUTSIDE))
+    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", "inconclusive"), ("outside", "outside-stripe", _OUTSIDE))
     for verdict, role, label in stripes:
         chosen = np.array([where for bolt, where in bolts if bolt.verdict == verdict])
         if chosen.size:
             items.append(Span(role, np.column_stack([chosen - half, chosen + half]), label))
     items += [
-        Note("loose", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
+        Note("loose-name", where, 0.98, bolt.name, rotated=True) for bolt, where in bolts if bolt.verdict == "loose" and len(bolt.name) <= 5
     ]
     bottom = scale[0] - 0.13 * (scale[1] - scale[0]) if bolts else scale[0]
     top = scale[1] + 0.16 * (scale[1] - scale[0])
@@ -142,7 +143,7 @@ def _joint_panel(group: Parameter, owners: Sequence[str | None], bolts: Sequence
     verdicts = [None if name is None or name not in known else known[name].verdict for name in owners]
     left, right = np.arange(count) - 0.38, np.arange(count) + 0.38
     items: list[Item] = []
-    for verdict, role, label in (("loose", "loose", "judged loose"), ("undecided", "undecided", "undecided")):
+    for verdict, role, label in (("loose", "loose", "judged loose"), ("undecided", "undecided", "inconclusive")):
         chosen = np.flatnonzero([found == verdict for found in verdicts])
         if chosen.size:
             items.append(Span(role, np.column_stack([chosen - 0.5, chosen + 0.5]), label))
@@ -153,20 +154,16 @@ def _joint_panel(group: Parameter, owners: Sequence[str | None], bolts: Sequence
             Area("band", np.array([left[k], right[k]]), np.full(2, low[k]), np.full(2, high[k]), "" if k else "95 % interval")
             for k in range(count)
         ]
-    nothing = np.full(count, np.nan)
-    bars = np.column_stack([left, right, nothing]).ravel()
     drawn = [("initial", "initial", group.initial), ("reference", "reference job", group.reference_log10_effective)]
     for role, label, values in (*drawn, ("identified", "identified", group.log10_effective)):
         if values is not None:
-            items.append(Curve(role, bars, np.column_stack([values, values, nothing]).ravel(), label))
+            items.append(Curve(role, *_bars(0.38, values), label))
     removed = [k for k, name in enumerate(owners) if name is not None and name in known and known[name].removed]
     if removed:
         items.append(Marks("removed", np.array(removed, dtype=float), None, "bolt removed", 0.055, tuple(str(owners[k]) for k in removed)))
-    every = max(1, int(np.ceil(count * max(len(name or "") for name in owners) / 60)))
-    names = tuple((float(k), name or "") for k, name in enumerate(owners) if k % every == 0)
     y = decade_axis(f"{title}{f' [{group.unit}]' if group.unit else ''}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
-    return Panel(Axis("bolt", -0.6, count - 0.4, names), y, tuple(items))
+    return Panel(Axis("bolt", -0.6, count - 0.4, _some(owners)), y, tuple(items))
 
 
 def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
@@ -208,18 +205,67 @@ def _half_pitch(along: Floats, length: float) -> float:
     return 0.42 * float(np.median(gaps)) if gaps.size else 0.02 * length
 
 
-def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf) -> Chart:
-    """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7)."""
+def channel_chart(job: JobRecord) -> Chart | None:
+    """Return the mean misfit of every channel, a bar each, with what it was before; None without any."""
+    found = {name: entry for name, entry in job.misfit_db.responses.items() if np.isfinite(entry.final)}
+    if not found:
+        return None
+    items: list[Item] = []
+    for role, used, label in (("channel", True, "used for updating"), ("channel-unseen", False, "validation channel")):
+        bars = [(k - 0.32, k + 0.32, 0.0, entry.final) for k, entry in enumerate(found.values()) if entry.used is used]
+        names = tuple(f"{name}: {entry.initial:.2f} → {entry.final:.2f} dB" for name, entry in found.items() if entry.used is used)
+        if bars:
+            items.append(Tiles(role, np.array(bars), label, names))
+    initial = np.array([entry.initial for entry in found.values()])
+    items.append(Curve("before", *_bars(0.4, initial), "initial model"))
+    high = span_of([initial, np.array([entry.final for entry in found.values()])])[1]
+    x = Axis("response", -0.6, len(found) - 0.4, _some(list(found)))
+    mean = f"{job.misfit_db.initial:.1f} → {job.misfit_db.final:.1f} dB" if np.isfinite(job.misfit_db.initial) else ""
+    alt = f"Mean absolute misfit of job {job.job} by response: " + ", ".join(
+        f"{name} {entry.final:.2f} dB" for name, entry in found.items()
+    )
+    panel = Panel(x, linear_axis("misfit [dB]", 0.0, 1.05 * high, 4), tuple(items))
+    return Chart(f"Misfit by channel · {job.job}", f"mean of those used {mean}", alt, (panel,), width=430.0, height=190.0)
+
+
+def _bars(half: float, values: Floats) -> tuple[Floats, Floats]:
+    """A level about each whole number as one curve; NaN sets them apart."""
+    place, nothing = np.arange(len(values)), np.full(len(values), np.nan)
+    return np.column_stack([place - half, place + half, nothing]).ravel(), np.column_stack([values, values, nothing]).ravel()
+
+
+def _some(names: Sequence[str | None]) -> tuple[tuple[float, str], ...]:
+    """Names as ticks, as many as there is room for."""
+    every = max(1, int(np.ceil(len(names) * max(len(name or "") for name in names) / 60)))
+    return tuple((float(k), name or "") for k, name in enumerate(names) if k % every == 0)
+
+
+def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf, tight: tuple[str, Frf] | None = None) -> Chart:
+    """Return measured, initial and updated FRF of one response, magnitude above phase (paper, Fig. 7), and its coherence.
+
+    Parameters
+    ----------
+    job, response, frf
+        Whose they are.
+    tight
+        Name and FRFs of the reference job, whose measurement stands beside.
+    """
     change = job.misfit_db.responses.get(response.name)
     used = response.used if change is None else change.used
     role = "used for updating" if used else "validation channel: not used for updating"
     misfit = "" if change is None else f" · misfit {change.initial:.1f} → {change.final:.1f} dB"
     lines = job.lines.frequency_hz if used else np.empty(0)
-    return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines)
+    return overlay_chart(response, frf, _STATES, f"{response.name} · {job.job}", role + misfit, lines, tight)
 
 
 def overlay_chart(
-    response: ResponseRecord, frf: Frf, labels: Mapping[str, str], title: str, subtitle: str, lines_hz: Floats | None = None
+    response: ResponseRecord,
+    frf: Frf,
+    labels: Mapping[str, str],
+    title: str,
+    subtitle: str,
+    lines_hz: Floats | None = None,
+    tight: tuple[str, Frf] | None = None,
 ) -> Chart:
     """Return measured and computed FRFs of one response, magnitude above phase.
 
@@ -235,26 +281,40 @@ def overlay_chart(
         Of the chart.
     lines_hz
         Lines to be marked at the foot.
+    tight
+        Name and FRFs of another measurement that stands beside.
     """
     frequency, columns = _thinned(frf.frequency_hz, frf.responses[response.name])
     empty = np.full(len(frequency), np.nan)
     levels = {state: columns.get(f"{state}_db", empty) for state in _STATES}
     magnitude: list[Item] = []
-    if "coherence" in columns:
-        edges = _runs(frequency, columns["coherence"] < COHERENCE)
-        if len(edges):
-            magnitude.append(Span("doubtful", edges, f"coherence below {COHERENCE:g}"))
+    phase: list[Item] = []
+    coherence = columns.get("coherence", empty)
+    edges = _runs(frequency, coherence < COHERENCE)
+    if len(edges):
+        magnitude.append(Span("doubtful", edges, f"coherence below {COHERENCE:g}"))
+    if tight is not None and response.name in tight[1].responses:
+        other, found = _thinned(tight[1].frequency_hz, tight[1].responses[response.name])
+        inside = (other >= frequency.min()) & (other <= frequency.max())
+        # Lines may be others than those of the job.
+        for items, values in ((magnitude, found["measured_db"]), (phase, _wrapped(found["measured_phase_deg"]))):
+            items.append(Curve("tight-state", other[inside], values[inside], f"measured, {tight[0]}"))
     drawn = [(state, label) for state, label in labels.items() if np.isfinite(levels[state]).any()]
     magnitude += [Curve(state, frequency, levels[state], label) for state, label in drawn]
     if lines_hz is not None and lines_hz.size:
         magnitude.append(Marks("selected", lines_hz, None, "lines used", 0.018))
-    phase = [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
+    phase += [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
     x = linear_axis("frequency [Hz]", float(frequency.min()), float(frequency.max()), 8)
     levels_axis = linear_axis(f"dB re 1 {response.unit}", *_level_range(levels), 6)
     degrees = Axis("phase [°]", -190.0, 190.0, tuple((float(k), number(k)) for k in (-180, -90, 0, 90, 180)))
-    alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(label for _, label in drawn)}, magnitude and phase."
-    panels = (Panel(x, levels_axis, tuple(magnitude), 2.3), Panel(x, degrees, tuple(phase), 1.0))
-    return Chart(title, subtitle, alt, panels)
+    panels = [Panel(x, levels_axis, tuple(magnitude), 2.3), Panel(x, degrees, tuple(phase), 1.0)]
+    known = bool(np.isfinite(coherence).any())
+    if known:
+        share = Axis("coh. [1]", 0.0, 1.04, ((0.0, "0"), (0.5, "0.5"), (1.0, "1")))
+        panels.append(Panel(x, share, (Curve("coherence", frequency, coherence, "coherence"),), 0.6))
+    shown = [label for item in magnitude if isinstance(item, Curve) and (label := item.label)]
+    alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(shown)}, magnitude and phase{', coherence' if known else ''}."
+    return Chart(title, subtitle, alt, tuple(panels), height=390.0 if known else 330.0)
 
 
 def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:
@@ -295,33 +355,6 @@ def _wrapped(degrees: Floats) -> Floats:
     wrapped = (degrees + 180.0) % 360.0 - 180.0
     wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
     return wrapped
-
-
-def convergence_charts(jobs: Sequence[JobRecord]) -> list[Chart]:
-    """Return cost and mean misfit per evaluation, all jobs; nothing where no job has a history."""
-    known = [job for job in jobs if any(entry.accepted for entry in job.history)]
-    charts = []
-    for title, label in (("Cost", "cost, eq. (29)"), ("Misfit at the lines used", "mean misfit [dB]")):
-        curves = []
-        for index, job in enumerate(known):
-            # Trials that were rejected would hide the descent.
-            accepted = [entry for entry in job.history if entry.accepted]
-            values = [entry.cost if title == "Cost" else entry.misfit_db for entry in accepted]
-            few = len(known) <= SERIES
-            role, name = (f"series{index}", job.job) if few else ("quiet", "each line: one job")
-            curves.append(Curve(role, np.array([float(entry.evaluation) for entry in accepted]), np.array(values), name))
-        low, high = span_of(curve.y for curve in curves)
-        if not np.isfinite([low, high]).all():
-            continue
-        floor = low - 0.05 * (high - low) if title == "Cost" else 0.0
-        last = max(float(curve.x.max()) for curve in curves)
-        panel = Panel(
-            linear_axis("evaluation", 0.0, max(last, 1.0), 8), linear_axis(label, floor, high + 0.05 * (high - low), 5), tuple(curves)
-        )
-        count = f"{len(known)} job{'' if len(known) == 1 else 's'}"
-        alt = f"{title} per evaluation of {count}, from {number(high, 3)} at most to {number(low, 3)} at least."
-        charts.append(Chart(title, "per evaluation", alt, (panel,), width=620.0, height=280.0))
-    return charts
 
 
 def certificate_chart(reduction: ReductionRecord) -> Chart | None:

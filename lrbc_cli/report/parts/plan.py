@@ -11,8 +11,8 @@ import numpy as np
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Axis, Chart, Curve, Item, LevelLine, Marks, Panel, Tiles, Word, linear_axis, number
 from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, SMALL, TOP
-from lrbc_cli.report.drawing.svg import legend, own_size, svg
-from lrbc_cli.report.html import Cell, Markup, figure, table, tag
+from lrbc_cli.report.drawing.svg import drawn, legend, own_size
+from lrbc_cli.report.html import Cell, Markup, beside, table, tag
 from lrbc_cli.results.plan import Excitation, PlannedBolt, PlannedLoss, PlanRecord, Visibility, Worst, Worth
 from lrbc_cli.results.store import read
 
@@ -317,11 +317,11 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         ]
         for entry in plan.responses
     ]
-    titles = ["Response", "", "Bits when added, or left out", "Bits alone", "Worst bolt then"]
+    titles = ["Response", "Role", "Bits when added, or left out", "Bits alone", "Worst bolt then"]
     parts: list[Markup | None] = [
         tag("p", text),
         legend(chart),
-        tag("div", figure(svg(chart), chart.title, chart.subtitle), style=own_size(chart)),
+        tag("div", drawn(chart, beside(("", "plan.png"), ("", "plan.csv"))), style=own_size(chart)),
         table("What the planned responses can tell of each bolt", head, rows, text_columns=2),
         table("What each response is worth", titles, worth, text_columns=2),
     ]

@@ -30,7 +30,8 @@ def provenance(campaign: CampaignRecord, jobs: Sequence[Job], reduction: Reducti
 
 
 def _settings(campaign: CampaignRecord, reduction: ReductionRecord | None) -> Markup:
-    facts: dict[str, str] = {"Program": f"{campaign.tool.name} {campaign.tool.version}"}
+    said = {"Test article": campaign.test_article, "Operator": campaign.operator, "Description": campaign.description}
+    facts = {"Program": f"{campaign.tool.name} {campaign.tool.version}"} | {key: text for key, text in said.items() if text}
     if reduction is not None:
         facts |= {f"Machine: {key}": str(value) for key, value in reduction.machine.items()}
         facts |= {
@@ -78,7 +79,10 @@ def _documents(title: str, documents: Mapping[str, dict[str, Any]], jobs: int) -
         if document:
             found.setdefault(json.dumps(document, indent=2, ensure_ascii=False), []).append(job)
     label = {jobs: title}
-    return [details(label.get(len(where), f"{title}: {names_of(where)}"), tag("pre", tag("code", text))) for text, where in found.items()]
+    return [
+        details(label.get(len(where), f"{title}: {names_of(where)}"), tag("pre", tag("code", text), tabindex="0"), class_="document")
+        for text, where in found.items()
+    ]
 
 
 def _optimisers(jobs: Sequence[Job]) -> Markup | None:

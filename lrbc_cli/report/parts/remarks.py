@@ -1,4 +1,4 @@
-"""What a reader has to know beside the verdicts: validity, nuisances, noise, notes on jobs and bolts."""
+"""What a reader has to know beside the verdicts: validity, nuisances, noise, misfits, notes on jobs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Cell, Markup, details, table, tag
-from lrbc_cli.report.parts.tables import names_of
+from lrbc_cli.report.parts.tables import misfit_table, names_of
 from lrbc_cli.results.job import Estimate, JobRecord
+from lrbc_cli.results.model import CampaignRecord
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
 UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
@@ -16,9 +17,9 @@ _OUTCOMES = {True: ("passed", "converged"), False: ("NOT passed", "failed"), Non
 _MANY = 12
 
 
-def remarks_parts(jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
+def remarks_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
     """Return the parts of the section; None where there is nothing to say."""
-    parts = [_validity(jobs), _nuisances(jobs), _job_notes(jobs), _bolt_notes(jobs)]
+    parts = [_validity(jobs), misfit_table(campaign, jobs), _nuisances(jobs), _job_notes(jobs)]
     return parts if any(part is not None for part in parts) else None
 
 
@@ -87,17 +88,6 @@ def _job_notes(jobs: Sequence[JobRecord]) -> Markup | None:
         for note in job.notes:
             where.setdefault(note, []).append(job.job)
     return _folded("Notes on jobs", ["Jobs", "Note"], [[_jobs(found, len(jobs)), note] for note, found in where.items()], 2)
-
-
-def _bolt_notes(jobs: Sequence[JobRecord]) -> Markup | None:
-    judged = [job for job in jobs if job.bolts]
-    where: dict[tuple[str, str], list[str]] = {}
-    for job in judged:
-        for bolt in job.bolts:
-            if bolt.note:
-                where.setdefault((bolt.name, bolt.note), []).append(job.job)
-    rows: list[list[str | Cell]] = [[name, note, _jobs(found, len(judged))] for (name, note), found in where.items()]
-    return _folded("Notes on bolts", ["Bolt", "Note", "Jobs"], rows, 3)
 
 
 def _jobs(found: Sequence[str], every: int) -> str:

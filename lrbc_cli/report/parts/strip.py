@@ -78,7 +78,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
     ]
     if hatched:
-        signs = ["? undecided"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
+        signs = ["? inconclusive"] if any(bolt.verdict == "undecided" for job in shown if job.explained for bolt in job.bolts) else []
         signs += [] if all(job.explained for job in shown) else ["– no verdict"]
         items.append(Tiles("hatch", np.empty((0, 4)), f"hatched: {', '.join(signs)}"))
         items.append(_hatching(np.array(hatched), cell))
@@ -219,7 +219,7 @@ def told(bolt: Bolt, explained: bool) -> str:
 
 def letter_size(letter: str) -> float:
     """Return the size of a letter on a bolt's symbol, in points."""
-    return 6.0 if letter == NOT_COVERED else 8.5
+    return 7.0 if letter == NOT_COVERED else 8.5
 
 
 def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> list[Item]:
@@ -235,5 +235,5 @@ def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> lis
     items = [item for layer in sorted(layers) for item in layers[layer]]
     nothing, roles = np.empty(0), {item.role for item in items}
     items += [Marks("known-dot", nothing, nothing, "ringed: known to be removed")] if "known" in roles else []
-    items += [Marks("unsure-dot", nothing, nothing, "? undecided" if explained else "– no verdict")] if "unsure" in roles else []
+    items += [Marks("unsure-dot", nothing, nothing, "? inconclusive" if explained else "– no verdict")] if "unsure" in roles else []
     return items

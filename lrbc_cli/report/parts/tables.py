@@ -21,8 +21,10 @@ _LONG = 40
 #: Sign of a bolt outside: not covered by the identified terms.
 NOT_COVERED = "n/c"
 _MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERED}
-#: What the two probabilities of a bolt are of.
-OF_LOOSE, OF_CHANGE = "posterior probability of being loose (change below the threshold)", "posterior probability of any change"
+#: Verdicts in words, where a word of the result files is another.
+WORDS = {"undecided": "inconclusive"}
+#: What the probability of a bolt is of; result files state that of any change too, which the page leaves to them.
+OF_LOOSE = "posterior probability of being loose (change below the threshold)"
 
 
 def status_badge(job: Job) -> Markup:
@@ -48,6 +50,11 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
     """
     if not names:
         return "none"
+    return ranges(names, order) if len(names) <= 2 else f"{len(names)}: {ranges(names, order)}"
+
+
+def ranges(names: Sequence[str], order: Sequence[str] = ()) -> str:
+    """Return names in a row without their number; see `names_of`."""
     place = {name: index for index, name in enumerate(order)}
     known = sorted((name for name in names if name in place), key=place.__getitem__)
     runs: list[list[str]] = []
@@ -58,7 +65,7 @@ def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:
             runs.append([name])
     parts = [part for run in runs for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else run)]
     parts += [name for name in names if name not in place]
-    return ", ".join(parts) if len(names) <= 2 else f"{len(names)}: " + ", ".join(parts)
+    return ", ".join(parts)
 
 
 def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mapping[str, str]) -> Markup:
@@ -69,7 +76,7 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
     damped = any(job.damped for job in done)
     head: list[str | Cell] = ["Job", "Status"]
     head += ["Judged loose"] if bolts else []
-    head += ["Undecided"] if bolts else []
+    head += ["Inconclusive"] if bolts else []
     outside = any(bolt.outside for job in done for bolt in job.bolts)
     head += [Cell("Outside", tag("br"), tag("small", "not observable"))] if outside else []
     head += ["Known removed"] if known else []
@@ -108,28 +115,20 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
             fmt.seconds(job.seconds["total"]),
         ]
         rows.append(row)
-    sure = any(_certainty(job) for job in done)
-    caption = "What was found, job by job; misfits before → after" + (f"; p: {OF_LOOSE}, of the least certain one" if sure else "")
-    return table(caption, head, rows, class_="verdicts", text_columns=words)
+    return table("What was found, job by job; misfits before → after", head, rows, class_="verdicts", text_columns=words)
 
 
 def _loose_cells(campaign: CampaignRecord, job: JobRecord) -> list[str | Cell]:
-    """Judged loose, and undecided."""
+    """Judged loose, and inconclusive."""
     if not job.explained:
         return [Cell("no verdict: the model does not explain the measurement", class_="reason"), fmt.MISSING]
     if not job.bolts:
         return [fmt.MISSING, fmt.MISSING]
     loose, undecided = job.names("loose"), job.names("undecided")
     return [
-        Cell(names_of(loose, campaign.bolt_names), _certainty(job), class_="names loose" if loose else "names none"),
+        Cell(names_of(loose, campaign.bolt_names), class_="names loose" if loose else "names none"),
         Cell(names_of(undecided, campaign.bolt_names), class_="names" if undecided else "names none"),
     ]
-
-
-def _certainty(job: JobRecord) -> Markup | None:
-    """Say how probable the least probable of the loose bolts is."""
-    known = [bolt.probability_loose for bolt in job.bolts if bolt.verdict == "loose" and bolt.probability_loose is not None]
-    return tag("small", f" p\u00a0≥\u00a0{int(100.0 * min(known))}\u00a0%") if known else None
 
 
 def validation_misfit(job: JobRecord) -> str:
@@ -145,51 +144,54 @@ def fold(made: Markup, title: str, rows: int) -> Markup:
     return made if rows <= _LONG else details(f"{title} ({rows} rows)", made)
 
 
-def bolt_grid(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Markup | None:
-    """Return jobs against bolts: verdict by sign and colour, change in decades, what is known framed; None without bolts."""
-    shown = [job for job in jobs if job.bolts and job.explained]
-    names = list(dict.fromkeys([*campaign.bolt_names, *(bolt.name for job in shown for bolt in job.bolts)]))
-    if not shown or not names:
+def bolt_table(job: JobRecord) -> Markup | None:
+    """Return a row a bolt: verdict, probability, change, what is known; the notes below, each once. None without bolts."""
+    if not job.bolts:
         return None
+    bolts = job.bolts
+    sure, known = (any(getattr(bolt, key) is not None for bolt in bolts) for key in ("probability_loose", "removed"))
+    changes = any(bolt.change is not None for bolt in bolts)
+    notes: dict[str, list[str]] = {}
+    columns = {
+        "Verdict": True,
+        "Probability of being loose": sure,
+        "log10 stiffness": not changes,
+        "Change [decades]": changes,
+        "Loose from": any(bolt.threshold is not None for bolt in bolts),
+        "Known": known,
+    }
     rows: list[list[str | Cell]] = []
-    for job in shown:
-        found = {bolt.name: bolt for bolt in job.bolts}
-        rows.append([job.job, *(_bolt_cell(found.get(name)) for name in names)])
-    changes = any(bolt.change is not None for job in shown for bolt in job.bolts)
-    caption = "Bolts at a glance: " + ("change of log10 stiffness against the reference job" if changes else "log10 stiffness")
-    return fold(table(caption, ["Job", *names], rows, class_="bolts"), caption, len(rows))
-
-
-def _bolt_cell(bolt: Bolt | None) -> Cell:
-    if bolt is None:
-        return Cell(fmt.MISSING)
-    truth = {True: "removed", False: "in place", None: ""}[bolt.removed]
-    classes = f"{bolt.verdict}{' known' if bolt.removed else ''}"
-    if bolt.outside:
-        hidden = tag("span", f" outside, not observable {truth}", class_="hidden")
-        return Cell(tag("b", NOT_COVERED, aria_hidden="true"), hidden, class_=classes, title=sentence(bolt))
-    value = fmt.signed(bolt.change) if bolt.change is not None else fmt.fixed(bolt.log10_stiffness, 1)
-    content = [
-        tag("b", _MARKS[bolt.verdict], aria_hidden="true"),
-        value,
-        None if bolt.change is None or bolt.change_std is None else tag("small", tag("br"), f"± {fmt.fixed(bolt.change_std, 1)}"),
-        None if bolt.probability_loose is None else tag("small", tag("br"), fmt.probability(bolt.probability_loose)),
-        tag("sup", "†") if bolt.note else None,
-        tag("span", f" {bolt.verdict} {truth}", class_="hidden"),
-    ]
-    return Cell(*content, class_=classes, title=sentence(bolt))
+    for bolt in bolts:
+        verdict = bolt.verdict if job.explained or bolt.outside else "no verdict"
+        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
+        cells: list[str | Cell] = [
+            Cell(
+                tag("b", _MARKS.get(verdict, "–"), aria_hidden="true"), " ", WORDS.get(verdict, verdict), class_=f"verdict {bolt.verdict}"
+            ),
+            fmt.probability(bolt.probability_loose if job.explained else None),
+            fmt.fixed(bolt.log10_stiffness),
+            fmt.MISSING if bolt.change is None else f"{fmt.signed(bolt.change, 2)}{spread}",
+            fmt.MISSING if bolt.threshold is None else fmt.signed(bolt.threshold, 2),
+            {True: "removed", False: "in place", None: fmt.MISSING}[bolt.removed],
+        ]
+        rows.append([bolt.name, *(cell for cell, kept in zip(cells, columns.values(), strict=True) if kept)])
+        if bolt.note:
+            notes.setdefault(bolt.note, []).append(bolt.name)
+    head = ["Bolt", *(name for name, kept in columns.items() if kept)]
+    order = [bolt.name for bolt in bolts]
+    said = [tag("li", f"{ranges(names, order)}: {note}") for note, names in notes.items()]
+    made = table(f"Bolts of {job.job}", head, rows, class_="bolts", text_columns=2)
+    return tag("div", made, tag("ul", *said, class_="notes") if said else None)
 
 
 def sentence(bolt: Bolt) -> str:
     """Say everything that is known and was found about a bolt, in one line."""
     truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
-    words = [f"{bolt.name}: {bolt.verdict}"]
+    words = [f"{bolt.name}: {WORDS.get(bolt.verdict, bolt.verdict)}"]
     if bolt.outside:
         return ", ".join(word for word in (*words, "not observable", truth, bolt.note) if word)
     if bolt.probability_loose is not None:
         words.append(f"{OF_LOOSE} {fmt.probability(bolt.probability_loose)}")
-    if bolt.probability_changed is not None:
-        words.append(f"{OF_CHANGE} {fmt.probability(bolt.probability_changed)}")
     words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
     if bolt.change is not None:
         spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
@@ -213,7 +215,7 @@ def hits(jobs: Iterable[JobRecord]) -> str | None:
         if seen:
             good, plural = verdicts.count(right), "" if seen == 1 else "s"
             judged = f"{good} {'is' if good == 1 else 'are'} judged {right}"
-            others = f"{verdicts.count('undecided')} undecided, {verdicts.count(wrong)} {wrong}."
+            others = f"{verdicts.count('undecided')} inconclusive, {verdicts.count(wrong)} {wrong}."
             parts.append(f"Of {seen} bolt{plural} known to be {what}, {judged}, {others}")
     outside = (removed + tight).count("outside")
     if outside:
@@ -246,21 +248,27 @@ def _misfit_cell(entry: ResponseMisfit | None) -> Cell:
     return Cell(fmt.change(entry.initial, entry.final), class_=None if entry.used else "unseen")
 
 
-def damping_table(jobs: Sequence[JobRecord]) -> Markup | None:
-    """Return the identified damping per job and group (paper, Table 3); None where none was identified."""
-    shown = [job for job in jobs if job.damped]
-    if not shown:
-        return None
-    several = len({name for job in shown for name in job.damped}) > 1
-    head: list[str | Cell] = ["Job", *(["Group"] if several else []), "Bolts removed", "Exponent p_damp", "Factor 10^p_damp"]
+def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
+    """Return a row a job: which start was kept, its cost, and where the others ended; None where no job tells."""
     rows: list[list[str | Cell]] = []
-    for job in shown:
-        for name, group in job.damped.items():
-            removed = fmt.MISSING if job.removed is None else str(len(job.removed))
-            group_cells: list[str | Cell] = [name] if several else []
-            rows.append([job.job, *group_cells, removed, fmt.fixed(group.damping_exponent), fmt.figures(group.damping_factor)])
-    caption = "Damping of the identified stiffness, eq. (33)"
-    return fold(table(caption, head, rows, text_columns=2 if several else 1), caption, len(rows))
+    for job in jobs:
+        kept = next((start for start in job.optimiser.starts if start.kept), None)
+        if kept is None:
+            continue
+        others = sorted(start.cost for start in job.optimiser.starts if not start.kept and math.isfinite(start.cost))
+        rows.append(
+            [
+                job.job,
+                kept.description,
+                fmt.change(job.cost.initial, kept.cost, 3),
+                fmt.count(len(job.optimiser.starts)),
+                Cell(f"{fmt.fixed(others[0], 3)} to {fmt.fixed(others[-1], 3)}" if others else fmt.MISSING),
+                fmt.count(job.evaluations),
+            ]
+        )
+    head: list[str | Cell] = ["Job", "Start that is kept", Cell("Cost, eq. (29),", tag("br"), "before → after"), "Starts"]
+    head += ["Cost of other ends", "Evaluations"]
+    return table("Starts of the optimiser and what they led to", head, rows, text_columns=2, class_="notes") if rows else None
 
 
 @dataclass(frozen=True)
@@ -293,8 +301,8 @@ def _reduction_total(reduction: ReductionRecord | None) -> float | None:
     return None if reduction is None else reduction.seconds["total"]
 
 
-def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Markup | None:
-    """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4); None without any figure."""
+def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper: bool) -> Markup | None:
+    """Return times against the full model, in seconds and in full lines, beside the paper's (Table 4) where wanted, or None."""
     whole = account(jobs, reduction)
     if reduction is None and whole is None:
         return None
@@ -302,33 +310,38 @@ def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None) -> Markup
     line = spent.get("full_line")
     rows: list[list[str | Cell]] = []
 
-    def time(text: str | Cell, own: float | None, paper: float | None = None) -> None:
+    def row(title: str | Cell, own: Sequence[str | Cell], stated: Sequence[str]) -> None:
+        rows.append([title, *own, *(stated if paper else ())])
+
+    def time(text: str | Cell, own: float | None, stated: float | None = None) -> None:
         if reduction is None and own is None:
             return
         share = own / line if own is not None and line else None
-        paper_share = None if paper is None else paper / PAPER["full_line"]
-        rows.append([text, fmt.seconds(own), fmt.inverse(share), fmt.seconds(paper), fmt.inverse(paper_share)])
+        stated_share = None if stated is None else stated / PAPER["full_line"]
+        row(text, [fmt.seconds(own), fmt.inverse(share)], [fmt.seconds(stated), fmt.inverse(stated_share)])
 
-    def part(title: str, note: str, own: Account, paper: Mapping[str, float]) -> None:
-        rows.append([Cell(title, tag("small", f" {note}"), class_="part", span=5)])
-        rows.append(["Line evaluations", fmt.count(own.line_evaluations), "", fmt.count(paper.get("evaluations")), ""])
-        time("Reduced model, reduction included" if reduction else "Identification alone", own.spent, paper.get("total"))
-        time(Cell("Full model", tag("small", " evaluations × full line")), own.full, paper.get("full_total"))
+    def part(title: str, note: str, own: Account, stated: Mapping[str, float]) -> None:
+        rows.append([Cell(title, tag("small", f" {note}"), class_="part", span=5 if paper else 3)])
+        row("Line evaluations", [fmt.count(own.line_evaluations), ""], [fmt.count(stated.get("evaluations")), ""])
+        time("Reduced model, reduction included" if reduction else "Identification alone", own.spent, stated.get("total"))
+        time(Cell("Full model", tag("small", " evaluations × full line")), own.full, stated.get("full_total"))
         if own.speed_up is None:
             return
-        paper_factor = paper["full_total"] / paper["total"] if paper else None
-        rows.append(["Speed-up", Cell(fmt.factor(own.speed_up), class_="strong"), "", fmt.factor(paper_factor), ""])
+        factor = stated["full_total"] / stated["total"] if stated else None
+        row("Speed-up", [Cell(fmt.factor(own.speed_up), class_="strong"), ""], [fmt.factor(factor), ""])
 
     time("One frequency line, full model", line, PAPER["full_line"])
     time("One frequency line, reduced model", spent.get("reduced_line"), PAPER["reduced_line"])
     time("One frequency line, port formula", spent.get("port_line"))
     time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
     time("Projection", spent.get("projection"), PAPER["projection"])
-    time("Certificate: measured error", spent.get("certificate"))
+    time("Verification: measured error", spent.get("certificate"))
     time("Reduction, total", _reduction_total(reduction), PAPER["basis"] + PAPER["projection"])
     if whole is not None:
         hardest = max((job for job in jobs if isinstance(job, JobRecord)), key=lambda job: job.line_evaluations)
         one = account([hardest], reduction) or whole
-        part("One job", f"{hardest.job}, the one with most line evaluations; paper: four bolts removed", one, PAPER)
+        note = f"{hardest.job}, the one with most line evaluations" + ("; paper: four bolts removed" if paper else "")
+        part("One job", note, one, PAPER)
         part("Whole campaign", f"{whole.jobs} job{'' if whole.jobs == 1 else 's'}", whole, {})
-    return table("Time, against the full model", ["", "This campaign", "in full lines", "Paper", "in full lines"], rows, class_="cost")
+    head = ["What", "This campaign", "in full lines", *(["Paper", "in full lines"] if paper else [])]
+    return table("Time, against the full model", head, rows, class_="cost")

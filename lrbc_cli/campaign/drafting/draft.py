@@ -1,0 +1,334 @@
+"""The text of a campaign file for the files that were recognised, with what remains to be said as comments."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
+from lrbc_cli.campaign.drafting.roles import HAMMER, PointFound, Roles, edge_near, reference_of, roles_of, table_of
+from lrbc_cli.config.document import resolve_scalar
+from lrbc_cli.config.fields import is_name
+from lrbc_cli.config.skeleton import SCHEMA_LINE
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.text.tables import read_points
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.frf import FrfRecord
+
+#: Damping of a model without any [1], at the middle of the band.
+ASSUMED_RATIO = 0.01
+
+#: Quantities by the beginning of a sensor's name.
+QUANTITIES = {"acc": "acceleration", "bes": "acceleration", "mic": "pressure", "mik": "pressure", "vel": "velocity", "disp": "displacement"}
+
+#: Labels of DOFs by direction of a record.
+LABELS = {0: "PRES", 1: "UX", 2: "UY", 3: "UZ", 4: "ROTX", 5: "ROTY", 6: "ROTZ"}
+
+NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
+
+NOWHERE = "{near: [0.0, 0.0, 0.0], component: UZ}"
+
+
+@dataclass
+class Draft:
+    """A campaign file in the making.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it will lie.
+    found : FilesFound
+    roles : Roles
+    table : DofTable or None
+    todo : list of str
+        What a person has to say or confirm.
+    recognised : list of str
+    """
+
+    folder: Path
+    found: FilesFound
+    roles: Roles
+    table: DofTable | None
+    todo: list[str] = field(default_factory=list)
+    recognised: list[str] = field(default_factory=list)
+
+    def path(self, path: Path) -> str:
+        """A path as the campaign file writes it."""
+        try:
+            text = Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix()
+        except ValueError:  # another drive
+            text = path.resolve().as_posix()
+        return quoted(text)
+
+    def matrix(self, found: MatrixFound) -> str:
+        """A reference to a matrix."""
+        if found.group is None and "#" not in found.path.name:
+            return self.path(found.path)
+        group = "" if found.group is None else f", group: {quoted(found.group)}"
+        return f"{{file: {self.path(found.path)}{group}}}"
+
+    def text(self) -> str:
+        """The whole campaign file."""
+        jobs = self._jobs()
+        reference = reference_of(list(jobs))
+        if jobs and reference is None:
+            reference = next(iter(jobs))
+            self.todo.append(f"update.reference: no file name tells the tight state; {reference} is only the first")
+        jobs = dict(sorted(jobs.items(), key=lambda job: job[0] != reference))
+        record = self.found.measurements[jobs[reference]].records if reference else ()
+        responses, names = self._responses(record)
+        band = self._band(record)
+        sections = [
+            self._model(band),
+            [
+                "# Where it is hit and what is measured: {near: [x, y, z], component:}, {node:, component:}, {dof:} or {vector: file}",
+                *self._hammer(record),
+            ],
+            ["responses:", *responses],
+            ["# What is identified: terms of stiffness at the bolts (`lrbc guide campaign`)", *self._parameters()],
+            [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
+            self._update(reference, names),
+            self._calibration(reference),
+            ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(path)}" for name, path in jobs.items()]],
+        ]
+        said = [line for section in sections[1:] for line in section if not line.startswith("#")]
+        if NO_DOFS in sections[0] and not any(key in line for key in ("near:", "component:", "bushings:") for line in said):
+            sections[0].remove(NO_DOFS)
+        self.todo += self.roles.doubts
+        self.todo += [f"{name} has no role yet" for name in self.roles.spare]
+        self.todo += [f"{path.name} was not recognised: {why}" for path, why in self.found.rest.items()]
+        head = [
+            SCHEMA_LINE,
+            "# Written by `lrbc init --from` from the files that were there. Next: lrbc check, then lrbc run.",
+            *(["#", "# To do, or to confirm:", *[f"#   - {' '.join(item.split())}" for item in self.todo]] if self.todo else []),
+        ]
+        name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
+        name += ["# units: mm-N-t                     # where model and coordinates are not in SI"]
+        return "\n\n".join("\n".join(part) for part in [head, name, *sections] if part) + "\n"
+
+    def _model(self, band: tuple[float, float]) -> list[str]:
+        operators, lines = self.roles.operators, ["model:"]
+        for role in ("stiffness", "mass", "damping"):
+            if role in operators:
+                lines.append(f"  {role}: {self.matrix(operators[role])}")
+                self.recognised.append(f"{role}: {operators[role].path.name}, {operators[role].matrix.shape[0]} DOFs")
+            elif role != "damping":
+                lines.append(f"  {role}: model/{role}.mtx         # not found among the files")
+                self.todo.append(f"model.{role}: no square matrix was found; `lrbc guide export` says how to export it")
+        if "damping" not in operators:
+            beta = 2.0 * ASSUMED_RATIO / (np.pi * (band[0] + band[1]))
+            lines.append(f"  damping:                          # assumed: {ASSUMED_RATIO:.0%} of critical at mid-band; calibration fits it")
+            fields = ["structure", *(["acoustic"] if self._acoustic else [])]
+            lines += [f"    {name}: {{alpha: 0.0, beta: {beta:.3g}}}" for name in fields]
+        lines += self._dofs()
+        return lines
+
+    @property
+    def _acoustic(self) -> bool:
+        return self.table is not None and bool(self.table.is_acoustic.any())
+
+    def _dofs(self) -> list[str]:
+        found, stiffness = self.found, self.roles.operators.get("stiffness")
+        if found.of("dofs"):
+            path = found.of("dofs")[0]
+            self.recognised.append(f"DOF table: {path.name}")
+            return [f"  dofs: {self.path(path)}"]
+        if not found.of("nodes"):
+            self.todo.append(
+                "model.dofs: no table dof,node,component,x,y,z and no mesh was found; without it places are no use, only DOF numbers"
+            )
+            return [NO_DOFS]
+        nodes = found.of("nodes")[0]
+        self.recognised.append(f"coordinates: {nodes.name}")
+        if found.of("map"):
+            return [f"  dofs: {{map: {self.path(found.of('map')[0])}, nodes: {self.path(nodes)}}}"]
+        if stiffness is None or stiffness.labels is None:
+            self.todo.append(
+                "model.dofs: nothing says which DOF each row of the matrices is: add `map:` or `components:`, see `lrbc guide export`"
+            )
+        return [f"  dofs: {{nodes: {self.path(nodes)}}}"]
+
+    def _hammer(self, records: Sequence[FrfRecord]) -> list[str]:
+        for name, point in self.roles.points.items():
+            if HAMMER.search(name):
+                return ["excitation:", f"  {_name(name, 'hammer')}: {self._near(point)}"]
+        if self.roles.loads:
+            return ["excitation:", f"  hammer: {{vector: {self.matrix(self.roles.loads[0])}}}"]
+        driven = {(r.reference_node, r.reference_direction) for r in records}
+        if len(driven) > 1:
+            self.todo.append(f"excitation: the files hold {len(driven)} excitations; one is taken")
+        place = self._at_node(records[0].reference_node, records[0].reference_direction) if records and self._numbered(records) else None
+        if place is None:
+            self.todo.append("excitation.hammer: where is it? no file says so")
+        return ["excitation:", f"  hammer: {place or NOWHERE}" + ("" if place else "   # to do: its place")]
+
+    def _near(self, point: PointFound) -> str:
+        known = set() if self.table is None else {str(label) for label in self.table.component}
+        wanted = point.component or ("PRES" if point.quantity == "pressure" else next((u for u in ("UZ", "UY", "UX") if u in known), "UZ"))
+        place = ", ".join(f"{value:.9g}" for value in point.xyz)
+        return f"{{near: [{place}], component: {quoted(wanted)}}}"
+
+    def _numbered(self, records: Sequence[FrfRecord]) -> bool:
+        """Whether the node numbers of all records are those of the model."""
+        return all(self._at_node(r.response_node, r.response_direction) is not None for r in records)
+
+    def _at_node(self, node: int | None, direction: int) -> str | None:
+        if node is None or self.table is None:
+            return None
+        label = LABELS[direction]
+        there = (self.table.node == node) & (self.table.component == label)
+        return f"{{node: {node}, component: {label}}}" if there.sum() == 1 else None
+
+    def _responses(self, records: Sequence[FrfRecord]) -> tuple[list[str], list[str]]:
+        """Lines, and the names of the responses that have a place."""
+        lines, names, lost = list[str](), list[str](), list[tuple[str, FrfRecord, str]]()
+        numbered = bool(records) and self._numbered(records)
+        for number, record in enumerate(records, start=1):
+            plain = _name(
+                record.name,
+                f"n{record.response_node}-{LABELS[record.response_direction].lower()}" if record.response_node else f"r{number}",
+            )
+            name = plain if plain not in names else f"{plain}-{number}"
+            further = "" if name == record.name else f", record: {_record(record)}"
+            names.append(name)
+            point = self.roles.points.get(record.name.strip().lower())
+            place = (
+                self._near(point)
+                if point is not None
+                else self._at_node(record.response_node, record.response_direction)
+                if numbered
+                else None
+            )
+            quantity = record.quantity or (point.quantity if point else None) or _quantity(record.name)
+            further += f", quantity: {quantity}" if quantity else ""
+            if place is None:
+                lost.append((name, record, further))
+            else:
+                lines.append(f"  {name}: {place[:-1]}{further}}}")
+        if numbered and not self.roles.points:
+            self.todo.append("responses: the node numbers of the FRF files are taken as those of the model")
+        rows = self.roles.rows
+        if lost and rows is not None and min(rows.matrix.shape) == len(lost):
+            self.todo.append(f"responses {', '.join(name for name, *_ in lost)}: taken as the rows of {rows.path.name} in this order")
+            lines += [f"  {name}: {{matrix: {self.matrix(rows)}, row: {row}{further}}}" for row, (name, _, further) in enumerate(lost)]
+            lost = []
+        elif rows is not None:
+            self.todo.append(f"{rows.path.name} holds {min(rows.matrix.shape)} vectors over the DOFs: rows of responses, a load, or terms?")
+        if lost:
+            which = listing([name for name, *_ in lost], 4)
+            self.todo.append(f"responses {which}: where are they? a table name,x,y,z,component of the points tells")
+            for name, _, further in lost:
+                place = NOWHERE.replace("UZ", "PRES") if "pressure" in further else NOWHERE
+                lines.append(f"  {name}: {place[:-1]}{further}}}   # to do: its place")
+        if not records:
+            self.todo.append("responses: no FRF file was found; `lrbc guide formats` lists what is read")
+            lines = [f"  response1: {NOWHERE}   # to do"]
+        self.recognised += [f"{len(names)} responses: {', '.join(names)}"] if names else []
+        return lines, [name for name in names if name not in {entry[0] for entry in lost}]
+
+    def _parameters(self) -> list[str]:
+        groups = [(_name(path.stem, "bushings"), f"{{bushings: {self.path(path)}}}") for path in self.found.of("bushings")]
+        groups += [
+            (_name(matrix.name, "edge"), f"{{vectors: {self.matrix(matrix)}, positions: {self.path(path)}}}")
+            for matrix, path in self.roles.terms
+        ]
+        groups += [(_name(path.stem, "terms"), f"{{dofs: {self.path(path)}}}") for path in self.found.of("terms")]
+        self.recognised += [f"terms: {', '.join(name for name, _ in groups)}"] if groups else []
+        lines = ["parameters:"]
+        for name, select in groups or [self._edge()]:
+            lines += [
+                f"  {name}:",
+                f"    select: {select}",
+                "    initial: auto                   # log10 of the start value",
+                "    bounds: auto",
+            ]
+        if self.roles.bolts is not None:
+            self.recognised.append(f"bolts: {self.roles.bolts.name}")
+            lines += ["", f"bolts: {self.path(self.roles.bolts)}"]
+        return lines
+
+    def _edge(self) -> tuple[str, str]:
+        """Name and selection of the terms where no file holds them."""
+        edge = None
+        if self.roles.bolts is not None and self.table is not None:
+            edge = edge_near(read_points(self.roles.bolts).xyz, self.table)
+        if edge is None:
+            self.todo.append("parameters: which DOFs carry the bolts? a table of bushings, a list of DOFs or a box (`lrbc guide campaign`)")
+            return "edge", "{component: ROTY, box: [[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]}   # to do"
+        component, box = edge
+        self.todo.append(
+            "parameters.edge: the line of nodes nearest to the row of bolts, turning about it; is that the edge that they hold?"
+        )
+        return "edge", f"{{component: {component}, box: [{', '.join(f'[{low:.6g}, {high:.6g}]' for low, high in box)}]}}"
+
+    def _band(self, records: Sequence[FrfRecord]) -> tuple[float, float]:
+        lines = np.concatenate([r.frequency_hz for r in records]) if records else np.array([20.0, 400.0])
+        above = lines[lines > 0]
+        return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
+
+    def _update(self, reference: str | None, names: Sequence[str]) -> list[str]:
+        lines = ["update:"]
+        lines.append(
+            f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
+        )
+        if len(names) > 3:
+            lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
+        return [*lines, "  loss: soft                        # single wild lines count little", "  loss_scale: 1.0"]
+
+    def _calibration(self, reference: str | None) -> list[str]:
+        if reference is None:
+            return []
+        factors = ["stiffness.structure", "damping.structure" if "damping" in self.roles.operators else "beta.structure"]
+        factors += ["mass.acoustic"] if self._acoustic else []
+        factors += ["beta.acoustic"] if self._acoustic and "damping" not in self.roles.operators else []
+        return [
+            "calibration:                        # factors on the model, from the tight state",
+            f"  job: {quoted(reference)}",
+            f"  factors: [{', '.join(factors)}]",
+        ]
+
+    def _jobs(self) -> dict[str, Path]:
+        jobs: dict[str, Path] = {}
+        for path in self.found.measurements:
+            name = _name(path.stem, "job")
+            if name.lower() in (other.lower() for other in jobs):
+                name = _name(f"{path.parent.name}-{name}", f"job-{len(jobs) + 1}")
+            if name.lower() not in (other.lower() for other in jobs):
+                jobs[name] = path
+        self.recognised += [f"{len(jobs)} jobs: {', '.join(jobs)}"] if jobs else []
+        return jobs
+
+    def _job(self, path: Path) -> str:
+        own = [c for c in self.found.coherences if path.stem.lower() in c.stem.lower()]
+        return f"{{frf: {self.path(path)}" + (f", coherence: {self.path(own[0])}" if own else "") + "}"
+
+
+def draft(folder: Path, found: FilesFound) -> Draft:
+    """A campaign file in a folder for what was found."""
+    return Draft(folder, found, roles_of(found), table_of(found))
+
+
+def quoted(text: str) -> str:
+    """A text as YAML reads it back, inside braces too."""
+    plain = re.fullmatch(r"[\w./-][\w./ -]*", text, re.ASCII) and text == text.strip() and isinstance(resolve_scalar(text), str)
+    return text if plain and not text.startswith("-") else json.dumps(text, ensure_ascii=False)
+
+
+def _name(text: str, otherwise: str) -> str:
+    """A text as a name of the campaign file."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", text.strip()).strip("-._")[:60]
+    return name if name and is_name(name) else otherwise
+
+
+def _record(record: FrfRecord) -> str:
+    return quoted(record.name) if record.name else f"{{node: {record.response_node}, direction: {record.response_direction}}}"
+
+
+def _quantity(name: str) -> str | None:
+    return next((quantity for start, quantity in QUANTITIES.items() if name.lower().startswith(start)), None)

@@ -1,0 +1,207 @@
+"""Which role each file plays in a campaign: by its name, and by its content where that says more."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.io.text.tables import is_dof_table, read_dof_table, read_positions, read_table
+from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.reduction.vectors import highest_omega
+
+#: Names of operators, from whole names to parts of them.
+OPERATORS = {
+    "stiffness": re.compile(r"^(k|kaa|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti$", re.IGNORECASE),
+    "mass": re.compile(r"^(m|maa|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas$", re.IGNORECASE),
+    "damping": re.compile(r"^(c|d|caa|baa)$|damp|daempf|dämpf|visc|\.dmp$", re.IGNORECASE),
+}
+
+#: Names of tight states, the surest first.
+TIGHT = ("reference", "ref", "tight", "fest", "baseline", "fixed", "intact", "healthy", "nominal", "00", "000", "0")
+
+BOLTS = re.compile("bolt|screw|schraub|joint|fastener", re.IGNORECASE)
+HAMMER = re.compile("hammer|exc|force|kraft|impact|shaker|input|anreg|driv", re.IGNORECASE)
+
+
+@dataclass
+class PointFound:
+    """Where something is measured or hit."""
+
+    xyz: Floats
+    component: str | None = None
+    quantity: str | None = None
+
+
+@dataclass
+class Roles:
+    """What the files are in the campaign.
+
+    Attributes
+    ----------
+    operators : dict of MatrixFound
+        ``stiffness``, ``mass``, ``damping``.
+    terms : list
+        Vectors of terms with the table of their positions.
+    rows : MatrixFound or None
+        Output rows.
+    loads : list of MatrixFound
+    bolts : Path or None
+    points : dict of PointFound
+    spare : list of str
+        Names of what has no role.
+    doubts : list of str
+    """
+
+    operators: dict[str, MatrixFound] = field(default_factory=dict)
+    terms: list[tuple[MatrixFound, Path]] = field(default_factory=list)
+    rows: MatrixFound | None = None
+    loads: list[MatrixFound] = field(default_factory=list)
+    bolts: Path | None = None
+    points: dict[str, PointFound] = field(default_factory=dict)
+    spare: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+
+def roles_of(found: FilesFound) -> Roles:
+    """Guess the roles; what was guessed by content alone, or against a name, is a doubt."""
+    roles = Roles()
+    _operators(found, roles)
+    _vectors(found, roles)
+    _named_points(found, roles)
+    return roles
+
+
+def _operators(found: FilesFound, roles: Roles) -> None:
+    n, taken = found.size, roles.operators
+    square = [matrix for matrix in found.matrices if matrix.matrix.shape == (n, n)]
+    for role, pattern in OPERATORS.items():
+        # A whole name counts before a part of one: K_x is no K.
+        named = [m for m in square if pattern.search(m.name) or (m.group is None and pattern.search(m.path.name))]
+        if named:
+            taken[role] = min(named, key=lambda matrix: len(matrix.name))
+            square = [matrix for matrix in square if matrix is not taken[role]]
+    by_size = sorted(square, key=lambda m: -float(np.abs(m.matrix.diagonal()).max(initial=0.0)))
+    # Where names tell stiffness and mass, a further matrix may be a share of one of them as well as a damping.
+    wanted = [role for role in OPERATORS if role not in taken] if not {"stiffness", "mass"} <= set(taken) else []
+    for role in wanted:
+        if by_size:
+            # The stiffness has the largest entries, whatever the units.
+            taken[role] = by_size.pop(0 if role == "stiffness" else -1)
+            roles.doubts.append(f"model.{role}: taken by the size of its entries; nothing in its name says so")
+    roles.spare += [_called(matrix) for matrix in by_size]
+    if {"stiffness", "mass"} <= set(taken):
+        K, M = taken["stiffness"], taken["mass"]
+        if highest_omega(K.matrix, M.matrix) < 1.0 < highest_omega(M.matrix, K.matrix) < np.inf:
+            taken["stiffness"], taken["mass"] = M, K
+            roles.doubts.append("model.stiffness and model.mass: exchanged against their names, as frequencies would be near zero")
+
+
+def _vectors(found: FilesFound, roles: Roles) -> None:
+    n = found.size
+    thin = [m for m in found.matrices if n in m.matrix.shape and m.matrix.shape != (n, n)]
+    positions = {path: read_positions(path).xyz.shape[0] for path in found.of("positions") if _readable(path)}
+    for matrix in thin:
+        count = min(matrix.matrix.shape)
+        fits = [path for path, terms in positions.items() if terms == count]
+        near = sorted(fits, key=lambda path: path.stem.split(".")[0].lower() != matrix.name.lower())
+        if near and not HAMMER.search(matrix.name):
+            roles.terms.append((matrix, near[0]))
+            del positions[near[0]]
+        elif HAMMER.search(matrix.name) and count == 1:
+            roles.loads.append(matrix)
+        elif roles.rows is None:
+            roles.rows = matrix
+        else:
+            roles.spare.append(_called(matrix))
+    roles.spare += [path.name for path in positions]
+
+
+def _readable(path: Path) -> bool:
+    try:
+        read_positions(path)
+    except LrbcError:
+        return False
+    return True
+
+
+def _named_points(found: FilesFound, roles: Roles) -> None:
+    """Tables of named points are bolts, or places of sensors and of the hammer."""
+    records = {record.name.strip().lower() for frf in found.measurements.values() for record in frf.records}
+    for path in (*found.of("points"), *found.of("named")):
+        try:
+            table = read_table(path, ("name", "x", "y", "z"), ("component", "quantity"))
+            names, xyz = table.text("name"), table.floats("x", "y", "z")
+        except LrbcError as error:
+            roles.doubts.append(f"{path.name}: {error.problem}")
+            continue
+        measured = any(name.strip().lower() in records or HAMMER.search(name) for name in names)
+        if path in found.of("named") and (BOLTS.search(path.stem) or not measured):
+            if roles.bolts is None:
+                roles.bolts = path
+            else:
+                roles.spare.append(path.name)
+            continue
+        kinds, quantities = (
+            [cell or None for cell in table.text(key)] if key in table.columns else [None] * len(names) for key in ("component", "quantity")
+        )
+        for name, place, kind, quantity in zip(names, xyz, kinds, quantities, strict=True):
+            roles.points[name.strip().lower()] = PointFound(place, kind and kind.upper(), quantity)
+
+
+def _called(matrix: MatrixFound) -> str:
+    return f"{matrix.path.name}{f'#{matrix.group}' if matrix.group else ''} ({' x '.join(map(str, matrix.matrix.shape))})"
+
+
+def reference_of(names: Sequence[str]) -> str | None:
+    """The job that is most likely the tight state, by its name."""
+    for word in TIGHT:
+        for name in names:
+            if word in re.split(r"[_\W]+", name.lower()):
+                return name
+    return None
+
+
+def table_of(found: FilesFound) -> DofTable | None:
+    """The DOF table, where a readable one is among the files."""
+    for path in found.of("dofs"):
+        try:
+            if is_dof_table(path):
+                return read_dof_table(path)
+        except LrbcError:
+            continue
+    return None
+
+
+def edge_near(bolts: Floats, table: DofTable) -> tuple[str, list[list[float]]] | None:
+    """Component and box of the line of nodes beside a row of bolts; None where the bolts are no row, or no node can turn there.
+
+    Parameters
+    ----------
+    bolts : (m, 3) float array
+    table : DofTable
+    """
+    if len(bolts) < 2:
+        return None
+    extent = np.ptp(bolts, axis=0)
+    axis = int(np.argmax(extent))
+    component = f"ROT{'XYZ'[axis]}"
+    turning = table.xyz[table.component == component]
+    if np.sort(extent)[1] > 0.05 * extent[axis] or not len(turning):
+        return None
+    others = [k for k in range(3) if k != axis]
+    pitch = float(extent[axis]) / (len(bolts) - 1)
+    middle = bolts.mean(axis=0)
+    nearest = turning[np.argmin(np.linalg.norm(turning[:, others] - middle[others], axis=1))]
+    slack = 1e-4 * float(np.ptp(table.xyz, axis=0).max())
+    box = [[0.0, 0.0]] * 3
+    for k in others:
+        box[k] = [float(nearest[k]) - slack, float(nearest[k]) + slack]
+    box[axis] = [float(bolts[:, axis].min()) - pitch - slack, float(bolts[:, axis].max()) + pitch + slack]
+    return component, box

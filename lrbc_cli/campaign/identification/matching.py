@@ -1,0 +1,213 @@
+"""Which record of the measured files each response of the campaign is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lrbc_cli.campaign.reading.inputs import Inputs, Response
+from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.structure import FileRecordRef, RecordRef
+from lrbc_cli.errors import DataError
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+Wanted = str | int | RecordRef | FileRecordRef
+
+#: Share of the responses used that a job must hold to go on without the others.
+LEAST_USED = 0.5
+
+#: Records at most in one message.
+_MOST = 12
+
+
+def describe(record: FrfRecord, several: bool = False) -> str:
+    """A record in words, with its file where there are several."""
+    parts = [record.name or "(no name)"]
+    if record.response_node is not None:
+        parts.append(f"node {record.response_node} direction {record.response_direction}")
+    if record.reference_node is not None:
+        parts.append(f"over node {record.reference_node} direction {record.reference_direction}")
+    parts.append(record.quantity or "quantity unknown")
+    number = f"record {record.number}"
+    place = record.place if record.place == number or not record.number else f"{number} ({record.place})"
+    return f"{Path(record.file).name + ' ' if several else ''}{place}: {', '.join(parts)}"
+
+
+def listed(frf: FrfSet) -> str:
+    """The records in one line."""
+    several = len({record.file for record in frf.records}) > 1
+    return "; ".join(describe(r, several) for r in frf.records[:_MOST]) + (" ..." if len(frf.records) > _MOST else "")
+
+
+def _wanted_text(wanted: Wanted) -> str:
+    if isinstance(wanted, RecordRef):
+        over = "" if wanted.reference_node is None else f" over node {wanted.reference_node}"
+        return f"node {wanted.node} direction {wanted.direction}{over}"
+    if isinstance(wanted, FileRecordRef):
+        which = f"number {wanted.number}" if wanted.number is not None else f"name {wanted.name}" if wanted.name else "the one record"
+        return f"{which} of {wanted.file.name}"
+    return f"number {wanted}" if isinstance(wanted, int) else f"name {wanted}"
+
+
+def _place_text(response: Response) -> str:
+    if response.node is None:
+        return ""
+    return f", or of node {response.node}" + ("" if response.direction is None else f" direction {response.direction}")
+
+
+def _named(record: FrfRecord, name: str) -> bool:
+    return record.name.strip().lower() == name.strip().lower()
+
+
+def _asked(wanted: Wanted) -> Callable[[FrfRecord], bool]:
+    """Whether a record is the one that the campaign names."""
+    if isinstance(wanted, str):
+        return lambda r: _named(r, wanted)
+    if isinstance(wanted, int):
+        return lambda r: r.number == wanted
+    if isinstance(wanted, FileRecordRef):
+        return lambda r: (
+            r.file == str(wanted.file) and wanted.number in (None, r.number) and (wanted.name is None or _named(r, wanted.name))
+        )
+    return lambda r: (
+        (r.response_node, r.response_direction) == (wanted.node, wanted.direction)
+        and wanted.reference_node in (None, r.reference_node)
+        and wanted.reference_direction in (None, r.reference_direction)
+    )
+
+
+def _one(found: list[FrfRecord], how: str, response: Response, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
+    """The one record; where several hammer points are in the files, that over this response's own."""
+    if len(found) < 2:
+        return found[0] if found else None
+    node, direction = inputs.excitation_points[response.input]
+    own = [r for r in found if node is not None and r.reference_node == node]
+    if len(own) > 1 and direction is not None:
+        own = [r for r in own if r.reference_direction == direction]
+    if len(own) == 1:
+        return own[0]
+    names = list(dict.fromkeys(Path(record.file).name for record in found))
+    text = "; ".join(describe(r, len(names) > 1) for r in found[:_MOST])
+    if len(names) > 1:
+        raise DataError(
+            f"the files {names[0]} and {names[1]} both give response {response.name} ({how})",
+            file=found[1].file or frf.source,
+            expected="each response once",
+            found=text,
+            hint=f"take one of them out of the job's frf, or say which under its records: {{{response.name}: {{file: {names[0]}}}}}",
+        )
+    raise DataError(
+        f"several records fit response {response.name} ({how})",
+        file=found[0].file or frf.source,
+        found=text,
+        hint=f"say which one in responses.{response.name}.record or in the job's records, for instance by its number",
+    )
+
+
+def match_record(response: Response, wanted: Wanted | None, frf: FrfSet, inputs: Inputs) -> FrfRecord | None:
+    """The record of a response: by what the campaign says, else by name, else by node and direction.
+
+    Returns
+    -------
+    FrfRecord or None
+        None where the files have none.
+
+    Raises
+    ------
+    DataError
+        Where several records fit.
+    """
+
+    def one(fits: Callable[[FrfRecord], bool], how: str) -> FrfRecord | None:
+        return _one([r for r in frf.records if fits(r)], how, response, frf, inputs)
+
+    if wanted is not None:
+        return one(_asked(wanted), _wanted_text(wanted))
+    found = one(_asked(response.name), f"name {response.name}")
+    if found is not None or response.node is None:
+        return found
+    driven, _ = inputs.excitation_points[response.input]
+    several = len(inputs.excitations) > 1
+
+    def fits(record: FrfRecord) -> bool:
+        if record.response_node != response.node:
+            return False
+        # Labels of one's own have no direction: then any motion of the node will do.
+        if response.direction is None and record.response_direction == 0:
+            return False
+        if response.direction is not None and record.response_direction != response.direction:
+            return False
+        return not several or driven is None or record.reference_node in (None, driven)
+
+    direction = "" if response.direction is None else f" direction {response.direction}"
+    found = one(fits, f"node {response.node}{direction}")
+    return found if found is not None else one(lambda r: reciprocal(r, response, inputs), f"hammer at node {response.node}{direction}")
+
+
+def reciprocal(record: FrfRecord, response: Response, inputs: Inputs) -> bool:
+    """Whether a record is the response's FRF with hammer and sensor exchanged: of translations these are the same."""
+    node, direction = inputs.excitation_points[response.input]
+    ends = (node, direction), (response.node, response.direction)
+    if any(at is None or along not in (1, 2, 3) for at, along in ends):
+        return False
+    return ((record.response_node, record.response_direction), (record.reference_node, record.reference_direction)) == ends
+
+
+def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfRecord | None]:
+    """The record of each response, of its quantity; None where it has none and the job goes on without.
+
+    Raises
+    ------
+    DataError
+        Where a response has several records, one of another quantity, or none and cannot be missed.
+    """
+    records: list[FrfRecord | None] = []
+    files = [str(file) for files in job.measurements for file in files]
+    for response in inputs.responses:
+        wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
+        if isinstance(wanted, FileRecordRef) and str(wanted.file) not in files:
+            raise inputs.campaign.error(
+                "this is none of the job's files",
+                *("jobs", name, "records", response.name, "file"),
+                expected=", ".join(Path(file).name for file in files),
+                found=wanted.file.name,
+                hint="list it under frf of the job",
+            )
+        record = match_record(response, wanted, frf, inputs)
+        if record is not None and record.quantity not in (None, response.quantity):
+            raise DataError(
+                f"the record of response {response.name} has another quantity",
+                file=record.file or job.first,
+                place=record.place,
+                expected=response.quantity,
+                found=record.quantity,
+                hint=f"set responses.{response.name}.quantity, or correct the record",
+            )
+        records.append(record)
+    _require_used(inputs, job, name, records, frf)
+    return records
+
+
+def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None], frf: FrfSet) -> None:
+    """Refuse a job that lacks a response of the cost, but for a few in a job that others are not compared with."""
+    missing = [inputs.responses[i] for i in inputs.used if records[i] is None]
+    if not missing:
+        return
+    update, calibration = inputs.campaign.update, inputs.campaign.calibration
+    # A name that no file knows is a slip, which the reference job tells.
+    leading = update.reference in (None, name) or name in update.baselines or (calibration is not None and calibration.job == name)
+    asked = [response for response in missing if response.name in job.records]
+    enough = len(missing) <= (1.0 - LEAST_USED) * inputs.used.size and len(missing) < inputs.used.size
+    if not leading and not asked and enough:
+        return
+    response = (asked or missing)[0]
+    wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
+    others = [other.name for other in missing if other is not response]
+    raise DataError(
+        f"no record of response {response.name}" + (f", nor of {', '.join(others)}" if others else ""),
+        file=job.first,
+        place=f"job {name}",
+        expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
+        found=listed(frf),
+        hint=f"say which one in responses.{response.name}.record or in the job's records, by name, number, node or file",
+    )

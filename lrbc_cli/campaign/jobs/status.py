@@ -1,0 +1,115 @@
+"""How far a campaign is: each job's state, its last error, and how long the rest will take. Reads only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.results.job import FailedJob, Job, JobRecord
+from lrbc_cli.results.model import ReductionRecord
+from lrbc_cli.results.store import read, read_job
+from lrbc_cli.updating.clearance import sentence
+
+#: States of a job, as a person reads them.
+STATES = {"done": "done", "stale": "out of date", "missing": "no FRF file", "failed": "failed", "new": "not run yet"}
+
+
+@dataclass(frozen=True)
+class JobStatus:
+    """How far a job is.
+
+    Attributes
+    ----------
+    state : str
+        One of ``STATES``.
+    reason : str
+        Which part changed, which file is missing, or the last error; of a job that is done what was found.
+    seconds : float or None
+        What its last identification took.
+    """
+
+    state: str
+    reason: str
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class CampaignStatus:
+    """How far a campaign is.
+
+    Attributes
+    ----------
+    jobs : dict of JobStatus
+        In the campaign's order.
+    seconds_left : float or None
+        What the jobs that `lrbc update` would run will take, reduction included; None where nothing tells yet.
+    cache : CacheDecision
+    """
+
+    jobs: dict[str, JobStatus]
+    seconds_left: float | None
+    cache: cache.CacheDecision
+
+    def named(self, *states: str) -> list[str]:
+        """The jobs in one of these states."""
+        return [name for name, job in self.jobs.items() if job.state in states]
+
+
+def status(inputs: Inputs, folder: Path) -> CampaignStatus:
+    """Tell how far a campaign is; changes and computes nothing.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        With the stored calibration, where it fits.
+    folder : Path
+        Of the cache.
+    """
+    parts, campaign = cache.key_parts(inputs), inputs.campaign
+    decision = cache.look_up(folder, parts)
+    plans = {p.name: p for p in plan(inputs, parts, choose_jobs(inputs, ()))} if campaign.jobs else {}
+    jobs = {name: _status(inputs, plans[name]) for name in campaign.jobs}
+    found = CampaignStatus(jobs, None, decision)
+    ahead = len(found.named("new", "failed")) + sum(plans[name].run or plans[name].waits for name in found.named("stale"))
+    known = [job.seconds for job in jobs.values() if job.seconds is not None]
+    if not ahead:
+        return CampaignStatus(jobs, 0.0, decision)
+    reduction = 0.0 if decision.hit or campaign.update.evaluation == "full" else _reduction_seconds(inputs)
+    left = None if not known or reduction is None else reduction + ahead * median(known)
+    return CampaignStatus(jobs, left, decision)
+
+
+def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
+    config, output = inputs.campaign.jobs[job.name], inputs.campaign.output
+    stored: Job | None
+    try:
+        stored = read_job(output, job.name)
+    except DataError:
+        stored = None  # the plan says what is wrong with it
+    seconds = stored.seconds.get("total") if isinstance(stored, JobRecord) else None
+    missing = [str(file) for file in config.all_files if not file.is_file()]
+    if missing:
+        before = "; there is a result of an earlier measurement" if isinstance(stored, JobRecord) else ""
+        return JobStatus("missing", ", ".join(missing) + before, seconds)
+    if isinstance(stored, FailedJob):
+        return JobStatus("failed", (stored.reason.strip() or "no reason given").splitlines()[0])
+    if stored is None:
+        return JobStatus("new", "" if job.reason == "no result yet" else job.reason)
+    if not job.kept:
+        return JobStatus("stale", job.reason + ("; it is only judged anew" if job.judge and not job.run else ""), seconds)
+    return JobStatus("done", sentence(stored.finding), seconds)
+
+
+def _reduction_seconds(inputs: Inputs) -> float | None:
+    """What the reduction will take: as the last one did, else as predicted."""
+    try:
+        before = read(inputs.campaign.output / "reduction.json", ReductionRecord)
+        return reduction_cost(inputs)[0].seconds if before is None else float(before.seconds["total"])
+    except (DataError, NumericalError, KeyError):
+        return None

@@ -1,0 +1,85 @@
+"""The command ``lrbc run``."""
+
+from __future__ import annotations
+
+import os
+import webbrowser
+from pathlib import Path
+
+import click
+
+from lrbc_cli.campaign.calibrate import run_calibration
+from lrbc_cli.campaign.calibration import with_stored_calibration
+from lrbc_cli.campaign.jobs.plans import choose_jobs
+from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.cli.common import cache_folder, load, progress, say_json, tell_calibration
+from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.terminal import complain, remark, say
+from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.report import write_report
+from lrbc_cli.results.sentence import job_sentence
+from lrbc_cli.results.store import read_job
+
+
+@click.command()
+@campaign_options
+@calibration_option
+@click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
+@click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
+@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
+@click.option("--force", is_flag=True, help="Calibrate and run finished jobs again.")
+@click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def run(
+    *,
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    calibration: bool,
+    opened: bool,
+    jobs: tuple[str, ...],
+    workers: int,
+    force: bool,
+    fail_on_loose: bool,
+    accept_tolerance: bool,
+) -> int:
+    """Calibrate where the campaign asks for it, update all jobs, write the report, and say the result in a sentence a job.
+
+    What is finished and still valid is kept. Exit codes are those of `lrbc update`; the report is written where jobs failed too.
+    """
+    exported, folder, tell = load(config, overrides, calibration=None), cache_folder(cache), progress()
+    choose_jobs(exported, jobs)
+    if calibration and exported.campaign.calibration is not None:
+        run_calibration(exported, folder, force=force, accept=accept_tolerance, progress=tell)
+    inputs = with_stored_calibration(exported, calibration=calibration)
+    tell_calibration(inputs, wanted=calibration)
+    outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=tell)
+    tell_troubles(outcome)
+    output, code, page = inputs.campaign.output, outcome.exit_code(fail_on_loose), None
+    try:
+        page = write_report(output, workers=min(2, os.cpu_count() or 1), progress=tell)
+    except LrbcError as error:
+        complain(error.message)
+        # What comes first in the table of exit codes: the report's error before those of single jobs.
+        code = min(code or error.exit_code, error.exit_code)
+    if as_json:
+        use = inputs.calibration
+        found = None if use is None else {"used": use.used, "text": use.text, "factors": use.factors}
+        say_json({**outcome_tree(inputs, outcome, code), "calibration": found, "report": page})
+    else:
+        _tell(output, finished(inputs, outcome), page)
+        tell_clearance(outcome, code, fail_on_loose)
+    if opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
+        remark(f"no browser could be opened; the page is {page}", kind="warning")
+    return code
+
+
+def _tell(output: Path, jobs: list[str], page: Path | None) -> None:
+    for name in jobs:
+        record = read_job(output, name)
+        if record is not None:
+            say(job_sentence(record), finding=True)
+    if page is not None:
+        say(f"report: {page}")

@@ -1,0 +1,58 @@
+"""The command ``lrbc status``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from lrbc_cli.campaign.jobs.status import STATES, CampaignStatus
+from lrbc_cli.campaign.jobs.status import status as examine
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.cli.common import cache_folder, load, say_json
+from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.terminal import say
+
+
+@click.command()
+@campaign_options
+@calibration_option
+def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> None:
+    """Tell how far the campaign is: jobs done, out of date, without a file, failed or not run yet, and the time left; change nothing."""
+    inputs = load(config, overrides, calibration=calibration, warn=False)
+    found = examine(inputs, cache_folder(cache))
+    use = inputs.calibration
+    if as_json:
+        say_json(
+            {
+                "campaign": inputs.campaign.name,
+                "output": inputs.campaign.output,
+                "counts": {state: len(found.named(state)) for state in STATES},
+                "jobs": {name: asdict(job) for name, job in found.jobs.items()},
+                "seconds_left": found.seconds_left,
+                "calibration": None if use is None else {"used": use.used, "text": use.text},
+                "cache": {"hit": found.cache.hit, "reason": found.cache.reason},
+            }
+        )
+        return
+    counts = [f"{count} {words}" for state, words in STATES.items() if (count := len(found.named(state)))]
+    say(f"{inputs.campaign.name}: {', '.join(counts) or 'no jobs'}")
+    width = max([len(name) for name in found.jobs], default=0)
+    for name, job in found.jobs.items():
+        say(f"{name:{width}}  {STATES[job.state]:{max(map(len, STATES.values()))}}  {job.reason}".rstrip(), finding=True)
+    if use is not None:
+        say(f"calibration: {use.text}")
+    say("\n".join(_ahead(inputs, found, config)))
+
+
+def _ahead(inputs: Inputs, found: CampaignStatus, config: Path) -> list[str]:
+    """What is to be done, and how long it will take."""
+    todo = found.named("stale", "failed", "new")
+    if not todo:
+        return ["nothing to run" + (", but FRF files are missing" if found.named("missing") else "")]
+    model = "" if found.cache.hit or inputs.campaign.update.evaluation == "full" else ", and a reduced model to build"
+    left = "time left: not known before a job has run"
+    if found.seconds_left is not None:
+        left = f"time left: about {found.seconds_left:.0f} s" if found.seconds_left >= 1 else "time left: less than a second"
+    return [f"{left}, for {len(todo)} job{'s' if len(todo) > 1 else ''}{model}", f"next: lrbc run {config}"]

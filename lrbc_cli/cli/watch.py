@@ -1,0 +1,81 @@
+"""The command ``lrbc watch``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from lrbc_cli.cli.common import cache_folder, progress
+from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.updating.clearance import not_clear
+from lrbc_cli.watch.loop import Pace, Watch
+from lrbc_cli.watch.session import Session, WatchSettings
+from lrbc_cli.watch.verdict import Hook, Verdict
+
+
+@click.command()
+@campaign_options
+@calibration_option
+@click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Watch this folder, instead of watch.folder.")
+@click.option("--pattern", "patterns", multiple=True, metavar="GLOB", help="Files in it that are measurements; repeatable.")
+@click.option("--once", is_flag=True, help="Judge what is there, and end.")
+@click.option("--fail-on-loose", is_flag=True, help="With --once: exit with 6 or 7 as `lrbc update` does.")
+@click.option("--bell", is_flag=True, help="Ring the bell of the terminal at each verdict.")
+@click.option("--hook", metavar="COMMAND", help="Run this program at each verdict, with job, verdict and exit code as arguments.")
+@click.option("--interval", type=click.FloatRange(min=0.05), default=2.0, show_default=True, help="Seconds between looks without events.")
+@click.option("--accept-tolerance", is_flag=True, help="Accept a reduced model that does not reach its tolerance.")
+def watch(
+    *,
+    config: Path,
+    overrides: tuple[str, ...],
+    cache: Path | None,
+    as_json: bool,
+    calibration: bool,
+    folder: Path | None,
+    patterns: tuple[str, ...],
+    once: bool,
+    fail_on_loose: bool,
+    bell: bool,
+    hook: str | None,
+    interval: float,
+    accept_tolerance: bool,
+) -> int:
+    """Identify, judge and report FRF files as they appear: those of the campaign's jobs, and any in a folder, each a job of its name.
+
+    Calibrates where the campaign file asks for it. Runs until Ctrl+C; what is finished is kept, and found again by all commands.
+    """
+    if fail_on_loose and not once:
+        raise click.UsageError("--fail-on-loose needs --once: without it this command has no end")
+    given: list[tuple[str, str | list[str]]] = [("watch.folder", str(folder.absolute()))] if folder is not None else []
+    given += [("watch.pattern", list(patterns))] if patterns else []
+    overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
+    program = None if hook is None else Hook(hook)
+    session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
+    page = session.output / "report.html"
+
+    def tell(verdict: Verdict) -> None:
+        click.echo(json.dumps(verdict.tree(), ensure_ascii=False) if as_json else verdict.sentence)
+        if bell:
+            click.echo("\a", err=True, nl=False)
+        trouble = None if program is None else program.run(verdict, page)
+        if trouble is not None:
+            click.echo(f"warning: --hook: {trouble}", err=True)
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    watched = session.campaign.watch
+    place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
+    say(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    if given:
+        say("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
+    run = Watch(session, tell, say, Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval))
+    run.run(once)
+    if run.failed:
+        return 5
+    if not fail_on_loose:
+        return 0
+    loose = any(found.assumed is None and found.named("loose") for found in run.findings.values())
+    return 6 if loose else 7 if not_clear(run.findings) else 0

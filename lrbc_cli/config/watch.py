@@ -1,0 +1,150 @@
+"""Jobs that a folder of measurements adds to those of the file: one a file, in ``lrbc watch`` and every other command alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
+from pydantic_core import PydanticCustomError
+
+from lrbc_cli.config.fields import FilePath, FrozenDict, Name, Strict, check_name, check_unique, problem
+from lrbc_cli.config.settings import JobConfig
+
+if TYPE_CHECKING:
+    from lrbc_cli.config.campaign import Campaign
+
+#: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
+RESERVED_JOBS = (
+    "campaign.csv",
+    "campaign.json",
+    "reduction.json",
+    "calibration.json",
+    "calibration",
+    "plan.json",
+    "plan.csv",
+    "plan.png",
+    "structure.json",
+    "structure.png",
+    "structure.html",
+    "verdicts.png",
+    "report.html",
+)
+
+#: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
+OWN = {"frf", "coherence", "repeats", "removed"}
+
+
+def _check_pattern(value: str) -> str:
+    if "/" in value or "\\" in value or not value.strip():
+        raise problem("not a pattern of file names", expected="such as '*.uff', without a folder", found=f"'{value}'")
+    return value
+
+
+Pattern = Annotated[str, AfterValidator(_check_pattern)]
+
+
+def _form(value: object) -> str:
+    return "form:one" if isinstance(value, str) else "form:list"
+
+
+class WatchConfig(Strict):
+    """A folder of measurements: each file in it is a job, named as the file is."""
+
+    folder: FilePath = Field(description="Folder into which FRF files are written, relative to the campaign file.")
+    pattern: Annotated[
+        Annotated[Pattern, Tag("form:one")]
+        | Annotated[tuple[Pattern, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
+        Discriminator(_form),
+    ] = Field(
+        default=("*.uff", "*.unv", "*.csv", "*.txt", "*.h5", "*.hdf5", "*.mat"),
+        description="Files in it that are measurements: a pattern or several; capitals and small letters are alike.",
+    )
+    like: Name | None = Field(
+        default=None,
+        description="Job whose format, records, scale and averages hold for the files of the folder; absent: the reference job.",
+    )
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """As a list."""
+        return (self.pattern,) if isinstance(self.pattern, str) else self.pattern
+
+    def files(self) -> Iterator[Path]:
+        """Files of the folder that match, by name; those that are hidden or out of reach are none."""
+        try:
+            found = sorted(path for path in self.folder.iterdir() if not path.name.startswith((".", "~")))
+        except OSError:
+            return
+        for path in found:
+            if any(fnmatch(path.name.lower(), pattern.lower()) for pattern in self.patterns):
+                yield path
+
+
+@dataclass(frozen=True)
+class Found:
+    """The campaign with the jobs of its folder, and the files there that are none, each with the reason."""
+
+    campaign: Campaign
+    left: dict[Path, str]
+
+
+def with_folder(campaign: Campaign) -> Found:
+    """Add a job for each file of the watched folder that no job names, and for tight states that are still to be measured.
+
+    A file of the name of a job whose own file is missing is that job's.
+    """
+    watch, jobs, left = campaign.watch, dict(campaign.jobs), dict[Path, str]()
+    if watch is None:
+        return Found(campaign, left)
+    update, calibration = campaign.update, campaign.calibration
+    like = jobs.get(watch.like or update.reference or "")
+
+    def job(path: Path, settings: JobConfig | None, without: set[str]) -> JobConfig:
+        given = {} if settings is None else settings.model_dump(by_alias=True, exclude_unset=True, exclude=without)
+        return JobConfig.model_validate(_texts(given | {"frf": path}), context={"folder": campaign.path.parent})
+
+    named = {path for config in jobs.values() for path in config.all_files}
+    taken = {name.lower(): name for name in jobs}
+    for path in watch.files():
+        known = taken.get(path.stem.lower())
+        reason = _no_job(path.stem)
+        if path in named or path.resolve() in named:
+            continue
+        if known is not None and any(file.exists() for file in jobs[known].all_files):
+            reason = f"the job {known} has another file"
+        if reason is not None:
+            left[path] = reason
+            continue
+        with suppress(ValidationError):  # it has just gone
+            name = known or path.stem
+            jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
+            taken[name.lower()] = name
+    suffix = Path(watch.patterns[0]).suffix
+    for tight in (update.reference, *update.baselines, None if calibration is None else calibration.job):
+        if tight is not None and tight.lower() not in taken and "*" not in suffix:
+            jobs[tight] = job(watch.folder / f"{tight}{suffix}", like, OWN)
+            taken[tight.lower()] = tight
+    return Found(campaign.model_copy(update={"jobs": FrozenDict(jobs)}), left)
+
+
+def _texts(value: Any) -> Any:
+    """Paths as text, as the file has them."""
+    if isinstance(value, dict):
+        return {key: _texts(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_texts, value))
+    return str(value) if isinstance(value, Path) else value
+
+
+def _no_job(name: str) -> str | None:
+    """Why a file of this name can be no job."""
+    try:
+        check_name(name)
+    except PydanticCustomError:
+        return "its name cannot be that of a job: letters, digits, '.', '_' and '-' only"
+    return "a job of its name would be named like a file of the results" if name.lower() in RESERVED_JOBS else None

@@ -1,0 +1,235 @@
+"""What the headings of columns say: name, part of a complex number and unit, in the words and layouts of the usual analysers."""
+
+from __future__ import annotations
+
+import csv
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
+
+#: Words for a part, in lower case without accents: English, German, French, Italian, Spanish.
+WORDS = {
+    word: part
+    for part, words in {
+        "real": "real, re, real part, realteil, reel, reelle, partie reelle, parte reale, parte real",
+        "imag": "imag, im, imaginary, imaginary part, imaginarteil, imaginaerteil, imaginar, imaginaer, imaginaire, partie imaginaire, "
+        "parte immaginaria, parte imaginaria",
+        "magnitude": "magnitude, mag, amplitude, amp, abs, betrag, modul, module, modulus, modulo, gain, level, pegel, niveau",
+        "db": "db, magnitude_db, mag_db",
+        "phase": "phase, ph, phi, arg, phasenwinkel, phase angle, fase",
+        "phase-deg": "phase_deg",
+        "phase-rad": "phase_rad",
+        "coherence": "coherence, coh, koharenz, kohaerenz, coherenz, coerenza, coherencia",
+    }.items()
+    for word in words.split(", ")
+}
+_LONGEST_FIRST = sorted(WORDS, key=len, reverse=True)
+_FREQUENCY = re.compile(r"(freq|frequency|frequenz|frequence|frequenza|frecuencia|f|hz|omega|w)([\s_].*|\W.*)?", re.IGNORECASE)
+_INDEX = {"index", "nr", "no", "#", "n", "line", "linie", "zeile", "ligne", "point", "punkt", "number", "nummer", "bin", "i"}
+#: Units of an angle or a frequency that stand behind a heading without brackets.
+_PLAIN = {"hz", "khz", "rad/s", "db", "deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
+_DECIBEL = re.compile(r"db(?![a-z])\s*(?:(?:re|ref|rel|bez)\b\.?:?|/)?\s*([\d.,]+(?:e[-+]?\d+)?)?\s*(.*)", re.IGNORECASE)
+#: Keys above a table that state the unit of its values, letters only.
+_UNIT_KEYS = {
+    *("amplitudeunit", "unit", "units", "yaxisunit", "yunit", "yunits", "unity", "ordinateunit"),
+    *("einheit", "yeinheit", "einheity", "yachseneinheit", "einheityachse", "einheitordinate", "amplitudeneinheit"),
+    *("unite", "uniteordonnee", "unitey", "uniteamplitude"),
+}
+_KEY = re.compile(r"[\s\"#%]*([^:=;\t]{2,40}?)\"?\s*[:=;\t]+\s*\"?([^;\t]*?)[\"\s;]*")
+#: Lines above the numbers that may belong to a heading.
+_ROWS = 5
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What stands above one column: all of it but its unit, and of that the name and the part of an FRF (None: not said); the unit."""
+
+    text: str = ""
+    name: str = ""
+    part: str | None = None
+    unit: str = ""
+
+    @property
+    def is_frequency(self) -> bool:
+        """Whether it names a frequency."""
+        return self.part is None and _FREQUENCY.fullmatch(fold(self.text)) is not None
+
+    @property
+    def is_index(self) -> bool:
+        """Whether it names a count of lines."""
+        return self.part is None and fold(self.text).rstrip(".") in _INDEX
+
+
+def fold(text: str) -> str:
+    """Lower case without accents, letter by letter."""
+    return "".join((unicodedata.normalize("NFKD", letter)[:1] or letter).lower()[:1] for letter in unicodedata.normalize("NFC", text))
+
+
+def decibel(label: str) -> tuple[float, str] | None:
+    """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit, empty where it names none; None for what is no decibel."""
+    match = _DECIBEL.fullmatch(label.strip())
+    if match is None:
+        return None
+    unit = match.group(2).strip("()[] ")
+    if unit and parse_unit(unit) is None:
+        return None
+    try:
+        return float((match.group(1) or "1").replace(",", ".")), unit
+    except ValueError:
+        return None
+
+
+def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Heading, ...]:
+    """Headings of the columns from the lines right above the numbers, which hold names, parts and units in rows of their own or in one."""
+    rows = _rows(lines, delimiter, width)
+    units = [""] * width
+    if len(rows) > 1 and _is_unit_row(rows[0]):
+        units = [cell.strip("[]() ") if cell.strip("[]() ").count("(") == cell.strip("[]() ").count(")") else cell for cell in rows.pop(0)]
+    if not rows:
+        return (Heading(),) * width
+    found = [heading(cell) for cell in rows.pop(0)]
+    if rows and not any(units) and _is_unit_row(rows[0]):
+        units = [cell.strip("[] ") for cell in rows.pop(0)]
+    if rows:
+        found = _with_titles(found, rows[0])
+    return tuple(replace(one, unit=one.unit or unit) for one, unit in zip(found, units, strict=True))
+
+
+def stated_unit(lines: Sequence[str]) -> str:
+    """Unit of an FRF that a line above the table states (``AmplitudeUnit: (m/s²)/N``); empty where none does."""
+    for line in lines:
+        match = _KEY.fullmatch(line)
+        if match is None or "".join(filter(str.isalpha, fold(match.group(1)))) not in _UNIT_KEYS:
+            continue
+        value = match.group(2).strip()
+        if decibel(value) is not None or _is_response(value):
+            return value
+    return ""
+
+
+def heading(cell: str) -> Heading:
+    """Divide ``Re(mic01) [Pa/N]``, ``mic01_real``, ``Realteil mic01 / (Pa/N)`` and the like."""
+    text, unit = split_unit(cell)
+    part = WORDS.get(fold(unit).rstrip("."))
+    if part not in (None, "db"):
+        return Heading(text=text, name=text, part=part)
+    name, part = _split_part(text)
+    kind, _, angle = (part or "").partition("-")
+    return Heading(text=text, name=name, part=kind or None, unit=unit or angle)
+
+
+def split_unit(cell: str) -> tuple[str, str]:
+    """Divide ``mic01 [Pa/N]``, ``mic01 ((m/s²)/N)`` or ``mic01 / Pa/N`` into name and unit."""
+    at = _opening(cell)
+    if at > 0:
+        name, inside = cell[:at].rstrip(" /,"), cell[at + 1 : -1].strip()
+        known = decibel(inside) is not None or (parse_unit(inside) is not None and not inside.isdigit()) or fold(inside) in _PLAIN
+        if name and inside and (cell[-1] == "]" or known):
+            return name, inside
+    for index, letter in enumerate(cell):
+        if letter not in " /,([;":
+            continue
+        name, rest = cell[:index].rstrip(" /,"), cell[index:].strip(" /,;")
+        if name.endswith(" in"):
+            name = name[:-3].rstrip()
+        if name and (fold(rest) in _PLAIN or ("/" in rest and _is_response(rest)) or (len(rest) > 2 and decibel(rest) is not None)):
+            return name, rest
+    return cell, ""
+
+
+def _opening(cell: str) -> int:
+    """Where the bracket opens that ends a text; -1 where none does."""
+    depth = 0
+    for index in range(len(cell) - 1, -1, -1):
+        depth += (cell[index] in ")]") - (cell[index] in "([")
+        if depth == 0:
+            return index if index < len(cell) - 1 else -1
+    return -1
+
+
+def _is_response(label: str) -> bool:
+    unit = parse_unit(label)
+    return unit is not None and (response_quantity(unit) is not None or numerator_quantity(unit) is not None)
+
+
+def _split_part(text: str) -> tuple[str, str | None]:
+    """Name and part of a heading without its unit; a word at its end comes before one at its start."""
+    folded = fold(text)
+    if len(folded) != len(text):
+        text = unicodedata.normalize("NFC", text)
+    if folded in WORDS:
+        return "", WORDS[folded]
+    if folded.startswith("|") and folded.endswith("|") and len(folded) > 2:
+        return text[1:-1].strip(), "magnitude"
+    at = _opening(folded)
+    if at > 0:
+        outside, inside = folded[:at].rstrip(" ."), folded[at + 1 : -1].strip()
+        if outside in WORDS:
+            return text[at + 1 : -1].strip(), WORDS[outside]
+        if inside in WORDS:
+            return text[:at].rstrip(" _.:,-"), WORDS[inside]
+    # By hand, as a pattern takes quadratic time on long runs of separators.
+    whole = folded.removesuffix(".")
+    for word in _LONGEST_FIRST:
+        if whole.endswith(word) and len(whole) > len(word) and _separates(whole[-len(word) - 1]):
+            return text[: len(whole) - len(word)].rstrip(" \t_.:,/-"), WORDS[word]
+    for word in _LONGEST_FIRST:
+        rest = folded[len(word) :]
+        if folded.startswith(word) and rest.strip(" _.:,-") and _separates(rest[0]):
+            return text[len(word) :].strip(" \t_.:,/-"), WORDS[word]
+    return text, None
+
+
+def _separates(letter: str) -> bool:
+    return letter in "_.:,/-" or letter.isspace()
+
+
+def _rows(lines: Sequence[str], delimiter: str, width: int) -> list[list[str]]:
+    """The lines that may belong to the heading, the lowest first."""
+    found: list[list[str]] = []
+    for line in reversed(lines[-_ROWS:]):
+        text = line.strip(" \r#%") if delimiter == "\t" else line.strip().lstrip("#%").strip()
+        if not text:
+            continue
+        cells = _cells(text, delimiter)
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        # A row of titles may end early: its first cell is empty then, or names the frequency.
+        if found and 1 < len(cells) < width and (not cells[0] or heading(cells[0]).is_frequency):
+            cells += [""] * (width - len(cells))
+        if len(cells) != width:
+            break
+        found.append(cells)
+    return found
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return text.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
+    except csv.Error:
+        return text.split(delimiter)
+
+
+def _is_unit_row(cells: Sequence[str]) -> bool:
+    def is_unit(cell: str) -> bool:
+        label = cell.strip("[] ")
+        return decibel(label) is not None or fold(label.strip("()")) in _PLAIN or parse_unit(label) is not None
+
+    return any(cells) and all(not cell or is_unit(cell) for cell in cells)
+
+
+def _with_titles(found: list[Heading], cells: Sequence[str]) -> list[Heading]:
+    """Headings with names, or parts, from the row above; a name holds for the empty cells behind it."""
+    titles = [heading(cell) for cell in cells]
+    if sum(title.part is not None for title in titles) > 1 and not any(one.part for one in found):
+        return [replace(one, part=title.part, unit=one.unit or title.unit) for one, title in zip(found, titles, strict=True)]
+    named, last = [], ""
+    for one, title in zip(found, titles, strict=True):
+        last = title.name if title.name and not title.is_frequency else last
+        named.append(replace(one, name=last, unit=one.unit or title.unit) if one.part is not None and not one.name else one)
+    return named

@@ -1,0 +1,64 @@
+"""What the page shows: records, and the charts made from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from lrbc_cli.report.drawing.chart import Chart
+from lrbc_cli.results.job import Job, JobRecord
+from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
+from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.structure import StructureRecord
+from lrbc_cli.results.tables import Frf
+
+
+@dataclass(frozen=True)
+class FrfFigure:
+    """An FRF chart and whose it is."""
+
+    job: str
+    response: str
+    used: bool
+    chart: Chart
+
+
+@dataclass(frozen=True)
+class Content:
+    """Everything that the page shows; charts by job."""
+
+    campaign: CampaignRecord
+    jobs: Sequence[Job]
+    reduction: ReductionRecord | None
+    profiles: Mapping[str, Chart]
+    frfs: Sequence[FrfFigure]
+    strip: Chart | None = None
+    maps: Mapping[str, Chart] = field(default_factory=dict)
+    channels: Mapping[str, Chart] = field(default_factory=dict)
+    fdac: Mapping[str, Chart] = field(default_factory=dict)
+    damping: Chart | None = None
+    calibration: CalibrationRecord | None = None
+    calibration_frf: Frf | None = None
+    l_curves: Sequence[Chart] = ()
+    plan: PlanRecord | None = None
+    structure: StructureRecord | None = None
+
+    @property
+    def along_edges(self) -> bool:
+        """Whether values lie along an edge; else they are those of joints."""
+        return any(group.arc_length is not None for job in self.done for group in job.parameters.values())
+
+    @property
+    def done(self) -> list[JobRecord]:
+        """The jobs that have a result."""
+        return [job for job in self.jobs if isinstance(job, JobRecord)]
+
+    @property
+    def tool(self) -> str:
+        """What wrote the results, with its version."""
+        return f"{self.campaign.tool.name} {self.campaign.tool.version}"
+
+    @property
+    def anchors(self) -> dict[str, str]:
+        """The place of each job on the page."""
+        return {job.job: f"job-{index}" for index, job in enumerate(self.jobs)}

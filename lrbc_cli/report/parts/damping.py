@@ -1,0 +1,112 @@
+"""Identified damping: over the number of removed bolts where it is known, and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.drawing.chart import Chart, Curve, Item, Marks, Panel, linear_axis, span_of
+from lrbc_cli.report.drawing.style import SERIES
+from lrbc_cli.report.drawing.svg import drawn, legend
+from lrbc_cli.report.html import Cell, Markup, beside, table, tag
+from lrbc_cli.report.parts.tables import fold
+from lrbc_cli.results.job import JobRecord, Parameter
+
+#: Exponent p_damp by the number of removed bolts, as the paper states it for its SoundBox (Table 3).
+PAPER = {0: 0.0092, 4: 0.2606, 6: 1.8705, 10: 2.0591, 12: 2.5127, 15: 3.2690, 17: 3.0573}
+_SIGMAS = 1.96
+
+
+def interval(group: Parameter) -> tuple[float, float] | None:
+    """Return the 95 % interval of a group's exponent, inside its bounds; None where it is unknown."""
+    if group.damping_exponent is None or group.damping_exponent_std is None:
+        return None
+    low, high = (group.damping_exponent + sign * _SIGMAS * group.damping_exponent_std for sign in (-1.0, 1.0))
+    least, most = (-np.inf, np.inf) if group.damping_bounds is None else group.damping_bounds
+    return max(low, float(least)), min(high, float(most))
+
+
+def damping_chart(jobs: Sequence[JobRecord], *, paper: bool) -> Chart | None:
+    """Return exponents over the number of removed bolts, with their intervals; None where fewer than two numbers are known."""
+    shown = [job for job in jobs if job.damped and job.removed is not None]
+    if len({len(job.removed or ()) for job in shown}) < 2:
+        return None
+    items: list[Item] = []
+    for index, name in enumerate(dict.fromkeys(name for job in shown for name in job.damped)):
+        found = [(float(len(job.removed or ())), job.damped[name]) for job in shown if name in job.damped]
+        role, label = f"series{index % SERIES}", name if len(shown[0].damped) > 1 else "identified"
+        known = [(x, band) for x, group in found if (band := interval(group)) is not None]
+        if known:
+            x = np.array([[count, count, np.nan] for count, _ in known]).ravel()
+            y = np.array([[*band, np.nan] for _, band in known]).ravel()
+            items.append(Curve("whisker", x, y, "95 % interval"))
+        values = np.array([group.damping_exponent for _, group in found], dtype=float)
+        items.append(Marks(role, np.array([x for x, _ in found]), values, label, names=tuple(_point(x, group) for x, group in found)))
+    if paper:
+        names = tuple(f"paper, {count} removed: {value:.2f}" for count, value in PAPER.items())
+        items.append(
+            Marks("stated", np.array([*PAPER], dtype=float), np.array([*PAPER.values()]), "stated by the paper (Table 3)", names=names)
+        )
+    low, high = span_of([item.y for item in items if isinstance(item, Curve | Marks) and item.y is not None])
+    most = max(float(np.nanmax(item.x)) for item in items if isinstance(item, Curve | Marks))
+    margin = 0.06 * (high - low) or 0.5
+    panel = Panel(
+        linear_axis("bolts known to be removed", -0.5, most + 0.5, 9),
+        linear_axis("damping exponent", low - margin, high + margin, 6),
+        tuple(items),
+    )
+    alt = f"Damping exponent over the number of removed bolts, {len(shown)} jobs" + (", with the values of the paper." if paper else ".")
+    return Chart("Damping exponent", "over the number of removed bolts", alt, (panel,), width=520.0, height=270.0)
+
+
+def _point(count: float, group: Parameter) -> str:
+    band = interval(group)
+    spread = "" if band is None else f", 95 % {fmt.fixed(band[0])} to {fmt.fixed(band[1])}"
+    return f"{count:.0f} removed: {fmt.fixed(group.damping_exponent)}{spread}"
+
+
+def damping_parts(jobs: Sequence[JobRecord], chart: Chart | None, *, paper: bool) -> list[Markup | None] | None:
+    """Return the parts of the section; None where no damping was identified."""
+    made = damping_table(jobs, paper=paper)
+    if made is None:
+        return None
+    text = (
+        "The exponent is p_damp of eq. (33); the factor 10^p_damp multiplies β, or the loss factor, of the identified stiffness. Where "
+        "nothing is loose the FRFs hardly depend on it."
+    )
+    if paper:
+        text += " The paper's values are of another structure, its own SoundBox; they are stated without intervals."
+    pictures: list[Markup | None] = []
+    if chart is not None:
+        pictures = [tag("div", legend(chart), drawn(chart, beside(("", "damping.png"), ("", "campaign.csv"))), class_="single")]
+    return [tag("p", text), *pictures, made]
+
+
+def damping_table(jobs: Sequence[JobRecord], *, paper: bool) -> Markup | None:
+    """Return the identified damping per job and group, beside the paper's (Table 3) where wanted; None where none was identified."""
+    shown = [job for job in jobs if job.damped]
+    if not shown:
+        return None
+    several = len({name for job in shown for name in job.damped}) > 1
+    head: list[str | Cell] = [
+        "Job",
+        *(["Group"] if several else []),
+        "Bolts removed",
+        "Exponent p_damp",
+        "95 % interval",
+        "Factor 10^p_damp",
+    ]
+    head += ["Paper: exponent"] if paper else []
+    rows: list[list[str | Cell]] = []
+    for job in shown:
+        count = None if job.removed is None else len(job.removed)
+        for name, group in job.damped.items():
+            band = interval(group)
+            row: list[str | Cell] = [job.job, *([name] if several else []), fmt.MISSING if count is None else str(count)]
+            row += [fmt.fixed(group.damping_exponent), fmt.MISSING if band is None else f"{fmt.fixed(band[0])} to {fmt.fixed(band[1])}"]
+            row.append(fmt.figures(group.damping_factor))
+            rows.append([*row, *([fmt.fixed(PAPER.get(-1 if count is None else count))] if paper else [])])
+    caption = "Damping of the identified stiffness, eq. (33)"
+    return fold(table(caption, head, rows, text_columns=2 if several else 1), caption, len(rows))

@@ -1,0 +1,104 @@
+"""What a reader takes along: a paragraph on this campaign's method in its own numbers, and what to cite."""
+
+from __future__ import annotations
+
+from lrbc_cli.report.content import Content
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.html import Markup, tag
+from lrbc_cli.report.parts.calibration import serves
+from lrbc_cli.report.parts.tables import names_of
+
+CITATION = (
+    "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet, Efficient vibro-acoustic identification of boundary conditions by low-rank "
+    "parametric model order reduction, preprint submitted to Mechanical Systems and Signal Processing, 5 April 2018."
+)
+BIBTEX = """@article{vanOphem2018,
+  author  = {van Ophem, S. and van de Walle, A. and Deckers, E. and Desmet, W.},
+  title   = {Efficient vibro-acoustic identification of boundary conditions by low-rank parametric model order reduction},
+  journal = {Mechanical Systems and Signal Processing},
+  year    = {2018},
+  note    = {preprint of 5 April 2018}
+}"""
+_OPTIMISERS = {"gauss-newton": "a Gauss-Newton method with bounds", "bfgs": "BFGS"}
+
+
+def methods_parts(content: Content) -> list[Markup | None]:
+    """Return the parts of the section."""
+    text = " ".join(
+        sentence for sentence in (_measured(content), _model(content), _updating(content), _judged(content), _tools(content)) if sentence
+    )
+    return [
+        tag("p", "A paragraph on what was done here, and what to cite; figures for print: lrbc report --figures pdf,svg."),
+        _copied("p", text, "paragraph"),
+        tag("h3", "Reference"),
+        _copied("p", f"[1] {CITATION}", "reference"),
+        _copied("pre", BIBTEX, "BibTeX entry"),
+    ]
+
+
+def _copied(element: str, text: str, what: str) -> Markup:
+    button = tag("button", f"Copy the {what}", type="button", hidden=True)
+    return tag("div", tag(element, text, tabindex="0" if element == "pre" else None), button, class_="copied")
+
+
+def _measured(content: Content) -> str:
+    used = [entry.name for entry in content.campaign.responses if entry.used]
+    unseen = [entry.name for entry in content.campaign.responses if not entry.used]
+    states = len(content.jobs)
+    text = (
+        f"FRFs were measured in {states} state{'' if states == 1 else 's'} of the structure ({names_of([job.job for job in content.jobs])})"
+    )
+    text += f" at {len(content.campaign.responses)} responses, of which {len(used)} were used for updating"
+    text += f" and {len(unseen)} served as validation channels." if unseen else "."
+    return text
+
+
+def _model(content: Content) -> str:
+    model, calibration = content.reduction, content.calibration
+    text = ""
+    if model is not None:
+        low, high = (fmt.figures(float(edge)) for edge in model.band_hz)
+        text = (
+            f"The finite-element model of {fmt.count(model.full_size)} DOFs with {model.terms} rank-one terms at the boundary was "
+            f"reduced to {fmt.count(model.size)} DOFs for {low} to {high} Hz by low-rank parametric model order reduction [1] (tolerance "
+            f"{fmt.small(model.tolerance)}; error measured against the full model at {len(model.certificate.held_out)} further lines "
+            f"at most {fmt.small(model.certificate.worst)})."
+        )
+    if calibration is not None and serves(calibration, content.campaign):
+        text += f" Global factors of the model ({', '.join(calibration.factors)}) were identified from state {calibration.job} beforehand."
+    return text
+
+
+def _updating(content: Content) -> str:
+    if not content.done:
+        return ""
+    jobs, job = content.done, content.done[-1]
+    counts = sorted({len(entry.lines.frequency_hz) for entry in jobs})
+    lines = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    values = sum(len(group.log10) for group in job.parameters.values())
+    damping = " and a damping exponent" if job.damped else ""
+    method = _OPTIMISERS.get(job.optimiser.method, job.optimiser.method)
+    return (
+        f"In each state {values} values of {', '.join(job.parameters)}{damping} were identified from {lines} spectral lines per response "
+        f"by minimising the differences of magnitude in dB with a regularising prior, by {method} from several starts."
+    )
+
+
+def _judged(content: Content) -> str:
+    rule = next((job.decision_rule for job in content.done if job.decision_rule), None)
+    if rule is None or "confidence" not in rule or content.campaign.reference is None:
+        return ""
+    sure = fmt.percent(rule["confidence"])
+    return (
+        f"Changes of the stiffness at each bolt against state {content.campaign.reference} were judged: loose where the posterior "
+        f"probability of a change below the threshold is at least {sure} %, tight where that of the opposite is, inconclusive otherwise."
+    )
+
+
+def _tools(content: Content) -> str:
+    found: dict[str, str] = {}
+    for job in content.jobs:
+        found |= job.provenance.versions
+    names = {"python": "Python", "numpy": "NumPy", "scipy": "SciPy"}
+    with_ = [f"{title} {found[name]}" for name, title in names.items() if name in found]
+    return f"Computed with {content.tool}" + (f" ({', '.join(with_)})." if with_ else ".")

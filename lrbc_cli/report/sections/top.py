@@ -1,0 +1,121 @@
+"""The head of the page: what was tested, what was found in a sentence, and in a sentence a job."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from datetime import datetime
+
+import numpy as np
+
+from lrbc_cli.report.content import Content
+from lrbc_cli.report.drawing import format as fmt
+from lrbc_cli.report.html import Markup, details, tag
+from lrbc_cli.report.parts import tables
+from lrbc_cli.report.parts.calibration import serves
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.sentence import job_sentence
+
+#: Sentences beyond this number are folded away.
+_SENTENCES = 24
+
+
+def header(content: Content, written: datetime) -> Markup:
+    """Return the head of the page."""
+    campaign = content.campaign
+    about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
+    about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
+    sentences = [_sentence(content, job.job, job_sentence(job)) for job in content.jobs]
+    first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
+    return tag(
+        "header",
+        tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
+        tag("h1", campaign.campaign),
+        tag("p", campaign.description, class_="description") if campaign.description else None,
+        tag("p", " · ".join(part for part in about if part), class_="meta"),
+        tag("p", campaign_sentence(content), class_="lead"),
+        tag("ul", *first, class_="findings"),
+        details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
+        tag("dl", *_tiles(content), class_="tiles"),
+    )
+
+
+def _sentence(content: Content, job: str, text: str) -> Markup:
+    return tag("li", tag("a", job, href=f"#{content.anchors[job]}"), text.removeprefix(job))
+
+
+def campaign_sentence(content: Content) -> str:
+    """Say what was found in all jobs together; no silence may pass for an all-clear."""
+    compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
+    if not compared:
+        return "No job was compared with a tight state."
+    judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
+    loose = [job for job in judged if job.names("loose")]
+    of = f"{len(compared)} job{'' if len(compared) == 1 else 's'}"
+    if loose:
+        order = content.campaign.bolt_names
+        text = f"Loose bolts in {len(loose)} of {of}: {tables.ranges(_union(loose), order)}."
+    elif judged:
+        text = f"No loose bolt found in {len(judged)} of {of}."
+    else:
+        return f"No verdict in {of}."
+    counts = {
+        "without verdict": len(compared) - len(judged),
+        "not validated": sum(not job.validated for job in judged),
+        "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
+    }
+    open_points = [f"{what}: {count}" for what, count in counts.items() if count]
+    return text + (f" Jobs {', '.join(open_points)}." if open_points else "")
+
+
+def _union(jobs: Iterable[JobRecord]) -> list[str]:
+    return list(dict.fromkeys(name for job in jobs for name in job.names("loose")))
+
+
+def _tiles(content: Content) -> Iterable[Markup]:
+    jobs, done = content.jobs, content.done
+    compared = [job for job in jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
+    judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
+    if any(job.bolts for job in done):
+        yield _loose(content, judged, len(compared))
+        yield _open(content, judged, len(compared))
+    known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
+    if known:
+        value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
+        yield _tile("Mean misfit before → after", value, "over all lines of the band, responses used, jobs")
+    times = tables.account(jobs, content.reduction)
+    if times is not None:
+        parts = [f"{times.jobs} job{'' if times.jobs == 1 else 's'} and the reduction {fmt.seconds(times.spent)}"]
+        calibration, total = content.calibration, times.spent
+        if calibration is not None and serves(calibration, content.campaign):
+            parts.append(f"calibration {fmt.seconds(calibration.seconds)}")
+            total += calibration.seconds
+        yield _tile("Computing time", fmt.seconds(total), ", ".join(parts))
+
+
+def _loose(content: Content, judged: list[JobRecord], count: int) -> Markup:
+    """Which bolts are loose in some job."""
+    removed = [bolt for job in judged for bolt in job.observable if bolt.removed]
+    loose = [job for job in judged if job.names("loose")]
+    notes = [f"in {len(loose)} of {count} job{'' if count == 1 else 's'}"]
+    if removed:
+        found = sum(bolt.verdict == "loose" for bolt in removed)
+        notes.append(f"{found} of {len(removed)} observable bolts known to be removed are found")
+    names = tables.ranges(_union(judged), content.campaign.bolt_names) or "none"
+    return _tile("Loose bolts", names if judged else fmt.MISSING, ", ".join(notes))
+
+
+def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
+    """What is neither loose nor tight, and jobs that say nothing."""
+    bolts = [bolt for job in judged for bolt in job.observable]
+    unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
+    without, unvalidated = count - len(judged), sum(not job.validated for job in judged)
+    notes = [f"{without} job{'' if without == 1 else 's'} without verdict"]
+    notes += [f"{unvalidated} not validated"] if unvalidated else []
+    outside = {bolt.name for job in content.done for bolt in job.bolts if bolt.outside}
+    notes += [f"outside, never observable: {tables.ranges(sorted(outside), content.campaign.bolt_names)}"] if outside else []
+    return _tile("Inconclusive", f"{unsure} of {len(bolts)} bolt states" if bolts else fmt.MISSING, ", ".join(notes))
+
+
+def _tile(title: str, value: str, note: str) -> Markup:
+    return tag("div", tag("dt", title), tag("dd", value, class_="value"), tag("dd", note, class_="note"), class_="tile")

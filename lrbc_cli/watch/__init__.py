@@ -1,0 +1,1 @@
+"""Jobs that are identified, judged and reported as their files arrive."""

@@ -1,0 +1,112 @@
+"""One watcher a campaign: a file beside the results that its owner touches, and that nobody else obeys once the owner is gone."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+import uuid
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+
+from lrbc_cli.errors import ConfigError
+
+NAME = ".watch.lock"
+
+#: Seconds without a sign of life after which a watcher on another machine counts as gone.
+GONE = 300.0
+
+
+class Lock:
+    """Held from ``take`` to ``release``.
+
+    Parameters
+    ----------
+    output : Path
+        Folder of the results.
+    """
+
+    def __init__(self, output: Path) -> None:
+        self.path = output / NAME
+        self.token = uuid.uuid4().hex
+
+    def take(self) -> None:
+        """Become the watcher of these results.
+
+        Raises
+        ------
+        ConfigError
+            Where another one is, or the folder cannot be written.
+        """
+        owner = {"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            for _ in range(2):
+                try:
+                    with self.path.open("x", encoding="utf-8") as file:
+                        json.dump(owner, file)
+                    return
+                except FileExistsError:
+                    other = self._other()
+                    if other is not None:
+                        break
+                    self.path.unlink(missing_ok=True)
+            else:
+                other = "another"
+        except OSError as error:
+            raise ConfigError(
+                f"the results cannot be written ({error.strerror or error})", file=self.path, hint="choose another folder in `output`"
+            ) from error
+        raise ConfigError(
+            "these results are watched already",
+            file=self.path,
+            expected="one `lrbc watch` for a campaign",
+            found=other,
+            hint="end the other one; if there is none, remove this file",
+        )
+
+    def beat(self) -> None:
+        """Give a sign of life.
+
+        Raises
+        ------
+        ConfigError
+            Where another watcher took over, as after hours of sleep.
+        """
+        owner = _read(self.path)
+        if owner is not None and owner.get("token") != self.token:
+            raise ConfigError("another `lrbc watch` took over these results", file=self.path, hint="go on with that one, or end it first")
+        with suppress(OSError):
+            if owner is None:
+                self.path.write_text(json.dumps({"token": self.token, "pid": os.getpid(), "host": socket.gethostname()}), encoding="utf-8")
+            else:
+                os.utime(self.path)
+
+    def release(self) -> None:
+        """Let others watch."""
+        owner = _read(self.path)
+        if owner is not None and owner.get("token") == self.token:
+            with suppress(OSError):
+                self.path.unlink()
+
+    def _other(self) -> str | None:
+        """The watcher that holds it, in words; None where it is gone."""
+        owner = _read(self.path) or {}
+        pid, host = owner.get("pid"), owner.get("host")
+        with suppress(OSError):
+            quiet = time.time() - self.path.stat().st_mtime
+            if host == socket.gethostname() and type(pid) is int:
+                return f"process {pid}" if psutil.pid_exists(pid) else None
+            return f"one on {host}" if quiet < GONE else None
+        return None
+
+
+def _read(path: Path) -> dict[str, object] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None

@@ -1,0 +1,180 @@
+"""A campaign that stays in memory while its jobs arrive: model, calibration and reduced model are read or built once."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from lrbc_cli.campaign.calibrate import run_calibration
+from lrbc_cli.campaign.calibration import with_stored_calibration
+from lrbc_cli.campaign.documents import require_own_output
+from lrbc_cli.campaign.identification.records import MIN_BAND, read_measurement
+from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
+from lrbc_cli.campaign.protect import require_inputs_apart
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
+from lrbc_cli.config import Campaign, load_campaign
+from lrbc_cli.io.common import head
+from lrbc_cli.io.encoding import unfinished
+from lrbc_cli.report import write_report
+
+#: What is read of the end of a text file, to see whether its last line has one [bytes].
+TAIL = 64
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """What the command line says of a session, beside the campaign file."""
+
+    config: Path
+    overrides: tuple[str, ...]
+    cache: Path
+    calibration: bool = True
+    accept: bool = False
+
+
+class Session:
+    """The campaign between two measurements.
+
+    Parameters
+    ----------
+    settings : WatchSettings
+    progress : callable
+        Gets one line of text a step.
+
+    Raises
+    ------
+    ConfigError, DataError
+        Where the campaign file or its model is unusable.
+    """
+
+    def __init__(self, settings: WatchSettings, progress: Callable[[str], None] = lambda _: None) -> None:
+        self.settings, self.progress = settings, progress
+        self.exported = self._read(load_campaign(settings.config, settings.overrides))
+        self.inputs = with_stored_calibration(self.exported, calibration=settings.calibration)
+        self._source: FrfSource | None = None
+        self._calibrated = False
+
+    @property
+    def campaign(self) -> Campaign:
+        """As the file and the folder have it now."""
+        return self.inputs.campaign
+
+    @property
+    def output(self) -> Path:
+        """Folder of the results."""
+        return self.campaign.output
+
+    @property
+    def tight(self) -> tuple[str, ...]:
+        """Jobs that others rest on: the one of the calibration, the reference job, the baselines; those before that others need."""
+        update, calibration = self.campaign.update, self.campaign.calibration if self.settings.calibration else None
+        names = (None if calibration is None else calibration.job, update.reference, *update.baselines)
+        return tuple(dict.fromkeys(name for name in names if name is not None))
+
+    def needed(self, name: str) -> tuple[str, ...]:
+        """Jobs without which a job cannot be judged; a baseline that is not measured yet is none."""
+        return tuple(other for other in self.tight if other != name and other not in self.campaign.update.baselines)
+
+    def reload(self) -> None:
+        """Take up jobs that have come or gone, and everything else where the file says something else.
+
+        Raises
+        ------
+        ConfigError, DataError
+            Where the file is unusable now; the session goes on with what it has.
+        """
+        new = load_campaign(self.settings.config, self.settings.overrides)
+        require_inputs_apart(new)
+        if new.model_dump(exclude={"jobs"}) == self.campaign.model_dump(exclude={"jobs"}):
+            self.exported, self.inputs = replace(self.exported, campaign=new), replace(self.inputs, campaign=new)
+            return
+        exported = self._read(new)
+        self.exported, self.inputs = exported, with_stored_calibration(exported, calibration=self.settings.calibration)
+        self._source, self._calibrated = None, False
+
+    def prepare(self) -> FrfSource:
+        """FRFs of the reduced model, in memory; raises as ``obtain_reduction`` does."""
+        if self._source is None:
+            settings, full = self.settings, self.campaign.update.evaluation == "full"
+            stage = None if full else obtain_reduction(self.inputs, settings.cache, accept=settings.accept, progress=self.progress)
+            self._source = frf_source(self.inputs, stage, self.progress)
+        return self._source
+
+    def complete(self, name: str) -> bool:
+        """Whether the measurement of a job looks as if it were all there.
+
+        Raises
+        ------
+        LrbcError
+            Where it cannot be read to its end.
+        """
+        job = self.campaign.jobs[name]
+        found = read_measurement(self.inputs, job, name).frequency_hz
+        low, high = self.campaign.reduction.band
+        whole = found.size > 1 and (found[-1] - found[0]) * found.size / (found.size - 1) >= MIN_BAND * (high - low)
+        return bool(whole) and not any(_cut(path) for path in job.all_files)
+
+    def judge(self, name: str, missing: Sequence[str]) -> Outcome:
+        """Identify and judge one job, and what it rests on where that changed; calibrates first where that is to be done.
+
+        Parameters
+        ----------
+        name : str
+        missing : sequence of str
+            Jobs that are not measured yet.
+
+        Raises
+        ------
+        LrbcError
+            Where the calibration fails or nothing can be written.
+        """
+        settings, calibration = self.settings, self.campaign.calibration
+        if calibration is not None and settings.calibration and (name == calibration.job or not self._calibrated):
+            _, kept = run_calibration(self.exported, settings.cache, accept=settings.accept, progress=self.progress)
+            before = self.inputs.calibration
+            self.inputs = with_stored_calibration(self.exported)
+            if not kept or before != self.inputs.calibration:
+                self._source = None
+            self._calibrated = True
+        outcome, _ = run_jobs(
+            self.inputs,
+            settings.cache,
+            wanted=[name],
+            missing=missing,
+            source=self.prepare(),
+            accept=settings.accept,
+            progress=self.progress,
+        )
+        return outcome
+
+    def report(self, *, live: bool, figures: bool) -> Path:
+        """Write the page anew; raises as ``write_report`` does."""
+        return write_report(self.output, workers=1, live=live, draw=figures)
+
+    def _read(self, campaign: Campaign) -> Inputs:
+        require_own_output(campaign)
+        return read_as_exported(campaign)
+
+
+def _cut(path: Path) -> bool:
+    """Whether a text file stops within a line."""
+    if b"\0\0" in head(path, 4096):
+        return False
+    with path.open("rb") as file:
+        file.seek(-min(TAIL, path.stat().st_size), 2)
+        return unfinished(file.read())
+
+
+def unwritten(error: BaseException | None) -> OSError | None:
+    """The failure of the file system behind an error, which time or space may mend; None where it is another."""
+    while error is not None and not isinstance(error, OSError):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+def disk_is_full(error: OSError) -> bool:
+    """Whether more space would mend it."""
+    return error.errno in {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}

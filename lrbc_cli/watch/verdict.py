@@ -1,0 +1,109 @@
+"""What is told of one job: on the terminal, as a JSON line, and to the hook."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.results.job import Job
+from lrbc_cli.results.sentence import job_sentence
+from lrbc_cli.updating.clearance import FINISHED, not_clear
+
+#: Seconds that a hook may take.
+PATIENCE = 30.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found in one job.
+
+    Attributes
+    ----------
+    job : str
+    verdict : str
+        ``loose``, ``tight``, ``inconclusive``, ``reference``, ``baseline``, ``unexplained``, ``failed`` or ``unusable``.
+    exit_code : int
+        What ``lrbc update --job NAME --fail-on-loose`` gives: 0 all clear, 6 loose, 7 no all-clear, 5 failed, 3 unusable.
+    sentence : str
+    """
+
+    job: str
+    verdict: str
+    exit_code: int
+    sentence: str
+
+    def tree(self) -> dict[str, str | int]:
+        """As a JSON line has it."""
+        return asdict(self)
+
+
+def verdict_of(record: Job) -> Verdict:
+    """Of a job that was identified, or failed at that."""
+    found = record.finding
+    if found.status not in FINISHED:
+        word, code = found.status, 5 if found.status == "failed" else 7
+    elif found.named("loose") and found.assumed is None:
+        word, code = "loose", 6
+    else:
+        clear = not not_clear({record.job: found})
+        word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
+    return Verdict(record.job, word, code, job_sentence(record))
+
+
+def unusable(job: str, error: Exception) -> Verdict:
+    """Of a job whose files cannot be read."""
+    return Verdict(job, "unusable", 3, f"{job}: no verdict, measure again or mend the file: {error}")
+
+
+class Hook:
+    """A command that is run at each verdict, with the job, the verdict and the exit code as further arguments.
+
+    They are given as arguments, never to a shell, and together with the sentence and the page in the environment too.
+
+    Parameters
+    ----------
+    command : str
+        Program and arguments, in quotes where they hold blanks.
+
+    Raises
+    ------
+    ConfigError
+        Where there is no such program.
+    """
+
+    def __init__(self, command: str) -> None:
+        try:
+            self.words = shlex.split(command, posix=os.name != "nt")
+        except ValueError as error:
+            raise ConfigError(f"not a command ({error})", place="--hook", found=command) from None
+        if os.name == "nt":
+            self.words = [word.strip('"') for word in self.words]
+        program = shutil.which(self.words[0]) if self.words else None
+        if program is None:
+            raise ConfigError("no such program", place="--hook", expected="a program that can be run", found=command)
+        self.words[0] = program
+
+    def run(self, verdict: Verdict, page: Path) -> str | None:
+        """Run it; why it did not end well, None where it did."""
+        told: Mapping[str, str] = {
+            "LRBC_JOB": verdict.job,
+            "LRBC_VERDICT": verdict.verdict,
+            "LRBC_EXIT_CODE": str(verdict.exit_code),
+            "LRBC_SENTENCE": verdict.sentence,
+            "LRBC_REPORT": str(page),
+        }
+        line = [*self.words, verdict.job, verdict.verdict, str(verdict.exit_code)]
+        try:
+            # What it prints is no result of this command.
+            done = subprocess.run(line, env={**os.environ, **told}, stdin=subprocess.DEVNULL, stdout=2, timeout=PATIENCE, check=False)
+        except subprocess.TimeoutExpired:
+            return f"ended after {PATIENCE:g} s"
+        except (OSError, ValueError) as error:
+            return str(error)
+        return f"exit code {done.returncode}" if done.returncode else None

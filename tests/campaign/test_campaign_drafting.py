@@ -1,0 +1,138 @@
+"""``lrbc init --from``: what the files of a folder are, which roles they play, and a campaign file that holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import yaml
+from campaigns import Folder, Result, box, lrbc
+from systems import chain, csc
+
+from lrbc_cli.campaign.drafting.draft import draft, quoted
+from lrbc_cli.campaign.drafting.recognise import recognise
+from lrbc_cli.campaign.drafting.roles import edge_near, reference_of
+from lrbc_cli.config import load_campaign
+from lrbc_cli.config.document import parse
+from lrbc_cli.model.dofs import DofTable
+
+
+def drafted(files: Path, folder: Path) -> tuple[Folder, Result]:
+    result = lrbc("init", "--from", files, folder)
+    assert result.code == 0, result.stderr
+    return Folder(folder), result
+
+
+def test_universal_files_and_a_list_of_dofs(tmp_path: Path) -> None:
+    """Hammer and responses are those of the FRF files' nodes, which are the model's."""
+    files = box(tmp_path / "box").data
+    (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},B{i + 1}\n" for i in range(6)))
+    (files / "note.txt").write_text("measured on a Monday\n")
+    folder, told = drafted(files, tmp_path / "new")
+    campaign = load_campaign(folder.config)
+    hammer, mic = campaign.excitation["hammer"], campaign.responses["mic2"]
+    assert (hammer.node, hammer.component) == (8, "UZ")
+    assert (mic.node, mic.component, mic.quantity) == (112, "PRES", "pressure")
+    assert list(campaign.responses) == ["mic1", "mic2", "mic3", "acc1"]
+    assert campaign.update.responses == ("mic1", "mic2", "mic3")
+    assert campaign.update.reference == "tight"
+    assert list(campaign.jobs) == ["tight", "loose"]
+    assert campaign.model.stiffness.path == files / "K.mtx"
+    assert campaign.parameters["springs"].select.dofs == files / "springs.csv"
+    assert campaign.bolts == files / "bolts.csv"
+    assert campaign.calibration is not None
+    assert "mass.acoustic" in campaign.calibration.factors
+    assert "note.txt was not recognised" in told.stdout
+    assert "note.txt was not recognised" in folder.config.read_text()
+    checked = folder.run("check")
+    assert checked.code == 0, checked.stderr
+    assert folder.config.read_text().startswith("# yaml-language-server: $schema=campaign.schema.json\n")
+    assert (folder.path / "campaign.schema.json").is_file()
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    folder, _ = drafted(files, tmp_path / "new")
+    folder.config.write_text("mine")
+    before = folder.listing()
+    assert lrbc("init", "--from", files, folder.path).code == 2
+    assert lrbc("init", "--from", tmp_path / "none", tmp_path / "other").code == 2
+    assert folder.listing() == before
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"), [("a", "b", "by the size of its entries"), ("mass", "stiffness", "against their names")]
+)
+def test_roles_by_content(tmp_path: Path, first: str, second: str, said: str) -> None:
+    K, M = (csc(matrix) for matrix in chain(12))
+    for name, matrix in ((first, K), (second, M)):
+        scipy.io.mmwrite(tmp_path / f"{name}.mtx", matrix, symmetry="general", precision=17)
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    tree = yaml.safe_load(made.text())
+    assert tree["model"]["stiffness"] == f"../{first}.mtx"
+    assert tree["model"]["mass"] == f"../{second}.mtx"
+    assert any(said in item for item in made.todo)
+
+
+def test_matrices_of_one_file_and_a_share_of_one(tmp_path: Path) -> None:
+    K, M = (csc(matrix) for matrix in chain(12))
+    scipy.io.savemat(tmp_path / "model.mat", {"K": K, "M": M, "K_x": 0.1 * K, "hammer": np.eye(12)[:, [11]]})
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    tree = yaml.safe_load(made.text())
+    groups = {role: tree["model"][role]["group"] for role in ("stiffness", "mass")}
+    assert groups == {"stiffness": "K", "mass": "M"}
+    assert tree["model"]["damping"]["structure"]["beta"] > 0
+    assert tree["excitation"]["hammer"]["vector"] == {"file": "../model.mat", "group": "hammer"}
+    assert any("K_x" in item and "no role" in item for item in made.todo)
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    (tmp_path / "files").mkdir()
+    folder, told = drafted(tmp_path / "files", tmp_path / "new")
+    for key in ("model.stiffness", "model.dofs", "excitation.hammer", "responses", "parameters"):
+        assert f"to do       {key}" in told.stdout
+    load_campaign(folder.config)
+    assert folder.run("check").code == 3
+
+
+def test_names_that_yaml_would_read_otherwise(tmp_path: Path) -> None:
+    files = box(tmp_path / "box").data
+    (files / "tight.uff").rename(files / "00.uff")
+    (files / "loose.uff").rename(files / "no, #1: 'loose'.uff")
+    folder, _ = drafted(files, tmp_path / "a: new #2")
+    campaign = load_campaign(folder.config)
+    assert campaign.name == "a: new #2"
+    assert campaign.update.reference == "00"
+    assert {job.frf.name for job in campaign.jobs.values()} == {"00.uff", "no, #1: 'loose'.uff"}
+
+
+@pytest.mark.parametrize("text", ["plain", "00", "1e3", "no", "true", "~", "a: b", "a #b", "-x", "ä/ö", "x, y", '"q"', "a\\b"])
+def test_quoted_texts_are_read_back(text: str) -> None:
+    node = parse(f"{{key: {quoted(text)}}}")
+    assert node is not None
+    assert node.plain() == {"key": text}
+
+
+def test_the_tight_state_by_its_name() -> None:
+    assert reference_of(["loose-2", "tight", "x"]) == "tight"
+    assert reference_of(["bolts-04", "bolts-00"]) == "bolts-00"
+    assert reference_of(["Messung_fest_1", "Messung_lose"]) == "Messung_fest_1"
+    assert reference_of(["tightening", "a"]) is None
+
+
+def test_the_edge_beside_a_row_of_bolts() -> None:
+    y = np.linspace(0.0, 1.0, 11)
+    grid = np.array([[x, b, 0.0] for x in (0.0, 0.1, 0.2) for b in y])
+    table = DofTable(node=np.arange(33), component=np.full(33, "ROTY"), xyz=grid)
+    bolts = np.array([[-0.02, b, 0.0] for b in (0.3, 0.5, 0.7)])
+    found = edge_near(bolts, table)
+    assert found is not None
+    component, limits = found
+    assert component == "ROTY"
+    low, high = np.array(limits).T
+    inside = np.all((grid >= low) & (grid <= high), axis=1)
+    np.testing.assert_allclose(grid[inside], [[0.0, b, 0.0] for b in y if 0.09 < b < 0.91])
+    assert edge_near(bolts[:, [1, 0, 2]], table) is None

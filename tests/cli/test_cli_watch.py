@@ -1,0 +1,197 @@
+"""Measurements that arrive while the campaign is watched, through the command as it is installed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+from campaigns import Folder, command, environment, frame, measure_again
+
+LIMIT = 120.0
+
+HOOK = """import json, os, sys
+told = {name: os.environ[name] for name in ("LRBC_JOB", "LRBC_VERDICT", "LRBC_EXIT_CODE", "LRBC_SENTENCE", "LRBC_REPORT")}
+with open(sys.argv[1], "a", encoding="utf-8") as file:
+    print(json.dumps([sys.argv[2:], told]), file=file)
+"""
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """The frame with a folder instead of jobs; its tight state is judged, the other measurements wait."""
+    folder = frame(tmp_path_factory.mktemp("watch") / "frame")
+    (folder.data / "frf").rename(folder.path / "waiting")
+    (folder.data / "frf").mkdir()
+    tree = folder.tree()
+    del tree["calibration"]
+    del tree["jobs"]
+    tree["watch"] = {"folder": "data/frf", "pattern": "*.csv"}
+    folder.write(tree)
+
+    shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
+    early = folder.run("watch", "--once", "--fail-on-loose", "--interval", "0.1")
+    assert early.code == 7
+    assert "loose-2: waits for tight" in early.stderr
+    assert not (folder.out / "loose-2").exists()
+    (folder.data / "frf" / "loose-2.csv").unlink()
+
+    shutil.copy(folder.path / "waiting" / "tight.csv", folder.data / "frf")
+    tight = folder.run("watch", "--once", "--fail-on-loose", "--interval", "0.1", "--json")
+    # The tight state alone shows nothing.
+    assert tight.code == 7
+    assert tight.json == {"job": "tight", "verdict": "reference", "exit_code": 7, "sentence": "tight: the reference job, taken as tight"}
+    assert (folder.out / "tight" / "profile.png").is_file()
+    return folder
+
+
+class Watching:
+    """A watch that runs, and what it says."""
+
+    def __init__(self, folder: Folder, *args: str) -> None:
+        self.folder, self.out, self.err = folder, folder.path / "stdout", folder.path / "stderr"
+        line = [*command(), "watch", str(folder.config), "--cache", str(folder.cache), "--interval", "0.2", *args]
+        with self.out.open("w") as out, self.err.open("w") as err:
+            new = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP} if sys.platform == "win32" else {}
+            self.process = subprocess.Popen(line, stdout=out, stderr=err, env=environment(), **new)
+
+    def until(self, what: Callable[[], object]) -> None:
+        end = time.monotonic() + LIMIT
+        while not what():
+            said = f"{self.out.read_text()}\n{self.err.read_text()}"
+            assert self.process.poll() is None, said
+            assert time.monotonic() < end, said
+            time.sleep(0.05)
+
+    def tells(self, text: str) -> None:
+        self.until(lambda: text in self.out.read_text(encoding="utf-8"))
+
+    def says(self, text: str) -> None:
+        self.until(lambda: text in self.err.read_text(encoding="utf-8"))
+
+    @property
+    def live(self) -> bool:
+        """Whether the page refreshes itself."""
+        return "location.reload" in (self.folder.out / "report.html").read_text(encoding="utf-8")
+
+
+@contextmanager
+def watching(folder: Folder, *args: str) -> Iterator[Watching]:
+    run = Watching(folder, *args)
+    try:
+        yield run
+    finally:
+        run.process.kill()
+        run.process.wait()
+
+
+def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
+    """Half copied, renamed, under a name that a shell would run; a second watcher; the end by Ctrl+C."""
+    folder = begun.copy(tmp_path / "it's #1")
+    frf, waiting, told = folder.data / "frf", folder.path / "waiting", tmp_path / "told"
+    hook = tmp_path / "hook.py"
+    hook.write_text(HOOK)
+    measure_again(waiting / "loose-2.csv", waiting / "again.csv")
+    with watching(folder, "--bell", "--hook", f'"{sys.executable}" "{hook}" "{told}"') as run:
+        run.until(lambda: run.live)
+        # What is finished is kept, and no news.
+        assert run.out.read_text() == ""
+        second = folder.run("watch", "--once")
+        assert second.code == 2
+        assert f"process {run.process.pid}" in second.stderr
+
+        content = (waiting / "loose-2.csv").read_bytes()
+        with (frf / "loose-2.csv").open("wb") as file:
+            file.write(content[: len(content) // 2])
+            file.flush()
+            time.sleep(1.5)
+            assert not (folder.out / "loose-2").exists()
+            assert run.out.read_text() == ""
+            file.write(content[len(content) // 2 :])
+        run.tells("loose-2: B3, B4 loose")
+        assert "loose-2" in (folder.out / "report.html").read_text(encoding="utf-8")
+
+        shutil.copy(waiting / "again.csv", frf / "third.csv.part")
+        shutil.copy(waiting / "again.csv", frf / "$(touch x); third.csv")
+        run.says("third.csv: left alone, its name cannot be that of a job")
+        assert not (folder.out / "third").exists()
+        (frf / "third.csv.part").rename(frf / "third.csv")
+        run.tells("third: B3, B4 loose")
+        assert run.live
+        assert run.err.read_text().count("\a") == 2
+        if sys.platform != "win32":
+            run.process.send_signal(signal.SIGINT)
+            assert run.process.wait(LIMIT) == 130
+            assert not run.live
+            assert folder.leftovers() == []
+
+    hooks = [json.loads(line) for line in told.read_text(encoding="utf-8").splitlines()]
+    assert [arguments for arguments, _ in hooks] == [["loose-2", "loose", "6"], ["third", "loose", "6"]]
+    sentences = run.out.read_text(encoding="utf-8").splitlines()
+    page = str(folder.out / "report.html")
+    for sentence, (arguments, told_of) in zip(sentences, hooks, strict=True):
+        assert list(told_of.values()) == [*arguments, sentence, page]
+
+    # The same jobs exist for every command, and nothing is left to do.
+    plans = folder.run("update", "--dry-run", "--json").json["jobs"]
+    assert {name: plan["run"] or plan["judge"] for name, plan in plans.items()} == {"tight": False, "loose-2": False, "third": False}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of another process")
+def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
+    """No file may become larger than some bytes, until there is room again."""
+    folder = begun.copy(tmp_path / "frame")
+    with watching(folder) as run:
+        run.until(lambda: run.live)
+        process = psutil.Process(run.process.pid)
+        free = process.rlimit(psutil.RLIMIT_FSIZE)
+        page = (folder.out / "report.html").read_bytes()
+        process.rlimit(psutil.RLIMIT_FSIZE, (20_000, free[1]))
+        shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
+        run.says("loose-2: the disk is full; the measurement is kept")
+        assert run.out.read_text() == ""
+        assert (folder.out / "report.html").read_bytes() == page
+        assert folder.result("tight")["status"] == "converged"
+        process.rlimit(psutil.RLIMIT_FSIZE, free)
+        run.tells("loose-2: B3, B4 loose")
+        run.until(lambda: b"loose-2" in (folder.out / "report.html").read_bytes())
+
+
+def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> None:
+    """They leave no failure behind, and those that can be used are judged; a campaign's job takes the file of its name."""
+    folder = begun.copy(tmp_path / "frame")
+    waiting, new = folder.path / "waiting", tmp_path / "elsewhere"
+    new.mkdir()
+    for name in ("tight", "loose-all"):
+        shutil.copy(waiting / f"{name}.csv", new)
+    (new / "half.csv").write_bytes((waiting / "tight.csv").read_bytes()[:19])
+    tree = folder.tree()
+    del tree["watch"]
+    tree["jobs"] = {name: {"frf": f"nowhere/{name}.csv", "removed": removed} for name, removed in (("tight", []), ("loose-all", ["B1"]))}
+    folder.write(tree)
+    found = folder.run("watch", "--once", "--interval", "0.1", "--folder", new, "--pattern", "*.CSV", "--pattern", "*.uff")
+    assert found.code == 5
+    assert "half: no verdict, measure again or mend the file" in found.stdout
+    assert "loose-all: B1 to B6 loose" in found.stdout
+    assert folder.result("loose-all")["removed"] == ["B1"]
+    assert not (folder.out / "half").exists()
+    assert "the campaign file has to name the folder" in found.stderr
+
+
+def test_wrong_calls(begun: Folder) -> None:
+    assert "needs --once" in begun.run("watch", "--fail-on-loose").stderr
+    none = begun.run("watch", "--hook", "no-such-program-anywhere --flag")
+    assert none.code == 2
+    assert "--hook" in none.stderr
+    pattern = begun.run("watch", "--once", "--pattern", "frf/*.uff")
+    assert pattern.code == 2
+    assert "watch.pattern" in pattern.stderr

@@ -1,0 +1,182 @@
+"""Text files laid out as the usual analysers write them, in several languages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf import TextLayout, detect_frf_format, read_frf
+from lrbc_cli.io.text.header import decibel, heading, split_unit
+
+HZ = np.array([0.5, 1.0, 1.5, 2.0])
+H = np.array([1 - 2j, 0.3 + 0.4j, -5 + 1e-3j, 2e-2 - 1e-2j])
+G = np.array([2 + 1j, -0.25 - 4j, 3 + 2j, 1e-1 + 1e-2j])
+STANDARD_GRAVITY = 9.80665
+
+
+def rows(*columns: np.ndarray, delimiter: str = ";", decimal: str = ",") -> list[str]:
+    return [delimiter.join(f"{x:.12g}".replace(".", decimal) for x in row) for row in zip(*columns, strict=True)]
+
+
+def write(tmp_path: Path, lines: list[str], encoding: str = "cp1252") -> Path:
+    path = tmp_path / "frf.txt"
+    path.write_bytes("\r\n".join([*lines, ""]).encode(encoding))
+    return path
+
+
+def test_german_testlab_like_csv(tmp_path: Path) -> None:
+    lines = [
+        "Titel;FRF Platte",
+        "Datum;12.03.2024 14:05",
+        "Prüfer;M. Müller",
+        "",
+        ";mic01:S/hammer:+Z;;acc1:+Z/hammer:+Z;",
+        "Frequenz;Realteil;Imaginärteil;Realteil;Imaginärteil",
+        "Hz;Pa/N;Pa/N;(m/s²)/N;(m/s²)/N",
+        "0;-1,#IND;-1,#IND;1,2;0",
+        *rows(HZ, H.real, H.imag, G.real, G.imag),
+    ]
+    result = read_frf(write(tmp_path, lines))
+    mic, acc = result.records
+    assert [(r.name, r.quantity, r.number) for r in result.records] == [
+        ("mic01:S/hammer:+Z", "pressure", 1),
+        ("acc1:+Z/hammer:+Z", "acceleration", 2),
+    ]
+    np.testing.assert_allclose(mic.values, H, rtol=1e-11)
+    np.testing.assert_allclose(acc.values, G, rtol=1e-11)
+    np.testing.assert_array_equal(mic.frequency_hz, HZ)
+    assert "the first line of numbers cannot be used (empty or not finite); left out" in result.notes
+    assert result.warnings == ()
+
+
+def test_pulse_like_text(tmp_path: Path) -> None:
+    """Index, frequency, real and imaginary part under a header of keys, without column names."""
+    lines = [
+        "Header Size:\t9",
+        "Version:\t10",
+        "Decimal Symbol:\t.",
+        "Data Type:\tComplex",
+        "X-Axis size:\t4",
+        "X-Axis type:\tFrequency",
+        "X-Axis unit:\tHz",
+        "AmplitudeUnit:\t(m/s²)/N",
+        "Title1:\tFrequency Response H1(acc1,hammer) - Input",
+        "",
+        *rows(np.arange(1.0, 5.0), HZ, H.real, H.imag, delimiter="\t", decimal="."),
+    ]
+    (found,) = read_frf(write(tmp_path, lines)).records
+    np.testing.assert_array_equal(found.frequency_hz, HZ)
+    np.testing.assert_allclose(found.values, H, rtol=1e-11)
+    assert (found.name, found.quantity) == ("", "acceleration")
+
+
+def test_french_module_and_phase(tmp_path: Path) -> None:
+    db = 20 * np.log10(np.abs(H))
+    lines = [
+        "Essai : réponse en fréquence",
+        "Fréquence (Hz);Module acc1 (dB re 1 g/N);Phase acc1 (degrés);Cohérence acc1",
+        *rows(HZ, db, np.rad2deg(np.angle(H)), np.linspace(0.5, 1.0, 4)),
+    ]
+    (found,) = read_frf(write(tmp_path, lines)).records
+    assert (found.name, found.quantity) == ("acc1", "acceleration")
+    np.testing.assert_allclose(found.values, STANDARD_GRAVITY * H, rtol=1e-9)
+    np.testing.assert_allclose(found.coherence, np.linspace(0.5, 1.0, 4))
+    lines[1] = "Fréquence;Partie réelle ((m/s²)/N);Partie imaginaire ((m/s²)/N)"
+    (found,) = read_frf(write(tmp_path, [*lines[:2], *rows(HZ, H.real, H.imag)])).records
+    assert (found.name, found.quantity) == ("", "acceleration")
+    np.testing.assert_allclose(found.values, H, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "factor", "quantity"),
+    [
+        ("Frequenz / Hz;Realteil / (m/s²)/N;Imaginärteil / (m/s²)/N", "", 1.0, "acceleration"),
+        ("Frequenz in Hz;Re(mic01) in Pa/N;Im(mic01) in Pa/N", "mic01", 1.0, "pressure"),
+        ("Frequency [Hz];mic01 (Real) [mPa/N];mic01 (Imag) [mPa/N]", "mic01", 1e-3, "pressure"),
+        ("Frequency;Real (m/s2)/N;Imaginary (m/s2)/N", "", 1.0, "acceleration"),
+        ("Frequency;acc1 [Real];acc1 [Imag.]", "acc1", 1.0, None),
+        ("Freq. (Hz);Real part acc1 (g/N);Imaginary part acc1 (g/N)", "acc1", STANDARD_GRAVITY, "acceleration"),
+        ("Frequenz;H1 acc1 - Realteil [mm/s^2/N];H1 acc1 - Imaginaerteil [mm/s^2/N]", "H1 acc1", 1e-3, "acceleration"),
+        ("FREQUENZ;REALTEIL;IMAGINÄRTEIL", "", 1.0, None),
+        ("Fréquence;Réel ms⁻²/N;Imaginaire ms⁻²/N", "", 1.0, "acceleration"),
+        ("Frequenza;Parte reale;Parte immaginaria", "", 1.0, None),
+    ],
+)
+def test_words_and_units(tmp_path: Path, header: str, name: str, factor: float, quantity: str | None) -> None:
+    (found,) = read_frf(write(tmp_path, [header, *rows(HZ, H.real, H.imag)], "utf-8")).records
+    assert (found.name, found.quantity) == (name, quantity)
+    np.testing.assert_allclose(found.values, factor * H, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        ["Frequenz [Hz];Betrag [Pa/N];Phase [Grad]"],
+        ["Frequenz;Amplitude;Phasenwinkel", "Hz;Pa/N;°"],
+        ["Frequency;|mic01|;Arg(mic01)", "Hz;Pa/N;deg"],
+        ["Fréquence;Module;Phase (°)", "Hz;Pa/N;°"],
+        [";mic01;", "Hz;Betrag;Phase"],
+        ["Frequenz;Betrag;Phase", "Hz;mic01;mic01"],
+    ],
+)
+def test_magnitude_and_phase(tmp_path: Path, header: list[str]) -> None:
+    (found,) = read_frf(write(tmp_path, [*header, *rows(HZ, np.abs(H), np.rad2deg(np.angle(H)))])).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-9)
+    assert found.name in ("", "mic01")
+
+
+def test_decibels_with_a_reference(tmp_path: Path) -> None:
+    db = 20 * np.log10(np.abs(H))
+    lines = ["Frequenz;Pegel [dB re 20 uPa/N];Phase [rad]", *rows(HZ, db, np.angle(H))]
+    (found,) = read_frf(write(tmp_path, lines)).records
+    np.testing.assert_allclose(found.values, 20e-6 * H, rtol=1e-9)
+    assert found.quantity == "pressure"
+    # A magnitude that the campaign calls dB.
+    lines[0] = "Frequenz;Betrag;Phase"
+    (found,) = read_frf(write(tmp_path, lines), TextLayout(representation="db-phase", phase="rad")).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-9)
+
+
+def test_a_frequency_before_each_frf_and_parts_without_names(tmp_path: Path) -> None:
+    columns = (HZ, H.real, H.imag, HZ, G.real, G.imag)
+    lines = ["Frequenz;Realteil;Imaginärteil;Frequenz;Realteil;Imaginärteil", *rows(*columns)]
+    first, second = read_frf(write(tmp_path, lines)).records
+    assert [(r.name, r.number, r.place) for r in (first, second)] == [("", 1, "column Realteil"), ("", 2, "column Realteil")]
+    np.testing.assert_allclose(second.values, G, rtol=1e-11)
+    # Values on another axis are no FRFs on the first.
+    with pytest.raises(DataError, match=r"column 4: another frequency axis"):
+        read_frf(write(tmp_path, [lines[0], *rows(HZ, H.real, H.imag, HZ + 1, G.real, G.imag)]))
+
+
+def test_units_that_are_not_understood_are_warned_of(tmp_path: Path) -> None:
+    lines = ["Frequency [Hz];acc1_real [EU/N];acc1_imag [EU/N]", *rows(HZ, H.real, H.imag)]
+    assert read_frf(write(tmp_path, lines)).warnings == (
+        "unit 'EU/N' not understood; SI taken: say which under 'format: {unit: ...}' of the job",
+    )
+    assert read_frf(write(tmp_path, lines), TextLayout(unit="g/N")).warnings == ()
+
+
+def test_headings() -> None:
+    assert split_unit("acc 1 (1)") == ("acc 1 (1)", "")
+    assert split_unit("FRF mic01 g/N") == ("FRF mic01", "g/N")
+    assert split_unit("a/b") == ("a/b", "")
+    assert decibel("dB re 2e-5 Pa/N") == (2e-5, "Pa/N")
+    assert decibel("dB") == (1.0, "")
+    assert decibel("dBm") is None
+    assert heading("Realteil").name == ""
+    # What is no word of a part stays a name.
+    for cell in ("really", "imagine", "Phasenraum", "temperature", "model"):
+        assert (heading(cell).name, heading(cell).part) == (cell, None)
+
+
+@pytest.mark.parametrize(
+    ("start", "words"), [(b"PK\x03\x04", "Excel"), (b"TDSm", "TDMS"), (b"RIFF", "sound"), (b"\xd0\xcf\x11\xe0", "Excel")]
+)
+def test_files_of_other_programs_are_named(tmp_path: Path, start: bytes, words: str) -> None:
+    path = tmp_path / "frf.bin"
+    path.write_bytes(start + bytes(range(200)) * 3)
+    with pytest.raises(DataError, match=words):
+        detect_frf_format(path)

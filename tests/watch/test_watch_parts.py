@@ -1,0 +1,162 @@
+"""What a watch is made of: files that settle, the jobs of a folder, one watcher a campaign, words and codes of a verdict."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lrbc_cli.config import JobConfig, load_campaign
+from lrbc_cli.errors import ConfigError
+from lrbc_cli.watch.arrivals import Arrivals
+from lrbc_cli.watch.lock import GONE, NAME, Lock
+from lrbc_cli.watch.loop import Wake
+
+CAMPAIGN = Path(__file__).parents[2] / "configs" / "frame.yaml"
+
+
+def folder_of(path: Path, *names: str) -> str:
+    """An override that watches a folder with these files."""
+    path.mkdir(exist_ok=True)
+    for name in names:
+        (path / name).write_text("x")
+    return f"watch.folder={json.dumps(str(path))}"
+
+
+def test_a_job_is_ready_when_its_files_stay_as_they_are(tmp_path: Path) -> None:
+    frf, coherence = tmp_path / "a.uff", tmp_path / "a-coherence.uff"
+    files = {"a": [frf, coherence]}
+    arrivals = Arrivals(settle=1.0)
+    assert arrivals.look(files, 0.0) == []
+    frf.write_bytes(b"12")
+    assert arrivals.look(files, 5.0) == []
+    assert not arrivals.there("a")
+    coherence.write_bytes(b"1")
+    assert arrivals.look(files, 6.0) == []
+    assert arrivals.next == 7.0
+    frf.write_bytes(b"123")
+    assert arrivals.look(files, 6.9) == []
+    assert arrivals.look(files, 7.8) == []
+    assert arrivals.look(files, 7.9) == ["a"]
+    arrivals.done("a")
+    assert arrivals.look(files, 99.0) == []
+    assert arrivals.next is None
+    # The same size, another time: measured again.
+    os.utime(coherence, (1.0, 1.0))
+    assert arrivals.look(files, 100.0) == []
+    assert arrivals.look(files, 101.0) == ["a"]
+    assert arrivals.later("a", 101.0, 20.0)
+    assert not arrivals.later("a", 101.0, 20.0)
+    assert arrivals.look(files, 120.9) == []
+    assert arrivals.look(files, 121.0) == ["a"]
+    arrivals.done("a")
+    # What was renamed is no measurement of this job any more; what comes back is one again.
+    moved = frf.rename(tmp_path / "b.uff")
+    assert arrivals.look(files, 122.0) == []
+    assert not arrivals.there("a")
+    moved.rename(frf)
+    arrivals.look(files, 123.0)
+    assert arrivals.look(files, 124.0) == ["a"]
+    assert arrivals.look({}, 125.0) == []
+    assert arrivals.next is None
+
+
+def test_those_that_wait_longest_come_first(tmp_path: Path) -> None:
+    arrivals = Arrivals(settle=1.0)
+    files = {}
+    for i, name in enumerate("cab"):
+        files[name] = [tmp_path / name]
+        (tmp_path / name).write_bytes(b"1")
+        arrivals.look(files, float(i))
+    assert arrivals.look(files, 10.0) == ["c", "a", "b"]
+
+
+def test_files_of_a_folder_are_jobs(tmp_path: Path) -> None:
+    names = (
+        "new-1.csv",
+        "New-2.CSV",
+        ".hidden.csv",
+        "~open.csv",
+        "new-3.csv.part",
+        "two words.csv",
+        "calibration.csv",
+        "loose-2.csv",
+        "con.csv",
+    )
+    watch = folder_of(tmp_path / "frf", *names, "new-1.txt")
+    campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern=['*.csv', '*.txt']"])
+    # The sample has a file for `loose-2`; where it is missing, this one is it.
+    assert list(campaign.jobs) == ["tight", "loose-2", "loose-all", "New-2", "new-1"]
+    assert campaign.jobs["new-1"] == JobConfig.model_validate({"frf": str(tmp_path / "frf" / "new-1.csv")})
+    missing = load_campaign(CAMPAIGN, [watch, "jobs.loose-2.frf=nowhere.csv"])
+    assert missing.jobs["loose-2"].frf == tmp_path / "frf" / "loose-2.csv"
+    assert missing.jobs["loose-2"].removed == ("B3", "B4")
+    assert load_campaign(CAMPAIGN, [f"watch.folder={json.dumps(str(tmp_path / 'nowhere'))}"]).jobs == load_campaign(CAMPAIGN).jobs
+
+
+def test_settings_of_the_reference_job_hold_for_new_files(tmp_path: Path) -> None:
+    own = ["jobs.tight.scale={acc1: 2.0}", "jobs.tight.averages=9", "jobs.tight.format={decimal: ','}", "jobs.tight.removed=[B1]"]
+    watch = folder_of(tmp_path / "frf", "new.csv")
+    new = load_campaign(CAMPAIGN, [watch, *own]).jobs["new"]
+    assert (new.scale, new.averages, new.removed) == ({"acc1": 2.0}, 9, ())
+    assert new.format is not None
+    assert new.format.decimal == ","
+    other = load_campaign(CAMPAIGN, [watch, *own, "watch.like=loose-2"]).jobs["new"]
+    assert (other.scale, other.averages, other.format) == ({}, 5, None)
+    with pytest.raises(ConfigError, match=r"watch\.like"):
+        load_campaign(CAMPAIGN, [watch, "watch.like=nobody"])
+
+
+def test_tight_states_may_come_later(tmp_path: Path) -> None:
+    watch = folder_of(tmp_path / "frf")
+    campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern='*.uff'", "jobs={}"])
+    assert {name: job.frf for name, job in campaign.jobs.items()} == {"tight": tmp_path / "frf" / "tight.uff"}
+
+
+def test_one_watcher_a_campaign(tmp_path: Path) -> None:
+    first, second = Lock(tmp_path / "out"), Lock(tmp_path / "out")
+    first.take()
+    with pytest.raises(ConfigError, match=f"process {os.getpid()}"):
+        second.take()
+    second.release()
+    first.beat()
+    first.release()
+    assert list((tmp_path / "out").iterdir()) == []
+    # Of a process that has gone.
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    path = tmp_path / "out" / NAME
+    second.take()
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"pid": gone.pid}))
+    first.take()
+    with pytest.raises(ConfigError, match="took over"):
+        second.beat()
+    # On another machine, by its signs of life.
+    path.write_text(json.dumps({"token": "?", "pid": 1, "host": "another"}))
+    with pytest.raises(ConfigError, match="one on another"):
+        second.take()
+    long_ago = time.time() - 2 * GONE
+    os.utime(path, (long_ago, long_ago))
+    second.take()
+    second.release()
+
+
+def test_events_wake(tmp_path: Path) -> None:
+    wake = Wake()
+    wake.watch([tmp_path, tmp_path / "not there yet"])
+    try:
+        for _ in range(100):
+            # The first may come before anyone listens.
+            (tmp_path / "new.csv").write_text("x")
+            start = time.monotonic()
+            wake.wait(1.0)
+            if time.monotonic() - start < 0.9:
+                return
+        pytest.fail("no event woke it")
+    finally:
+        wake.stop()
