@@ -20,7 +20,7 @@
     let air = !airBox || airBox.checked;
 
     const paths = [...scene.dots.map((d) => [...d, true]), ...scene.lines].map(([role, xyz, dots]) => {
-      const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? 2.2 : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
+      const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? (role === "term-dot" ? 5 : 2.2) : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
       return { role, xyz, dots, path: make("path", attributes, svg) };
     });
     const frame = make("path", { class: "l r-box" }, svg);
