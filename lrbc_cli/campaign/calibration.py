@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from lrbc_cli.campaign.jobs.identity import about_measurement
+from lrbc_cli.campaign.identification.matching import about_measurement
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache

@@ -11,7 +11,7 @@ from lrbc_cli.cli.common import cache_folder, progress
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.updating.clearance import not_clear
 from lrbc_cli.watch.loop import Pace, Watch
-from lrbc_cli.watch.session import Session, Settings
+from lrbc_cli.watch.session import Session, WatchSettings
 from lrbc_cli.watch.verdict import Hook, Verdict
 
 
@@ -52,7 +52,7 @@ def watch(
     given += [("watch.pattern", list(patterns))] if patterns else []
     overrides = (*overrides, *(f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in given))
     program = None if hook is None else Hook(hook)
-    session = Session(Settings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
+    session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
     page = session.output / "report.html"
 
     def tell(verdict: Verdict) -> None:

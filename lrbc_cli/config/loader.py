@@ -12,8 +12,7 @@ from pydantic import ValidationError
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
-from lrbc_cli.config.explain import explain
-from lrbc_cli.config.gone import refuse_gone
+from lrbc_cli.config.explain import explain, refuse_gone
 from lrbc_cli.config.watch import with_folder
 from lrbc_cli.errors import ConfigError
 

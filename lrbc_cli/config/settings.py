@@ -244,6 +244,11 @@ class TextFormat(Strict):
     quantity: Quantity | None = Field(
         default=None, description="pressure, displacement, velocity or acceleration; it takes precedence over what the file says."
     )
+    coherence: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Variable of a MATLAB or HDF5 file that holds the coherence; absent: coherence, coh and the like beside the FRFs.",
+    )
     columns: Annotated[dict[str, tuple[Column, Column]], AfterValidator(FrozenDict)] = Field(
         default={},
         validate_default=True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag, model_validator
@@ -17,6 +18,7 @@ from lrbc_cli.config.fields import (
     NumberOrAuto,
     OperatorRef,
     Point,
+    Positive,
     Quantity,
     Range,
     Strict,
@@ -33,6 +35,9 @@ POINT_FORMS: Forms = ((("near", "component"), ()), (("node", "component"), ()), 
 RESPONSE_FORMS: Forms = (*POINT_FORMS, (("matrix",), ("row",)))
 SELECT_FORMS: Forms = (
     (("component", "box"), ()),
+    (("component", "along", "tolerance"), ()),
+    (("component", "boundary"), ("box",)),
+    (("component", "near_bolts"), ()),
     (("nodes", "component"), ()),
     (("dofs",), ()),
     (("vectors", "positions"), ()),
@@ -54,7 +59,8 @@ def _forms_schema(forms: Forms) -> ConfigDict:
     branches = [
         {
             "required": list(required),
-            "properties": {key: {"const": FORM_DEFAULTS.get(key)} for key in keys if key not in (*required, *optional)},
+            "properties": {key: {"const": FORM_DEFAULTS.get(key)} for key in keys if key not in (*required, *optional)}
+            | {key: {"not": {"const": None}} for key in required},
         }
         for required, optional in forms
     ]
@@ -248,20 +254,43 @@ def _check_box(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
+def _nodes_form(value: object) -> str:
+    return "form:file" if isinstance(value, str | Path) else "form:list"
+
+
+Nodes = Annotated[
+    Annotated[FilePath, Tag("form:file")]
+    | Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
+    Discriminator(_nodes_form),
+]
+
+
 class SelectConfig(Strict):
     """Which DOFs or vectors carry the terms of a group."""
 
     model_config = _forms_schema(SELECT_FORMS)
 
     component: Component | None = Field(
-        default=None, description="DOF label, with `box` or `nodes`; with `bushings` only the springs with this component."
+        default=None, description="DOF label at the nodes that are selected; with `bushings` only the springs with this component."
     )
     box: Annotated[Box, AfterValidator(_check_box)] | None = Field(
-        default=None, description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included."
+        default=None,
+        description="[[x0, x1], [y0, y1], [z0, z1]] in metres or the length of `units`: all nodes inside, borders included. Several edges "
+        "in it become groups of their own, NAME-1, NAME-2 ..., where values are tied to their neighbours.",
     )
-    nodes: Annotated[tuple[NodeNumber, ...], Field(min_length=1), AfterValidator(check_unique)] | None = Field(
-        default=None, description="Node numbers, in the order along the edge."
+    along: Annotated[tuple[Point, ...], Field(min_length=2)] | None = Field(
+        default=None, description="Corners [x, y, z] of a line: all nodes within `tolerance` of it, in their order along it."
     )
+    tolerance: Positive | None = Field(default=None, description="Distance from the line up to which nodes are taken.")
+    boundary: Literal[True] | None = Field(
+        default=None,
+        description="true: the nodes on the border of a flat field of nodes, of all with the component or of those in `box`; the "
+        "coordinates tell it, so that nodes in corners that are cut out of the field are left out.",
+    )
+    near_bolts: Positive | None = Field(
+        default=None, description="Distance from the bolts of `bolts` up to which nodes are taken; each belongs to its nearest bolt."
+    )
+    nodes: Nodes | None = Field(default=None, description="Node numbers, in the order along the edge, or a CSV file with a column `node`.")
     dofs: FilePath | None = Field(
         default=None,
         description="CSV file with a column `dof` (0-based), one term a line; terms with equal entries in a column `parameter` share one "
@@ -351,8 +380,8 @@ class GroupConfig(Strict):
 
     kind: Literal["stiffness", "damping", "mass"] = Field(default="stiffness", description="What the terms add to: K, C or M.")
     select: SelectConfig = Field(
-        description="The terms: {component:, box:}, {nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or "
-        "{bushings:}."
+        description="The terms: {component:, box:}, {component:, along:, tolerance:}, {component:, boundary:}, {component:, near_bolts:}, "
+        "{nodes:, component:}, {dofs:}, {vectors:, positions:}, {left:, right:, positions:} or {bushings:}."
     )
     initial: NumberOrAuto = Field(
         default="auto",

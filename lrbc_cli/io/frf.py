@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.common import head, require_file
-from lrbc_cli.io.hdf5.frf import read_frf_hdf5, write_frf_hdf5
+from lrbc_cli.io.hdf5.frf import named_hdf5, read_frf_hdf5, write_frf_hdf5
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.matlab.frf import read_frf_mat
+from lrbc_cli.io.matlab.frf import named_mat, read_frf_mat
 from lrbc_cli.io.matlab.variables import is_mat5
+from lrbc_cli.io.named import coherences
 from lrbc_cli.io.text.frf import read_frf_text, read_text_coherence, write_frf_csv
 from lrbc_cli.io.uff.datasets import is_uff
 from lrbc_cli.io.uff.read import read_uff, read_uff_coherence
@@ -150,7 +151,14 @@ def read_coherence(path: Path, layout: TextLayout | None = None) -> dict[Coheren
     if kind == "uff":
         entries = [(c.name, c.dof[:2], c.frequency_hz, c.values) for c in read_uff_coherence(path)]
     else:
-        records = READERS[kind](path, layout).records
+        try:
+            records = READERS[kind](path, layout).records
+        except DataError:
+            # A file of coherences alone.
+            found_named = coherences(named_mat(path) if kind == "mat-v5" else named_hdf5(path), path, layout or TextLayout())
+            if not found_named:
+                raise
+            return {name: pair for name, pair in found_named.items()}
         entries = [
             (r.name, (r.response_node or 0, r.response_direction), r.frequency_hz, r.coherence) for r in records if r.coherence is not None
         ]

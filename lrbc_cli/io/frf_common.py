@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
 
 class Notes:
@@ -109,6 +111,34 @@ def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArr
         at = int(outside[0])
         raise DataError("a coherence is wrong", file=path, place=place, expected="0 to 1", found=f"{real[at]:.6g} at point {at + 1}")
     return np.clip(real, 0.0, 1.0), bool(undefined.any())
+
+
+def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]) -> tuple[float, str | None]:
+    """Factor to SI and quantity, from the layout or a label such as ``(m/s²)/N`` or ``dB re 1 g/N``.
+
+    Raises
+    ------
+    DataError
+        If the unit is not one of the quantity that is stated.
+    """
+    stated, reference = layout.si_unit, 1.0
+    if (in_db := decibel(label)) is not None:
+        reference, label = in_db
+    unit = stated or parse_unit(label)
+    if stated is None and unit is not None and response_quantity(unit) is None:
+        unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
+    if unit is None or response_quantity(unit) is None:
+        if label.strip("- "):
+            warnings.append(f"unit {label!r} not understood; SI taken: say which under 'format: {{unit: ...}}' of the job")
+        return reference, layout.quantity
+    quantity = layout.quantity or response_quantity(unit)
+    if quantity != response_quantity(unit):
+        expected = f"a unit of {quantity} over force"
+        raise DataError("unit and quantity do not fit", file=path, place=place, expected=expected, found=label)
+    factor = unit.factor * (reference if stated is None else 1.0)
+    if factor != 1.0:
+        notes.append(f"values in {layout.unit or label} multiplied by {factor:.9g} to give SI")
+    return factor, quantity
 
 
 def _ranges(numbers: list[int]) -> str:

@@ -38,6 +38,8 @@ class TextLayout:
         Unit of the FRFs, such as ``Pa/N`` or ``g/N``; of the response alone, the force is in newtons.
     quantity : str or None
         pressure, displacement, velocity or acceleration.
+    coherence : str or None
+        Variable (MATLAB, HDF5) that holds the coherence.
     columns : mapping
         Record name to the name or number (from 1) of its two columns; all other columns are left out.
     """
@@ -51,6 +53,7 @@ class TextLayout:
     phase: str | None = None
     unit: str | None = None
     quantity: str | None = None
+    coherence: str | None = None
     columns: Mapping[str, tuple[str | int, str | int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

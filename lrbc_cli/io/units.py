@@ -91,6 +91,7 @@ _UNITS: dict[str, Unit] = {
 
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _TOKEN = re.compile(r"\s*(\*\*|\^|[()*/·]|[A-Za-zµμ°]+|-?\d+)")
+_DECIBEL = re.compile(r"db(?![a-z])\s*(?:(?:re|ref|rel|bez)\b\.?:?|/)?\s*([\d.,]+(?:e[-+]?\d+)?)?\s*(.*)", re.IGNORECASE)
 
 #: Quantity of an FRF by the dimension (length, time) of its response; rotations have no length.
 _RESPONSES = {(1, 0): "displacement", (1, -1): "velocity", (1, -2): "acceleration"}
@@ -123,6 +124,20 @@ def parse_unit(label: str) -> Unit | None:
     except (LookupError, ValueError, OverflowError, ZeroDivisionError, RecursionError):
         return None
     return unit if not rest else None
+
+
+def decibel(label: str) -> tuple[float, str] | None:
+    """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit, empty where it names none; None for what is no decibel."""
+    match = _DECIBEL.fullmatch(label.strip())
+    if match is None:
+        return None
+    unit = match.group(2).strip()
+    if unit and parse_unit(unit) is None:
+        return None
+    try:
+        return float((match.group(1) or "1").replace(",", ".")), unit
+    except ValueError:
+        return None
 
 
 def response_quantity(unit: Unit) -> str | None:

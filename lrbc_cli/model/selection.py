@@ -1,4 +1,4 @@
-"""Picking DOFs from the DOF table, and ordering terms along an edge."""
+"""Picking DOFs from the DOF table, and ordering terms along their edges, whatever the numbers of the nodes."""
 
 from __future__ import annotations
 
@@ -6,13 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.spatial import Delaunay, cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.dofs import DofTable
 
 #: Spacings beyond which the next term is on another edge: one or two nodes that are missing, as fixed ones are, leave gaps of two or three.
 JUMP = 3.5
+
+#: Spacings up to which two nodes are neighbours whatever their direction, over a corner that is left out as well; beyond, only straight on.
+STEP = 1.9
+#: Cosine of the largest turn across such a gap, and neighbours of a node among which its own lie.
+STRAIGHT, NEIGHBOURS = 0.34, 12
+
+#: Coordinates closer than this are one place [m].
+ONE_PLACE = 1e-9
+
+#: Spacings that the sides of a triangle between neighbours of a field may have, and its area over its longest side squared at the least;
+#: departure from a plane over the extent.
+LONGEST_SIDE, SLIVER, FLAT = 1.9, 1e-4, 1e-3
 
 
 def at_node(table: DofTable, node: int, component: str) -> Integers:
@@ -39,23 +52,147 @@ def spacing(table: DofTable, dof: int) -> float:
 
 
 def in_box(table: DofTable, component: str, box: Sequence[Sequence[float]]) -> Integers:
-    """DOFs with a component inside a box (borders included), in their order along the edge."""
+    """DOFs with a component inside a box (borders included), edge after edge, each in its order."""
     low, high = (np.array([axis[side] for axis in box], dtype=float) for side in (0, 1))
     inside = np.all((table.xyz >= low) & (table.xyz <= high), axis=1) & (table.component == component)
-    dofs = np.flatnonzero(inside)
-    return dofs[along(table.xyz[dofs])] if dofs.size else dofs
+    return in_order(table, np.flatnonzero(inside))
+
+
+def in_order(table: DofTable, dofs: Integers) -> Integers:
+    """DOFs edge after edge, each in its order."""
+    return dofs[np.concatenate(edges_of(table.xyz[dofs]))] if dofs.size else dofs
+
+
+def near_line(table: DofTable, component: str, corners: Floats, tolerance: float) -> Integers:
+    """DOFs with a component within a distance [m] of a polygon (corners, 3), in their order along it."""
+    dofs = np.flatnonzero(table.component == component)
+    side = np.diff(corners, axis=0)
+    length = np.linalg.norm(side, axis=1)
+    before = np.concatenate([[0.0], np.cumsum(length)[:-1]])
+    square = np.where(length > 0, length, 1.0) ** 2
+    # (dofs, sides): foot on each side, as a share of it.
+    foot = np.clip(np.einsum("ijk,jk->ij", table.xyz[dofs][:, None] - corners[:-1], side) / square, 0.0, 1.0)
+    distance = np.linalg.norm(table.xyz[dofs][:, None] - (corners[:-1] + foot[:, :, None] * side), axis=2)
+    nearest = np.argmin(np.round(distance, 12), axis=1)
+    rows = np.arange(dofs.size)
+    position = np.round(before[nearest] + foot[rows, nearest] * length[nearest], 12)
+    near = np.flatnonzero(distance[rows, nearest] <= tolerance)
+    return dofs[near[np.lexsort((*np.round(table.xyz[dofs[near]], 12).T, position[near]))]]
+
+
+def near_points(table: DofTable, component: str, points: Floats, radius: float) -> tuple[Integers, Integers]:
+    """DOFs with a component within a distance [m] of points, and the nearest point of each; point after point, the nearest DOF first."""
+    dofs = np.flatnonzero(table.component == component)
+    distance = np.linalg.norm(table.xyz[dofs][:, None] - points, axis=2)
+    nearest = np.argmin(distance, axis=1) if points.size else np.zeros(dofs.size, dtype=np.int64)
+    away = np.round(distance[np.arange(dofs.size), nearest], 12)
+    near = np.flatnonzero(away <= radius)
+    near = near[np.lexsort((*np.round(table.xyz[dofs[near]], 12).T, away[near], nearest[near]))]
+    return dofs[near], nearest[near]
+
+
+def outline(xyz: Floats) -> Integers:
+    """Points on the border of a flat field of nodes, and on those of its holes, but for nodes in corners that are cut out of it.
+
+    Parameters
+    ----------
+    xyz : (k, 3) float array
+
+    Raises
+    ------
+    ValueError
+        Where the points lie in no plane or on a line, or a mesh of so unequal sides that nothing tells a hole from an element.
+    """
+    centred = xyz - xyz.mean(axis=0)
+    _, size, axes = np.linalg.svd(centred, full_matrices=False)
+    extent = float(np.abs(centred).max())
+    if xyz.shape[0] < 4 or size[1] <= FLAT * size[0]:
+        raise ValueError("they lie on a line")
+    if np.abs(centred @ axes[2]).max() > FLAT * extent:
+        raise ValueError("they do not lie in a plane")
+    flat, at = np.unique(np.round(centred @ axes[:2].T, 9), axis=0, return_inverse=True)
+    triangles = Delaunay(flat).simplices
+    nearest = cKDTree(flat).query(flat, k=2)[0][:, 1]
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    sides = np.stack([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))])
+    area = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    # Rounding makes slivers along a straight border; what spans a hole or a notch is larger than an element.
+    longest = sides.max(axis=0)
+    triangles = triangles[(longest <= LONGEST_SIDE * nearest[triangles].max(axis=1)) & (area > SLIVER * longest**2)]
+    if np.unique(triangles).size < flat.shape[0]:
+        raise ValueError("their distances are too unequal to tell holes from elements")
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    found, count = np.unique(edges, axis=0, return_counts=True)
+    border = np.zeros(flat.shape[0], dtype=bool)
+    border[found[count == 1].ravel()] = True
+    return np.flatnonzero(border[at.ravel()])
+
+
+def edges_of(xyz: Floats) -> list[Integers]:
+    """Points by the edge that they lie on, in their order along it; the same whatever the order in which they are given.
+
+    Parameters
+    ----------
+    xyz : (k, 3) float array
+
+    Returns
+    -------
+    list of int arrays
+        Neighbours are not farther apart than two nodes are that corner or gap may be missing between, and rows of a corner's or a gap's
+        distance beside each other are edges of their own.
+    """
+    places, at = np.unique(np.round(xyz / ONE_PLACE).astype(np.int64), axis=0, return_inverse=True)
+    points = [np.flatnonzero(at.ravel() == k) for k in range(places.shape[0])] if xyz.shape[0] > places.shape[0] else None
+    first = np.argsort(at.ravel(), kind="stable")
+    where = xyz[first] if points is None else np.stack([xyz[same[0]] for same in points])
+    label = _pieces(where)
+    found = []
+    for k in dict.fromkeys(label.tolist()):
+        inside = np.flatnonzero(label == k)
+        order = inside[along(where[inside])]
+        found.append(first[order] if points is None else np.concatenate([points[i] for i in order]))
+    return found
+
+
+def _pieces(xyz: Floats) -> Integers:
+    """Edge of each of distinct points."""
+    m = xyz.shape[0]
+    if m < 3:
+        return np.zeros(m, dtype=np.int64)
+    away, index = cKDTree(xyz).query(xyz, k=min(m, NEIGHBOURS + 1))
+    nearest = away[:, 1]
+    rows = np.repeat(np.arange(m), away.shape[1] - 1)
+    graph = sp.coo_array((away[:, 1:].ravel(), (rows, index[:, 1:].ravel())), shape=(m, m)).tocsr()
+    tree = minimum_spanning_tree(graph).tocoo()
+    ratio = tree.data / np.maximum(nearest[tree.row], nearest[tree.col])
+    neighbours: list[list[int]] = [[] for _ in range(m)]
+
+    def straight(a: int, b: int) -> bool:
+        """Whether a is an end from which it goes straight on to b."""
+        if len(neighbours[a]) != 1:
+            return not neighbours[a]
+        before, after = xyz[a] - xyz[neighbours[a][0]], xyz[b] - xyz[a]
+        return bool(before @ after >= STRAIGHT * np.linalg.norm(before) * np.linalg.norm(after))
+
+    for k in np.argsort(tree.data, kind="stable"):
+        a, b = int(tree.row[k]), int(tree.col[k])
+        if ratio[k] <= STEP or (ratio[k] <= JUMP and straight(a, b) and straight(b, a)):
+            neighbours[a].append(b)
+            neighbours[b].append(a)
+    pairs = [(a, b) for a, others in enumerate(neighbours) for b in others]
+    joined = sp.coo_array((np.ones(len(pairs)), tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)), shape=(m, m))
+    label: Integers = connected_components(joined.tocsr(), directed=False)[1].astype(np.int64)
+    return label
 
 
 def along(xyz: Floats) -> Integers:
-    """Order of points along their principal direction; of a ring or a hook, where that jumps to and fro, from neighbour to neighbour."""
+    """Order of points along their principal direction; of a ring or a hook, where that goes to and fro, from neighbour to neighbour."""
     if xyz.shape[0] < 3:
         return np.lexsort(xyz.T[::-1])
     centred = xyz - xyz.mean(axis=0)
     direction = np.linalg.svd(centred, full_matrices=False)[2][0]
     direction = direction * np.sign(direction[int(np.argmax(np.abs(direction)))])
     order = np.argsort(np.round(centred @ direction, 12), kind="stable")
-    if not jumps(xyz[order]).size:
-        return order
     chain = _chain(xyz, int(order[0]))
     stop = jumps(xyz[chain])
     if stop.size:

@@ -27,7 +27,7 @@ STRIDE = 3.0
 
 
 @dataclass(frozen=True)
-class Modes:
+class SweepModes:
     """Principal directions of the solutions in one field.
 
     Attributes
@@ -42,7 +42,7 @@ class Modes:
     tail: Floats
 
     @classmethod
-    def of(cls, spread: Floats) -> Modes:
+    def of(cls, spread: Floats) -> SweepModes:
         """From the sum of x xᵀ of the normalised solutions."""
         values, vectors = la.eigh(spread)
         values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
@@ -72,7 +72,7 @@ class Compressor:
 
     def __init__(self, problem: Problem, basis: Projection, sweep: Sweep, estimator: Estimator, limit: float) -> None:
         self._problem, self._limit = problem, limit
-        self.modes = [Modes.of(spread) for spread in sweep.spread]
+        self.modes = [SweepModes.of(spread) for spread in sweep.spread]
         T = la.block_diag(*[modes.vectors for modes in self.modes])
         self._starts = np.cumsum([0, *basis.sizes[:-1]])
         self._structure = problem.structure_of(basis) > 0

@@ -11,7 +11,7 @@ Signature = tuple[tuple[str, int, int], ...]
 
 
 @dataclass
-class _Job:
+class _Arrival:
     """What is known of the files of a job: how they are, since when, when they are looked at again, and whether that is over."""
 
     signature: Signature
@@ -32,7 +32,7 @@ class Arrivals:
 
     def __init__(self, settle: float) -> None:
         self.settle = settle
-        self._jobs: dict[str, _Job] = {}
+        self._jobs: dict[str, _Arrival] = {}
 
     def look(self, files: Mapping[str, Sequence[Path]], now: float) -> list[str]:
         """Jobs whose files are all there, stay as they are, and were not done with yet; those that wait longest first.
@@ -50,7 +50,7 @@ class Arrivals:
                 # A file that was renamed is another job's; one that comes back is new.
                 self._jobs.pop(name, None)
             elif known is None or known.signature != found:
-                self._jobs[name] = _Job(found, now, now + self.settle)
+                self._jobs[name] = _Arrival(found, now, now + self.settle)
         for name in set(self._jobs) - set(files):
             del self._jobs[name]
         ready = [name for name, job in self._jobs.items() if not job.done and now >= job.again]

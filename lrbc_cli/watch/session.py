@@ -25,7 +25,7 @@ TAIL = 64
 
 
 @dataclass(frozen=True)
-class Settings:
+class WatchSettings:
     """What the command line says of a session, beside the campaign file."""
 
     config: Path
@@ -40,7 +40,7 @@ class Session:
 
     Parameters
     ----------
-    settings : Settings
+    settings : WatchSettings
     progress : callable
         Gets one line of text a step.
 
@@ -50,7 +50,7 @@ class Session:
         Where the campaign file or its model is unusable.
     """
 
-    def __init__(self, settings: Settings, progress: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, settings: WatchSettings, progress: Callable[[str], None] = lambda _: None) -> None:
         self.settings, self.progress = settings, progress
         self.exported = self._read(load_campaign(settings.config, settings.overrides))
         self.inputs = with_stored_calibration(self.exported, calibration=settings.calibration)

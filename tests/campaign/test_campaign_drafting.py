@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
-from campaigns import Folder, Result, box, lrbc
+from campaigns import ROOT, Folder, Result, box, lrbc
 from systems import chain, csc
 
 from lrbc_cli.campaign.drafting.draft import draft, quoted
@@ -50,6 +50,24 @@ def test_universal_files_and_a_list_of_dofs(tmp_path: Path) -> None:
     assert checked.code == 0, checked.stderr
     assert folder.config.read_text().startswith("# yaml-language-server: $schema=campaign.schema.json\n")
     assert (folder.path / "campaign.schema.json").is_file()
+
+
+def test_a_model_of_calculix_in_millimetres(tmp_path: Path) -> None:
+    """All that the sample's own campaign file says of its files is found, but the damping."""
+    made = draft(tmp_path / "new", recognise(ROOT / "data_samples" / "plate"))
+    tree, own = yaml.safe_load(made.text()), load_campaign(ROOT / "configs" / "plate.yaml")
+    assert (tree["units"], tree["update"]["reference"], tree["update"]["baselines"]) == ("mm-N-t", "tight-1", ["tight-2"])
+    assert set(tree["jobs"]) == set(own.jobs)
+    assert {Path(tree["model"][role]).name for role in ("stiffness", "mass")} == {"plate.sti.gz", "plate.mas.gz"}
+    assert tree["model"]["stiffness"].endswith("sti.gz")
+    assert {key: Path(value).name for key, value in tree["model"]["dofs"].items()} == {"map": "plate.dof", "nodes": "plate.inp"}
+    (springs,) = tree["parameters"].values()
+    assert springs["baseline"] == 1.0
+    assert made.table is not None
+    for name, point in {**own.responses, **own.excitation}.items():
+        found = (tree["responses"] | tree["excitation"])[name]
+        at = (made.table.node == found["node"]) & (made.table.component == found["component"])
+        np.testing.assert_allclose(made.table.xyz[at], [point.near], atol=1e-2)
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -11,6 +11,9 @@ import scipy.io
 import scipy.sparse as sp
 from campaigns import Folder, box, chain_folder, frame
 
+from lrbc_cli import load
+from lrbc_cli.campaign.reading.inputs import Inputs
+
 Matrices = dict[str, np.ndarray]
 
 
@@ -347,6 +350,76 @@ def test_several_edges_in_one_list(tmp_path: Path) -> None:
     result = folder.run("check")
     assert result.code == 2
     assert "changes at bolts reach across the jumps" in result.stderr
+
+
+def plate(path: Path) -> Folder:
+    """The chain, its DOFs at the nodes of a field of 4 by 3, numbered at random, with two rows of two bolts."""
+    folder = measured_chain(path)
+    places = [(0.1 * (k % 4), 0.15 * (k // 4)) for k in (7, 2, 9, 0, 11, 4, 6, 1, 10, 3, 8, 5)]
+    rows = "".join(f"{i},{100 + i},UZ,{x:.3f},{y:.3f},0\n" for i, (x, y) in enumerate(places))
+    (folder.data / "dofs.csv").write_text("dof,node,component,x,y,z\n" + rows)
+    (folder.data / "bolts.csv").write_text("name,x,y,z\nB1,0.05,0,0\nB2,0.25,0,0\nB3,0.05,0.3,0\nB4,0.25,0.3,0\n")
+    tree = folder.tree()
+    tree["model"]["dofs"] = "data/dofs.csv"
+    tree["bolts"] = "data/bolts.csv"
+    folder.write(tree)
+    return folder
+
+
+ROWS = {"component": "UZ", "along": [[0, 0, 0], [0.3, 0, 0], [5, 0, 0], [5, 0.3, 0], [0.3, 0.3, 0], [0, 0.3, 0]], "tolerance": 0.01}
+
+
+def test_selecting(tmp_path: Path) -> None:
+    folder = plate(tmp_path / "new")
+    (folder.data / "nodes.csv").write_text("node\n103\n107\n101\n109\n")
+
+    def selected(**select: object) -> tuple[Inputs, list[str]]:
+        tree = folder.tree()
+        tree["parameters"]["springs"] |= {"select": select, "smoothing": None if "near_bolts" in select else SMOOTH}
+        folder.write(tree)
+        inputs = folder.inputs()
+        return inputs, [note for note in inputs.notes if note.startswith("parameters springs")]
+
+    nodes, notes = selected(component="UZ", nodes="data/nodes.csv")
+    assert notes[1] == "parameters springs: 4 values every 0.1 m, 0.3 m from (0, 0, 0) to (0.3, 0, 0)"
+    border, notes = selected(component="UZ", boundary=True)
+    assert border.groups[0].count == 10
+    assert notes[1].startswith("parameters springs: 10 values 0.1 to 0.15 m apart, ")
+    # Two rows on one line: each is a group of its own, and what smooths one does not know the other.
+    rows, notes = selected(**ROWS)
+    assert [group.name for group in rows.groups] == ["springs-1", "springs-2"]
+    assert notes[1] == "parameters springs: 2 edges, groups of their own: nothing ties values of one to those of another"
+    assert notes[3] == "parameters springs-2: 4 values every 0.1 m, 0.3 m from (0.3, 0.3, 0) to (0, 0.3, 0)"
+    first, second = rows.groups
+    dof = rows.model.terms.left.argmax(axis=0)
+    assert nodes.dofs is not None
+    np.testing.assert_array_equal(nodes.dofs.node[dof[first.terms]], [103, 107, 101, 109])
+    np.testing.assert_array_equal(nodes.dofs.node[dof[second.terms]], [104, 108, 102, 110])
+    for group in load(folder.config, cache=folder.cache).parameters([30.0, 40.0]).groups:
+        # The row of an end lacks the neighbour that it does not have.
+        np.testing.assert_allclose(group.smoothing.sum(axis=1), [1.0, 4 / 3, 4 / 3, 1.0], atol=1e-5)
+    bolts, _ = selected(component="UZ", near_bolts=0.06)
+    assert bolts.groups[0].bolt is not None
+    assert bolts.groups[0].bolt.tolist() == [0, 1, 2, 3]
+    np.testing.assert_array_equal(np.bincount(bolts.groups[0].parameter), [2, 2, 2, 2])
+
+
+def test_selecting_nothing(tmp_path: Path) -> None:
+    folder = plate(tmp_path / "new")
+    for select, words in (
+        ({"component": "UZ", "near_bolts": 0.01}, ("near_bolts", "that near to B1, B2, B3, B4")),
+        ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]], "tolerance": 0.1}, ("along", "x 0 to 0.3")),
+        ({"component": "UZ", "boundary": True, "box": [[0, 1], [0, 0], [0, 0]]}, ("boundary", "on a line")),
+        ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]]}, ("not exactly one way of selecting", "{component:, along:, tolerance:}")),
+        ({"component": "UZ", "nodes": "data/bolts.csv"}, ("bolts.csv", "node")),
+    ):
+        tree = folder.tree()
+        tree["parameters"]["springs"]["select"] = select
+        folder.write(tree)
+        result = folder.run("check")
+        assert result.code in (2, 3)
+        for word in words:
+            assert word in result.stderr, result.stderr
 
 
 def test_discrete_bolts_may_lie_apart(tmp_path: Path) -> None:

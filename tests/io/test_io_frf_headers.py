@@ -9,7 +9,8 @@ import pytest
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import TextLayout, detect_frf_format, read_frf
-from lrbc_cli.io.text.header import decibel, heading, split_unit
+from lrbc_cli.io.text.header import heading, split_unit
+from lrbc_cli.io.units import decibel
 
 HZ = np.array([0.5, 1.0, 1.5, 2.0])
 H = np.array([1 - 2j, 0.3 + 0.4j, -5 + 1e-3j, 2e-2 - 1e-2j])

@@ -8,7 +8,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.selection import along, arc_length, at_node, in_box, jumps, nearest, spacing, unit_columns
+from lrbc_cli.model.selection import (
+    along,
+    arc_length,
+    at_node,
+    edges_of,
+    in_box,
+    jumps,
+    near_line,
+    near_points,
+    nearest,
+    outline,
+    spacing,
+    unit_columns,
+)
 
 
 def table(xyz, components=("UZ", "ROTY")):
@@ -147,3 +160,116 @@ def line(*x):
 )
 def test_jumps(xyz, expected):
     assert jumps(xyz).tolist() == expected
+
+
+def turned(xyz, seed):
+    """The same shape somewhere in space."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return xyz @ axes.T + rng.uniform(-1, 1, size=3)
+
+
+def row(count, start, step):
+    return np.asarray(start, dtype=float) + np.arange(count)[:, None] * np.asarray(step, dtype=float)
+
+
+#: Sets of nodes, and how many lie on each of their edges, by the lowest node.
+SHAPES = {
+    "two edges apart": ([row(7, (0, 0, 0), (0, 0.05, 0)), row(5, (1.0, 0, 0), (0, 0.05, 0))], [7, 5]),
+    # Closer than a gap along an edge may be: their direction tells them apart.
+    "rows side by side": ([row(9, (0, 0, 0), (0, 0.05, 0)), row(9, (0.1, 0, 0), (0, 0.05, 0))], [9, 9]),
+    "rows side by side, shifted": ([row(9, (0, 0, 0), (0, 0.05, 0)), row(9, (0.15, 0.1, 0), (0, 0.05, 0))], [9, 9]),
+    "one edge with two nodes missing": ([row(6, (0, 0, 0), (0, 0.05, 0)), row(6, (0, 0.4, 0), (0, 0.05, 0))], [12]),
+    "one edge with a hole": ([row(6, (0, 0, 0), (0, 0.05, 0)), row(6, (0, 0.5, 0), (0, 0.05, 0))], [6, 6]),
+    "round a corner that is missing": ([row(6, (0, 0, 0), (0, 0.05, 0)), row(6, (0.05, 0.3, 0), (0.05, 0, 0))], [12]),
+    "four sides of a frame": (
+        [
+            *(row(9, (0.1, y, 0), (0.05, 0, 0)) for y in (0.0, 0.6)),
+            *(row(9, (x, 0.1, 0), (0, 0.05, 0)) for x in (0.0, 0.6)),
+        ],
+        [36],
+    ),
+    "two components of each node": (
+        [row(4, (0, 0, 0), (0, 0.05, 0)), row(4, (0, 0, 0), (0, 0.05, 0)), row(3, (1, 0, 0), (0, 0.05, 0))],
+        [8, 3],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_edges_are_told_apart(name):
+    rows, sizes = SHAPES[name]
+    xyz = np.concatenate(rows)
+    found = edges_of(xyz)
+    assert sorted(map(len, found)) == sorted(sizes)
+    assert sorted(np.concatenate(found).tolist()) == list(range(len(xyz)))
+    for edge in found:
+        steps = np.linalg.norm(np.diff(xyz[edge], axis=0), axis=1)
+        assert (steps < 0.16).all()
+
+
+@given(st.sampled_from(list(SHAPES)), st.integers(0, 2**31))
+@settings(max_examples=60, deadline=None)
+def test_edges_do_not_depend_on_the_numbers_of_the_nodes(name, seed):
+    xyz = turned(np.concatenate(SHAPES[name][0]), seed)
+    order = np.random.default_rng(seed).permutation(len(xyz))
+    first, again = edges_of(xyz), edges_of(xyz[order])
+    assert len(first) == len(again)
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(xyz[one], xyz[order][other])
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=40, deadline=None)
+def test_a_line_of_corners_selects_along_it(seed):
+    """Round a corner, past a node that is too far, whatever the numbers; on with the line's own direction."""
+    rng = np.random.default_rng(seed)
+    side = np.concatenate([row(6, (0, 0, 0), (0, 0.1, 0)), row(5, (0.1, 0.5, 0), (0.1, 0, 0))])
+    beside = np.array([[0.2, 0.25, 0.0], [0.0, -0.2, 0.0]])
+    nodes = np.concatenate([side, beside])
+    numbers = rng.permutation(len(nodes))
+    dofs = table(nodes[numbers])
+    corners = np.array([[0, 0, 0], [0, 0.5, 0], [0.5, 0.5, 0.0]])
+    np.testing.assert_allclose(dofs.xyz[near_line(dofs, "UZ", corners, 0.02)], side, atol=1e-12)
+    np.testing.assert_allclose(dofs.xyz[near_line(dofs, "ROTY", corners[::-1], 0.02)], side[::-1], atol=1e-12)
+    assert near_line(dofs, "UX", corners, 0.02).size == 0
+    assert near_line(dofs, "UZ", corners, 0.26).size == len(nodes)
+
+
+def test_nodes_near_points_belong_to_the_nearest():
+    dofs = table(row(11, (0, 0, 0), (0.1, 0, 0)))
+    found, owner = near_points(dofs, "UZ", np.array([[0.62, 0, 0], [0.2, 0.05, 0], [0.42, 0, 0]]), 0.13)
+    np.testing.assert_allclose(dofs.xyz[found, 0], [0.6, 0.7, 0.2, 0.1, 0.3, 0.4, 0.5])
+    assert owner.tolist() == [0, 0, 1, 1, 1, 2, 2]
+
+
+@given(st.integers(4, 9), st.integers(4, 9), st.booleans(), st.integers(0, 2**31))
+@settings(max_examples=40, deadline=None)
+def test_the_border_of_a_field(nx, ny, hole, seed):
+    """Of a sheared, unevenly meshed plate somewhere in space; a hole of four nodes has a border too."""
+    rng = np.random.default_rng(seed)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"))
+    border = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1)
+    keep = np.ones(i.size, dtype=bool)
+    if hole and nx > 7 and ny > 7:
+        keep = ~np.isin(i, (3, 4)) | ~np.isin(j, (3, 4))
+        # Its corners are left out: nothing but elements would tell that half of one does not lie there.
+        border |= keep & (((i >= 2) & (i <= 5) & np.isin(j, (3, 4))) | ((j >= 2) & (j <= 5) & np.isin(i, (3, 4))))
+    x, y = (np.concatenate([[0.0], np.cumsum(rng.uniform(0.9, 1.1, size=count - 1))]) for count in (nx, ny))
+    plane = np.column_stack([x[i] + 0.1 * y[j], y[j], 0.0 * i])
+    order = rng.permutation(np.flatnonzero(keep))
+    found = outline(turned(0.05 * plane[order], seed))
+    assert set(order[found]) == set(np.flatnonzero(border & keep))
+
+
+@pytest.mark.parametrize(
+    ("xyz", "reason"),
+    [
+        (row(9, (0, 0, 0), (0.1, 0, 0)), "on a line"),
+        (np.random.default_rng(1).normal(size=(30, 3)), "in a plane"),
+        (np.concatenate([row(9, (0, 0.9 * k, 0), (0.1, 0, 0)) for k in range(4)]), "too unequal"),
+    ],
+)
+def test_no_border_is_guessed(xyz, reason):
+    with pytest.raises(ValueError, match=reason):
+        outline(xyz)

@@ -12,7 +12,7 @@ from lrbc_cli.reduction import lines as full_lines
 from lrbc_cli.reduction import problem
 from lrbc_cli.reduction.build import COMPRESSION, Reducer, ReductionOptions, reduce_model
 from lrbc_cli.reduction.certify import port_errors, residual_errors
-from lrbc_cli.reduction.compress import ELSEWHERE, Compressor, Modes
+from lrbc_cli.reduction.compress import ELSEWHERE, Compressor, SweepModes
 from lrbc_cli.reduction.sweep import ReducedSolver
 from lrbc_cli.reduction.unseen import distance, tolerance_factor, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
@@ -162,7 +162,7 @@ class TestCompression:
     def test_shares_left_out(self):
         rng = np.random.default_rng(2)
         X = rng.normal(size=(12, 12)) @ np.diag(10.0 ** -np.arange(12.0)) @ rng.normal(size=(12, 40))
-        modes = Modes.of(X @ X.T)
+        modes = SweepModes.of(X @ X.T)
         for count in (1, 2, 4):
             rest = X - modes.vectors[:, :count] @ (modes.vectors[:, :count].T @ X)
             assert modes.tail[count] == pytest.approx(np.linalg.norm(rest) / np.linalg.norm(X), rel=1e-3)

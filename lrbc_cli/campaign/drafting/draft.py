@@ -12,7 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
-from lrbc_cli.campaign.drafting.roles import HAMMER, PointFound, Roles, edge_near, reference_of, roles_of, table_of
+from lrbc_cli.campaign.drafting.roles import (
+    HAMMER,
+    PointFound,
+    Roles,
+    baselines_of,
+    edge_near,
+    holds_springs,
+    reference_of,
+    roles_of,
+    table_of,
+    units_of,
+)
 from lrbc_cli.config.document import resolve_scalar
 from lrbc_cli.config.fields import is_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
@@ -93,7 +104,7 @@ class Draft:
             ["responses:", *responses],
             ["# What is identified: terms of stiffness at the bolts (`lrbc guide campaign`)", *self._parameters()],
             [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
-            self._update(reference, names),
+            self._update(reference, names, baselines_of(list(jobs), reference)),
             self._calibration(reference),
             ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(path)}" for name, path in jobs.items()]],
         ]
@@ -103,13 +114,18 @@ class Draft:
         self.todo += self.roles.doubts
         self.todo += [f"{name} has no role yet" for name in self.roles.spare]
         self.todo += [f"{path.name} was not recognised: {why}" for path, why in self.found.rest.items()]
+        name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
+        units = units_of(self.roles, self.table)
+        if units[:1] == ["SI"]:
+            name += ["# units: mm-N-t                     # where model and coordinates are not in SI"]
+        elif units:
+            name += [f"units: {units[0]:28} # of model and coordinates, by masses and distances"]
+            self.todo.append(f"units: {' or '.join(units)}, guessed from masses and distances of the model")
         head = [
             SCHEMA_LINE,
             "# Written by `lrbc init --from` from the files that were there. Next: lrbc check, then lrbc run.",
             *(["#", "# To do, or to confirm:", *[f"#   - {' '.join(item.split())}" for item in self.todo]] if self.todo else []),
         ]
-        name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
-        name += ["# units: mm-N-t                     # where model and coordinates are not in SI"]
         return "\n\n".join("\n".join(part) for part in [head, name, *sections] if part) + "\n"
 
     def _model(self, band: tuple[float, float]) -> list[str]:
@@ -233,7 +249,7 @@ class Draft:
         return lines, [name for name in names if name not in {entry[0] for entry in lost}]
 
     def _parameters(self) -> list[str]:
-        groups = [(_name(path.stem, "bushings"), f"{{bushings: {self.path(path)}}}") for path in self.found.of("bushings")]
+        groups = [(_name(path.stem, "bushings"), self._bushings(path)) for path in self.found.of("bushings")]
         groups += [
             (_name(matrix.name, "edge"), f"{{vectors: {self.matrix(matrix)}, positions: {self.path(path)}}}")
             for matrix, path in self.roles.terms
@@ -252,6 +268,15 @@ class Draft:
             self.recognised.append(f"bolts: {self.roles.bolts.name}")
             lines += ["", f"bolts: {self.path(self.roles.bolts)}"]
         return lines
+
+    def _bushings(self, path: Path) -> str:
+        """The selection, and whether the matrices hold these springs."""
+        held = holds_springs(path, self.roles, self.table)
+        if held is None:
+            self.todo.append(f"parameters: baseline: 1.0 where the stiffness matrix holds the springs of {path.name} already")
+        return f"{{bushings: {self.path(path)}}}" + (
+            "\n    baseline: 1.0                   # the stiffness matrix holds these springs" if held else ""
+        )
 
     def _edge(self) -> tuple[str, str]:
         """Name and selection of the terms where no file holds them."""
@@ -272,11 +297,14 @@ class Draft:
         above = lines[lines > 0]
         return (float(above.min()), float(above.max())) if above.size > 1 else (20.0, 400.0)
 
-    def _update(self, reference: str | None, names: Sequence[str]) -> list[str]:
+    def _update(self, reference: str | None, names: Sequence[str], baselines: Sequence[str]) -> list[str]:
         lines = ["update:"]
         lines.append(
             f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
         )
+        if reference and baselines:
+            lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
+            self.todo.append(f"update.baselines: {', '.join(baselines)}, by the name; all bolts tight there?")
         if len(names) > 3:
             lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
         return [*lines, "  loss: soft                        # single wild lines count little", "  loss_scale: 1.0"]
@@ -311,7 +339,8 @@ class Draft:
 
 def draft(folder: Path, found: FilesFound) -> Draft:
     """A campaign file in a folder for what was found."""
-    return Draft(folder, found, roles_of(found), table_of(found))
+    roles = roles_of(found)
+    return Draft(folder, found, roles, table_of(found, roles))
 
 
 def quoted(text: str) -> str:

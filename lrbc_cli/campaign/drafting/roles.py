@@ -11,16 +11,21 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
+from lrbc_cli.campaign.reading.dof_source import numbering
+from lrbc_cli.campaign.reading.places import likely_units
+from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.io.text.tables import is_dof_table, read_dof_table, read_positions, read_table
+from lrbc_cli.io.sparse import MatrixFile
+from lrbc_cli.io.text.bushings import read_bushings
+from lrbc_cli.io.text.tables import read_positions, read_table
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.reduction.vectors import highest_omega
 
 #: Names of operators, from whole names to parts of them.
 OPERATORS = {
-    "stiffness": re.compile(r"^(k|kaa|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti$", re.IGNORECASE),
-    "mass": re.compile(r"^(m|maa|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas$", re.IGNORECASE),
-    "damping": re.compile(r"^(c|d|caa|baa)$|damp|daempf|dämpf|visc|\.dmp$", re.IGNORECASE),
+    "stiffness": re.compile(r"^(k|kaa|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti(\.gz)?$", re.IGNORECASE),
+    "mass": re.compile(r"^(m|maa|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas(\.gz)?$", re.IGNORECASE),
+    "damping": re.compile(r"^(c|d|caa|baa)$|damp|daempf|dämpf|visc|\.dmp(\.gz)?$", re.IGNORECASE),
 }
 
 #: Names of tight states, the surest first.
@@ -168,15 +173,54 @@ def reference_of(names: Sequence[str]) -> str | None:
     return None
 
 
-def table_of(found: FilesFound) -> DofTable | None:
-    """The DOF table, where a readable one is among the files."""
-    for path in found.of("dofs"):
-        try:
-            if is_dof_table(path):
-                return read_dof_table(path)
-        except LrbcError:
+def baselines_of(names: Sequence[str], reference: str | None) -> list[str]:
+    """Further jobs that are named like tight states, numbers left aside."""
+    words = {word for word in TIGHT if not word.isdigit()}
+    return [name for name in names if name != reference and words & set(re.split(r"[_\W\d]+", name.lower()))]
+
+
+def table_of(found: FilesFound, roles: Roles) -> DofTable | None:
+    """What the rows of the matrices are, and where, where the files say it; in the order of the stiffness."""
+    stiffness, tables, nodes = roles.operators.get("stiffness"), found.of("dofs"), found.of("nodes")
+    if stiffness is None or not (tables or nodes):
+        return None
+    maps = [*found.of("map"), None]
+    source = tables[0] if tables else DofSource.model_construct(nodes=nodes[0], map=maps[0], order=None, components=None)
+    try:
+        table = numbering(source, MatrixFile(stiffness.matrix, "", labels=stiffness.labels)).table
+    except LrbcError as error:
+        roles.doubts.append(f"model.dofs: {error.problem}" + (f"; {error.hint}" if error.hint else ""))
+        return None
+    return table if table is not None and table.node.size == stiffness.matrix.shape[0] else None
+
+
+def units_of(roles: Roles, table: DofTable | None) -> list[str]:
+    """Systems of units that the model may be written in."""
+    matrices = [roles.operators[role].matrix for role in ("stiffness", "mass") if role in roles.operators]
+    if table is None or len(matrices) < 2 or matrices[0].shape != matrices[1].shape:
+        return ["SI"]
+    return likely_units(matrices[0], matrices[1], table)
+
+
+def holds_springs(path: Path, roles: Roles, table: DofTable | None) -> bool | None:
+    """Whether the stiffness matrix contains the springs of a table already; None where that cannot be told.
+
+    A spring between two nodes of separate parts is the entry between them; one to ground is what a rigid translation leaves.
+    """
+    if table is None or "stiffness" not in roles.operators:
+        return None
+    K, springs = roles.operators["stiffness"].matrix.real.tocsr(), read_bushings(path)
+    at = {key: row for row, key in enumerate(zip(table.node.tolist(), table.component.tolist(), strict=True))}
+    shares = []
+    left = {label: K @ (table.component == label).astype(float) for label in ("UX", "UY", "UZ")}
+    for k, label in enumerate(springs.component):
+        rows = [at.get((int(node), label)) for node in (springs.node_a[k], springs.node_b[k]) if node is not None]
+        if label not in left or None in rows or not np.array_equal(springs.axes[k], np.eye(3)):
             continue
-    return None
+        held = left[label][rows[0]] if len(rows) == 1 else -K[rows[0], rows[1]]
+        shares.append(float(held) / springs.stiffness[k])
+    share = float(np.median(shares)) if shares else np.nan
+    return True if 0.5 < share < 1.5 else False if abs(share) < 0.05 else None
 
 
 def edge_near(bolts: Floats, table: DofTable) -> tuple[str, list[list[float]]] | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig
@@ -211,3 +212,13 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         found=listed(frf),
         hint=f"say which one in responses.{response.name}.record or in the job's records, by name, number, node or file",
     )
+
+
+def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
+    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
+    found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
+    files = [file for files in job.measurements for file in files]
+    for response, record in job.records.items():
+        if isinstance(record, FileRecordRef) and record.file in files:
+            found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
+    return found

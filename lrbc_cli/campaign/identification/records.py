@@ -234,7 +234,7 @@ def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tu
     """Coherences from files of their own, whose hashes are added."""
     found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
     for file in () if job.coherence is None else files_of(job.coherence):
-        own = read_coherence(file)
+        own = read_coherence(file, TextLayout(coherence=None if job.format is None else job.format.coherence))
         if len(own) == 1 and "" in own:
             own = {file.stem: own[""]}
         for key, pair in own.items():

@@ -7,12 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from lrbc_cli.campaign.identification.matching import about_measurement
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.fields import files_of
-from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.config.structure import FileRecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
@@ -111,16 +110,6 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
             None if job.coherence is None else [contents(file) for file in files_of(job.coherence)],
         ),
     }
-
-
-def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
-    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
-    found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
-    files = [file for files in job.measurements for file in files]
-    for response, record in job.records.items():
-        if isinstance(record, FileRecordRef) and record.file in files:
-            found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
-    return found
 
 
 def judgement(inputs: Inputs, name: str) -> Identity:

@@ -1,8 +1,10 @@
-"""Whether the terms of a group follow one another along one edge, where that matters."""
+"""Whether the terms of a group follow one another along one edge, where that matters; several edges are groups of their own."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,51 +12,105 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign
 from lrbc_cli.model.dofs import PointTable
-from lrbc_cli.model.selection import JUMP, jumps
+from lrbc_cli.model.selection import JUMP, arc_length, edges_of, jumps
 
 
-def require_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> list[str]:
-    """Refuse groups of several edges, or in no order, whose neighbours are tied across the jumps.
-
-    Returns
-    -------
-    list of str
-        Jumps that do no harm, in words: discrete bolts, one parameter each.
+def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> tuple[list[TermGroup], list[str]]:
+    """One group for each edge, where values are tied to their neighbours; in words what lies where.
 
     Raises
     ------
     ConfigError
-        Where smoothing, differences along the edge, or the hat of a bolt reach across a jump.
+        Where terms whose order the campaign states do not lie along one edge, and smoothing, differences along the edge, or the hat of a
+        bolt reach across a jump.
     """
-    notes = []
+    found, notes = list[TermGroup](), list[str]()
     for group in groups:
         if group.xyz is None or group.arc_length is None:
+            found.append(group)
             continue
-        at = jumps(group.xyz)
-        if not at.size:
-            continue
-        steps = np.diff(group.arc_length)
-        worst = int(at[np.argmax(steps[at])])
-        before, after = (f"value {k} at {_place(group.xyz[k])}" for k in (worst, worst + 1))
-        usual = np.median(np.delete(steps, at)) if at.size < steps.size else np.median(steps)
-        found = (
-            f"{at.size} jump{'s' if at.size > 1 else ''}, the largest {steps[worst]:.3g} m from {before} to {after}; "
-            f"other steps are {usual:.3g} m, all make {group.arc_length[-1]:.3g} m"
-        )
-        tied = _tied(campaign, group, at, bolts)
+        at = _breaks(group)
+        tied = _tied(campaign, group, at, bolts) if at.size else None
         if tied is None:
-            notes.append(f"parameters {group.name}: {found}; nothing ties the values across them")
-            continue
-        raise campaign.error(
-            f"the terms of {group.name} do not lie along one edge, and {tied} across the jumps",
-            "parameters",
-            group.name,
-            "select",
-            expected=f"each term next to the one before, within {JUMP:g} times the distance of neighbours",
-            found=found,
-            hint="make one group of each edge, and list its terms in their order along it",
-        )
-    return notes
+            if at.size:
+                notes.append(f"parameters {group.name}: {_jumps(group, at)}; nothing ties the values across them")
+            parts = [group]
+        elif _ordered_here(group) and at.size + 1 == len(edges_of(group.xyz)):
+            parts = _split(campaign, group, at)
+            notes.append(
+                f"parameters {group.name}: {len(parts)} edges, groups of their own: nothing ties values of one to those of another"
+            )
+        else:
+            raise campaign.error(
+                f"the terms of {group.name} do not lie along one edge, and {tied} across the jumps",
+                "parameters",
+                group.name,
+                "select",
+                expected=f"each term next to the one before, within {JUMP:g} times the distance of neighbours",
+                found=_jumps(group, at),
+                hint="make one group of each edge, and list its terms in their order along it; or select by `box`, which orders them",
+            )
+        notes += [line for part in parts if (line := _preview(part))]
+        found += parts
+    return found, notes
+
+
+def _ordered_here(group: TermGroup) -> bool:
+    """Whether nobody but this program said in which order the terms follow one another."""
+    select = group.config.select
+    return select.box is not None or select.along is not None or select.boundary is not None
+
+
+def _breaks(group: TermGroup) -> Integers:
+    """Index of the value before each step to another edge."""
+    assert group.xyz is not None
+    if not _ordered_here(group):
+        return jumps(group.xyz)
+    label = np.zeros(group.count, dtype=np.int64)
+    for k, edge in enumerate(edges_of(group.xyz)):
+        label[edge] = k
+    return np.flatnonzero(np.diff(label))
+
+
+def _split(campaign: Campaign, group: TermGroup, at: Integers) -> list[TermGroup]:
+    """The same terms as one group for each edge."""
+    assert group.xyz is not None
+    parts = []
+    for k, (a, b) in enumerate(pairwise([0, *(at + 1), group.count]), start=1):
+        inside = (group.parameter >= a) & (group.parameter < b)
+        name, xyz = f"{group.name}-{k}", group.xyz[a:b]
+        if name in campaign.parameters:
+            raise campaign.error("an edge of another group would have this name", "parameters", name, hint="rename this group")
+        own = group.parameter[inside] - a
+        parts.append(replace(group, name=name, terms=group.terms[inside], parameter=own, xyz=xyz, arc_length=arc_length(xyz)))
+    return parts
+
+
+def _preview(group: TermGroup) -> str:
+    """Where an edge begins and ends, and how far its terms are apart; nothing of a single one."""
+    assert group.xyz is not None
+    assert group.arc_length is not None
+    if group.count < 2:
+        return ""
+    steps = np.diff(group.arc_length)
+    low, high = float(steps.min()), float(steps.max())
+    apart = f"every {high:.3g} m" if high - low < 0.01 * high else f"{low:.3g} to {high:.3g} m apart"
+    ends = f"from {_place(group.xyz[0])} to {_place(group.xyz[-1])}"
+    return f"parameters {group.name}: {group.count} values {apart}, {group.arc_length[-1]:.3g} m {ends}"
+
+
+def _jumps(group: TermGroup, at: Integers) -> str:
+    """The steps that are none along an edge."""
+    assert group.xyz is not None
+    assert group.arc_length is not None
+    steps = np.diff(group.arc_length)
+    worst = int(at[np.argmax(steps[at])])
+    before, after = (f"value {k} at {_place(group.xyz[k])}" for k in (worst, worst + 1))
+    usual = np.median(np.delete(steps, at)) if at.size < steps.size else np.median(steps)
+    return (
+        f"{at.size} jump{'s' if at.size > 1 else ''}, the largest {steps[worst]:.3g} m from {before} to {after}; "
+        f"other steps are {usual:.3g} m, all make {group.arc_length[-1]:.3g} m"
+    )
 
 
 def _tied(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:

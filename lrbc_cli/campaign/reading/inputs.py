@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
-from lrbc_cli.campaign.reading.edges import require_edges
+from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
 from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_roles
@@ -268,7 +268,8 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
-    reader.notes += require_edges(campaign, groups, bolts)
+    groups, along = by_edges(campaign, groups, bolts)
+    reader.notes += along
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     if isinstance(campaign.model.damping, ProportionalDamping):
         eta = campaign.model.damping.structure.loss_factor, campaign.model.damping.acoustic.loss_factor

@@ -121,6 +121,15 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path)
     )
 
 
+def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
+    """Systems of units in which the masses and distances of a model as exported are those of a structure; SI where they are in it."""
+    found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
+    if found is None or (SLOWEST < found[0] < FASTEST and LIGHTEST < found[1] < HEAVIEST):
+        return ["SI"]
+    likely = _likely(*found)
+    return [] if likely is None else likely.split(" or ")
+
+
 def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
     """Speed of waves [m/s], mass of a node over the cube of the distance to the next [kg/m³], and that distance [m], roughly."""
     stiffness, mass = np.abs(K.diagonal())[field], np.real(M.diagonal())[field]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
-from lrbc_cli.config.structure import GroupConfig, PointConfig
+from lrbc_cli.config.structure import GroupConfig, PointConfig, SelectConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.common import head
@@ -22,14 +23,15 @@ from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.sparse import MatrixFile
-from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list
+from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list, read_nodes
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable
 from lrbc_cli.model.scaling import Scaling, scaling
-from lrbc_cli.model.selection import at_node, in_box, nearest, spacing
+from lrbc_cli.model.selection import at_node, in_box, in_order, near_line, near_points, nearest, outline, spacing
 from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
 
+PINNED = "DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free"
 FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its rotations free"
 
 #: Directions of universal files by the label of a DOF; a pressure has none.
@@ -235,36 +237,86 @@ class ModelReader:
                 "component",
                 expected=f"one of {', '.join(components)}",
                 found=select.component,
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
+                hint=PINNED,
             )
-        if select.nodes is not None:
-            out = []
-            for node in select.nodes:
-                found = at_node(table, node, select.component)
-                if found.size != 1:
-                    known = bool(np.any(table.node == node))
-                    raise campaign.error(
-                        f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
-                        *keys,
-                        "nodes",
-                        hint="an eliminated DOF cannot be loosened: export the edge pinned, its rotations free" if known else None,
-                    )
-                out.append(int(found[0]))
-            return DofList(np.array(out), xyz=table.xyz[out])
-        assert select.box is not None
-        box = [(low * self.unit.length, high * self.unit.length) for low, high in select.box]
-        dofs = in_box(table, select.component, box)
-        if not dofs.size:
-            inside = table.xyz[table.component == select.component] / self.unit.length
-            low, high = inside.min(axis=0), inside.max(axis=0)
-            raise campaign.error(
-                f"no DOF {select.component} lies in this box",
-                *keys,
-                "box",
-                expected="a box that overlaps " + ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True)),
-                hint="DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free",
-            )
+        if select.near_bolts is not None:
+            return self._at_bolts(table, select.component, select.near_bolts * self.unit.length, keys)
+        dofs = self._at_nodes(table, select, keys) if select.nodes is not None else self._in_space(table, select, keys)
         return DofList(dofs, xyz=table.xyz[dofs])
+
+    def _at_nodes(self, table: DofTable, select: SelectConfig, keys: Sequence[str]) -> NDArray[np.int64]:
+        """DOFs of a list of nodes, in its order."""
+        assert select.nodes is not None
+        assert select.component is not None
+        nodes = select.nodes
+        if isinstance(nodes, Path):
+            self.table(nodes)
+            nodes = read_nodes(nodes)
+        out = []
+        for node in nodes:
+            found = at_node(table, node, select.component)
+            if found.size != 1:
+                known = bool(np.any(table.node == node))
+                raise self.campaign.error(
+                    f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                    *keys,
+                    "nodes",
+                    hint=PINNED if known else None,
+                )
+            out.append(int(found[0]))
+        return np.array(out, dtype=np.int64)
+
+    def _in_space(self, table: DofTable, select: SelectConfig, keys: Sequence[str]) -> NDArray[np.int64]:
+        """DOFs of the nodes in a box, along a line or on the border of a field, in their order along their edges."""
+        unit, component = self.unit.length, select.component
+        assert component is not None
+        inside = table.xyz[table.component == component] / unit
+        low, high = inside.min(axis=0), inside.max(axis=0)
+        extent = ", ".join(f"{axis} {a:g} to {b:g}" for axis, a, b in zip("xyz", low, high, strict=True))
+        if select.along is not None:
+            assert select.tolerance is not None
+            dofs = near_line(table, component, np.array(select.along) * unit, select.tolerance * unit)
+            if not dofs.size:
+                problem = f"no DOF {component} lies within {select.tolerance:g} of this line"
+                raise self.campaign.error(problem, *keys, "along", expected=f"a line through nodes in {extent}", hint=PINNED)
+            return dofs
+        if select.box is not None:
+            dofs = in_box(table, component, [(a * unit, b * unit) for a, b in select.box])
+        else:
+            dofs = np.flatnonzero(table.component == component)
+        if not dofs.size:
+            problem = f"no DOF {component} lies in this box"
+            raise self.campaign.error(problem, *keys, "box", expected=f"a box that overlaps {extent}", hint=PINNED)
+        if select.boundary is None:
+            return dofs
+        try:
+            return in_order(table, dofs[outline(table.xyz[dofs])])
+        except ValueError as error:
+            raise self.campaign.error(
+                "these nodes have no border that their coordinates tell",
+                *keys,
+                "boundary",
+                expected="a flat field of nodes",
+                found=f"{dofs.size} nodes; {error}",
+                hint="restrict them by `box`, or select by `along` or `nodes`",
+            ) from None
+
+    def _at_bolts(self, table: DofTable, component: str, radius: float, keys: Sequence[str]) -> DofList:
+        """DOFs of the nodes about the bolts, each with its bolt."""
+        if self.bolts is None:
+            raise self.campaign.error("nodes near the bolts need the bolts", *keys, "near_bolts", expected="bolts: a CSV file name,x,y,z")
+        dofs, owner = near_points(table, component, self.bolts.xyz, radius)
+        alone = [name for b, name in enumerate(self.bolts.name) if b not in owner]
+        if alone:
+            raise self.campaign.error(
+                f"no DOF {component} lies that near to {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
+                *keys,
+                "near_bolts",
+                expected="a node for each bolt",
+                found=f"{radius / self.unit.length:g}",
+                hint="enlarge it, or leave bolts without terms out of the bolts file",
+            )
+        return DofList(dofs, xyz=table.xyz[dofs], bolt=tuple(self.bolts.name[b] for b in owner))
 
     def pick(self, point: PointConfig, *keys: str) -> tuple[int, str]:
         """One DOF, and where it was found in words."""

@@ -21,28 +21,31 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, first_bad, not_finite, scaled
 from lrbc_cli.io.hdf5.tools import fixed_texts, hdf5_image, load, lookup, open_hdf5, read_safely, sealed, text_attribute
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.named import Named, frf_set
 from lrbc_cli.io.sparse import numeric
 from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
 
 ENCODING = "lrbc-frf"
 VERSION = "0.1.0"
+#: Of a file of unknown origin: objects and groups in groups, at most.
+_MOST_OBJECTS, _DEEPEST = 2000, 5
 _UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s^2/N", "": ""}
 
 
 def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
-    """Read a file of ``write_frf_hdf5``.
+    """Read a file of ``write_frf_hdf5``, or one of any origin by the names of its data sets, see ``named``.
 
     Parameters
     ----------
     path
         The file.
     layout
-        Only ``unit`` and ``quantity`` count.
+        Of our own files only ``unit`` and ``quantity`` count.
 
     Raises
     ------
     DataError
-        If the layout or its version is not known, sizes differ, or a value is not finite.
+        If the version is not known, no FRF is understood, sizes differ, or a value is not finite.
     """
     return read_safely(_read, path, layout or TextLayout())
 
@@ -50,7 +53,9 @@ def read_frf_hdf5(path: Path, layout: TextLayout | None = None) -> FrfSet:
 def _read(path: Path, layout: TextLayout) -> FrfSet:
     with open_hdf5(path) as file:
         kind, version = text_attribute(file, "encoding-type"), text_attribute(file, "encoding-version")
-        if kind != ENCODING or version != VERSION:
+        if kind != ENCODING:
+            return frf_set(_named(file, path), path, layout)
+        if version != VERSION:
             raise DataError(
                 "this HDF5 file holds no FRFs in a known layout",
                 file=path,
@@ -104,6 +109,65 @@ def _read(path: Path, layout: TextLayout) -> FrfSet:
     if not records:
         raise DataError("the file holds no FRF", file=path, place="frf", expected="at least one output and input", found=values.shape)
     return FrfSet(str(path), tuple(records))
+
+
+def named_hdf5(path: Path) -> Named:
+    """Numbers and texts of an HDF5 file of any origin, MATLAB v7.3 among them, by name.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    return read_safely(_read_named, path)
+
+
+def _read_named(path: Path) -> Named:
+    with open_hdf5(path) as file:
+        return _named(file, path)
+
+
+def _named(file: h5py.File, path: Path) -> Named:
+    arrays: dict[str, NDArray[Any]] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+
+    def walk(group: h5py.Group, above: str, depth: int) -> None:
+        for key in group:
+            # What MATLAB keeps for itself begins with a hash.
+            if key.startswith("#") or len(arrays) + len(texts) >= _MOST_OBJECTS:
+                continue
+            node, name = lookup(group, key, path), f"{above}{key}"
+            if isinstance(node, h5py.Group):
+                if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
+                    walk(node, f"{name}.", depth + 1)
+                continue
+            _put(node, name, path, arrays, texts)
+
+    walk(file, "", 0)
+    return Named(arrays, texts)
+
+
+def _put(node: Any, name: str, path: Path, arrays: dict[str, NDArray[Any]], texts: dict[str, tuple[str, ...]]) -> None:
+    """Read one data set as numbers or texts; arrays of MATLAB lie transposed."""
+    kind = text_attribute(node, "MATLAB_class")
+    values = np.asarray(load(node, path))
+    if kind == "char":
+        texts[name] = ("".join(map(chr, values.ravel().tolist())).strip(),)
+    elif kind == "cell" and values.dtype == h5py.ref_dtype:
+        cells = [np.asarray(load(node.file[one], path)) for one in values.T.ravel().tolist()[:_MOST_OBJECTS]]
+        if all(cell.dtype.kind == "u" for cell in cells):
+            texts[name] = tuple("".join(map(chr, cell.ravel().tolist())).strip() for cell in cells)
+    elif values.dtype.kind in "fiubc" or values.dtype.names is not None:
+        if values.dtype.names is None or set(values.dtype.names) == {"real", "imag"}:
+            arrays[name] = numeric(values.T if kind is not None else values, path, name)
+    elif values.dtype.kind in "SUO":
+        found = [one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in values.ravel().tolist()]
+        if all(isinstance(one, str) for one in found):
+            texts[name] = tuple(found)
+    for attribute in ("unit", "units", "name", "names"):
+        text = text_attribute(node, attribute)
+        if text is not None:
+            texts[f"{name}.{attribute}"] = (text,)
 
 
 def write_frf_hdf5(path: Path, frf: FrfSet) -> None:

@@ -33,6 +33,9 @@ _NUMERIC = {"double", "single", *(kind for kind in _KINDS.values() if "int" in k
 # Array flags, dimensions and name come before the values of a variable.
 _PREFIX_BYTES = 4096
 
+#: Bytes that the texts of one variable may take.
+_MOST_TEXT = 2**20
+
 #: Structures in structures, at most.
 _DEEPEST = 4
 
@@ -84,6 +87,59 @@ def load_variables(path: Path, names: list[str]) -> dict[str, Any]:
         with damaged(path, "MATLAB variable", variable.name):
             found[variable.name] = _values(variable, path)
     return found
+
+
+def load_texts(path: Path) -> dict[str, tuple[str, ...]]:
+    """Texts of every variable that holds some: rows of characters, or cells of texts.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    found = {}
+    for variable in _variables(path):
+        if variable.kind in ("char", "cell") and 0 not in variable.shape and variable.unpacked <= _MOST_TEXT:
+            with damaged(path, "MATLAB variable", variable.name):
+                texts = _cells(variable) if variable.kind == "cell" else _rows_of_text(variable)
+                if texts:
+                    found[variable.name] = texts
+    return found
+
+
+def _cells(variable: _Variable) -> tuple[str, ...]:
+    """Texts of a cell array; nothing where a cell holds something else."""
+    data, order, position = _plain(variable), variable.order, variable.values_at
+    texts: list[str] = []
+    for _ in range(math.prod(variable.shape)):
+        kind, count = struct.unpack_from(order + "II", data, position)
+        inner = _describe(data[position + 8 : position + 8 + count], False, order, variable.name) if kind == _MATRIX and count else None
+        if inner is None or inner.kind != "char":
+            return ()
+        texts.append("".join(_rows_of_text(inner)[:1]))
+        position += 8 + count + -count % 8
+    return tuple(texts)
+
+
+def _rows_of_text(variable: _Variable) -> tuple[str, ...]:
+    """Rows of an array of characters."""
+    data, order = _plain(variable), variable.order
+    kind, size = struct.unpack_from(order + "II", data, variable.values_at)
+    start = variable.values_at + 8
+    if kind >> 16:
+        kind, size, start = kind & 0xFFFF, kind >> 16, variable.values_at + 4
+    wide = {4: "utf-16", 17: "utf-16", 18: "utf-32"}.get(kind)
+    encoding = f"{wide}-{'le' if order == '<' else 'be'}" if wide else "utf-8" if kind == 16 else "latin-1"
+    text = data[start : start + size].decode(encoding, "replace")
+    rows, columns = variable.shape[0], math.prod(variable.shape[1:])
+    if rows == 1 or len(text) != rows * columns:
+        return (text.strip(),)
+    return tuple("".join(text[row::rows]).strip() for row in range(rows))
+
+
+def _plain(variable: _Variable) -> bytes:
+    """The element of a variable, unpacked."""
+    return _unpack(variable.element, 8 + variable.unpacked)[8:] if variable.compressed else variable.element
 
 
 def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
@@ -244,10 +300,7 @@ def _read_element(data: bytes, position: int, order: str) -> tuple[NDArray[Any],
 
 
 def _values(variable: _Variable, path: Path) -> Any:
-    data = variable.element
-    if variable.compressed:
-        data = _unpack(data, 8 + variable.unpacked)[8:]
-    position = variable.values_at
+    data, position = _plain(variable), variable.values_at
 
     def next_array() -> NDArray[Any]:
         nonlocal position

@@ -14,11 +14,11 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import unfinished
-from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, not_finite, scaled
+from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, conversion, not_finite, scaled
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import decibel, fold
+from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.text.sniff import TextTable, read_table
-from lrbc_cli.io.units import Unit, numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.io.units import decibel
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _PAIRS = {"real-imag": ("real", "imag"), "magnitude-phase": ("magnitude", "phase"), "db-phase": ("db", "phase")}
@@ -62,7 +62,7 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
         about = f"column {table.called(first)}"
         parts = _parts(table, first, second, representation, path)
         values = _combine(*parts, representation, _phase(table, second, representation, layout, notes))
-        scale, quantity = _unit(units.get(first, ""), layout, path, about, notes, warnings)
+        scale, quantity = conversion(units.get(first, ""), layout, path, about, notes, warnings)
         coherence = None
         if name in coherences:
             at = coherences[name].at
@@ -304,25 +304,3 @@ def _combine(first: NDArray[np.float64], second: NDArray[np.float64], representa
         return values
     magnitude = 10.0 ** (np.clip(first, -6000.0, 6000.0) / 20.0) if representation == "db-phase" else first
     return np.asarray(magnitude * np.exp(1j * (np.deg2rad(second) if phase == "deg" else second)), dtype=np.complex128)
-
-
-def _unit(label: str, layout: TextLayout, path: Path, place: str, notes: list[str], warnings: list[str]) -> tuple[float, str | None]:
-    """Factor to SI and quantity, from the layout or the column's own unit."""
-    stated, reference = layout.si_unit, 1.0
-    if (in_db := decibel(label)) is not None:
-        reference, label = in_db
-    unit = stated or parse_unit(label)
-    if stated is None and unit is not None and response_quantity(unit) is None:
-        unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
-    if unit is None or response_quantity(unit) is None:
-        if label.strip("- "):
-            warnings.append(f"unit {label!r} not understood; SI taken: say which under 'format: {{unit: ...}}' of the job")
-        return reference, layout.quantity
-    quantity = layout.quantity or response_quantity(unit)
-    if quantity != response_quantity(unit):
-        expected = f"a unit of {quantity} over force"
-        raise DataError("unit and quantity do not fit", file=path, place=place, expected=expected, found=label)
-    factor = unit.factor * (reference if stated is None else 1.0)
-    if factor != 1.0:
-        notes.append(f"values in {layout.unit or label} multiplied by {factor:.9g} to give SI")
-    return factor, quantity

@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
+from lrbc_cli.io.units import decibel, numerator_quantity, parse_unit, response_quantity
 
 #: Words for a part, in lower case without accents: English, German, French, Italian, Spanish.
 WORDS = {
@@ -31,7 +31,6 @@ _FREQUENCY = re.compile(r"(freq|frequency|frequenz|frequence|frequenza|frecuenci
 _INDEX = {"index", "nr", "no", "#", "n", "line", "linie", "zeile", "ligne", "point", "punkt", "number", "nummer", "bin", "i"}
 #: Units of an angle or a frequency that stand behind a heading without brackets.
 _PLAIN = {"hz", "khz", "rad/s", "db", "deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
-_DECIBEL = re.compile(r"db(?![a-z])\s*(?:(?:re|ref|rel|bez)\b\.?:?|/)?\s*([\d.,]+(?:e[-+]?\d+)?)?\s*(.*)", re.IGNORECASE)
 #: Keys above a table that state the unit of its values, letters only.
 _UNIT_KEYS = {
     *("amplitudeunit", "unit", "units", "yaxisunit", "yunit", "yunits", "unity", "ordinateunit"),
@@ -39,6 +38,8 @@ _UNIT_KEYS = {
     *("unite", "uniteordonnee", "unitey", "uniteamplitude"),
 }
 _KEY = re.compile(r"[\s\"#%]*([^:=;\t]{2,40}?)\"?\s*[:=;\t]+\s*\"?([^;\t]*?)[\"\s;]*")
+#: Characters of a heading, or of a line with a key, that are looked at: what is longer is a name.
+_LONGEST = 300
 #: Lines above the numbers that may belong to a heading.
 _ROWS = 5
 
@@ -64,22 +65,9 @@ class Heading:
 
 
 def fold(text: str) -> str:
-    """Lower case without accents, letter by letter."""
-    return "".join((unicodedata.normalize("NFKD", letter)[:1] or letter).lower()[:1] for letter in unicodedata.normalize("NFC", text))
-
-
-def decibel(label: str) -> tuple[float, str] | None:
-    """Reference of a unit such as ``dB re 1 Pa/N`` as value and unit, empty where it names none; None for what is no decibel."""
-    match = _DECIBEL.fullmatch(label.strip())
-    if match is None:
-        return None
-    unit = match.group(2).strip("()[] ")
-    if unit and parse_unit(unit) is None:
-        return None
-    try:
-        return float((match.group(1) or "1").replace(",", ".")), unit
-    except ValueError:
-        return None
+    """Lower case without accents, letter by letter; what only looks like a letter stays."""
+    letters = unicodedata.normalize("NFC", text)
+    return "".join(unicodedata.normalize("NFD", letter)[0].lower() if len(letter.lower()) == 1 else letter for letter in letters)
 
 
 def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Heading, ...]:
@@ -87,12 +75,12 @@ def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Hea
     rows = _rows(lines, delimiter, width)
     units = [""] * width
     if len(rows) > 1 and _is_unit_row(rows[0]):
-        units = [cell.strip("[]() ") if cell.strip("[]() ").count("(") == cell.strip("[]() ").count(")") else cell for cell in rows.pop(0)]
+        units = [_bare(cell) for cell in rows.pop(0)]
     if not rows:
         return (Heading(),) * width
     found = [heading(cell) for cell in rows.pop(0)]
     if rows and not any(units) and _is_unit_row(rows[0]):
-        units = [cell.strip("[] ") for cell in rows.pop(0)]
+        units = [_bare(cell) for cell in rows.pop(0)]
     if rows:
         found = _with_titles(found, rows[0])
     return tuple(replace(one, unit=one.unit or unit) for one, unit in zip(found, units, strict=True))
@@ -101,7 +89,7 @@ def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Hea
 def stated_unit(lines: Sequence[str]) -> str:
     """Unit of an FRF that a line above the table states (``AmplitudeUnit: (m/s²)/N``); empty where none does."""
     for line in lines:
-        match = _KEY.fullmatch(line)
+        match = _KEY.fullmatch(line) if len(line) <= _LONGEST else None
         if match is None or "".join(filter(str.isalpha, fold(match.group(1)))) not in _UNIT_KEYS:
             continue
         value = match.group(2).strip()
@@ -112,6 +100,8 @@ def stated_unit(lines: Sequence[str]) -> str:
 
 def heading(cell: str) -> Heading:
     """Divide ``Re(mic01) [Pa/N]``, ``mic01_real``, ``Realteil mic01 / (Pa/N)`` and the like."""
+    if len(cell) > _LONGEST:
+        return Heading(text=cell, name=cell)
     text, unit = split_unit(cell)
     part = WORDS.get(fold(unit).rstrip("."))
     if part not in (None, "db"):
@@ -148,6 +138,12 @@ def _opening(cell: str) -> int:
         if depth == 0:
             return index if index < len(cell) - 1 else -1
     return -1
+
+
+def _bare(cell: str) -> str:
+    """A unit without brackets around it."""
+    text = cell.strip()
+    return text[1:-1].strip() if len(text) > 1 and _opening(text) == 0 else text
 
 
 def _is_response(label: str) -> bool:
@@ -217,8 +213,8 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 def _is_unit_row(cells: Sequence[str]) -> bool:
     def is_unit(cell: str) -> bool:
-        label = cell.strip("[] ")
-        return decibel(label) is not None or fold(label.strip("()")) in _PLAIN or parse_unit(label) is not None
+        label = _bare(cell)
+        return decibel(label) is not None or fold(label) in _PLAIN or parse_unit(label) is not None
 
     return any(cells) and all(not cell or is_unit(cell) for cell in cells)
 

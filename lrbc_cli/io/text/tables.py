@@ -284,6 +284,20 @@ def read_dof_list(path: Path, bolts: Collection[str] | None = None) -> DofList:
     return DofList(dof, table.names("parameter"), table.floats("x", "y", "z") if axes else None, table.owners(bolts))
 
 
+def read_nodes(path: Path) -> tuple[int, ...]:
+    """Read a column ``node``, in the table's order.
+
+    Raises
+    ------
+    DataError
+        With the line number, if the column is missing or another unknown, or a value is wrong or double.
+    """
+    table = read_table(path, ("node",))
+    nodes = table.integers("node")
+    table.require_distinct("node", nodes.tolist())
+    return tuple(nodes.tolist())
+
+
 def read_positions(path: Path, bolts: Collection[str] | None = None) -> Positions:
     """Read positions of terms: columns ``x, y, z``, ``parameter`` where terms share one, ``bolt`` where they belong to one.
 

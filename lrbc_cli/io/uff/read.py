@@ -114,10 +114,9 @@ def _no_frf(path: Path, functions: list[UffFunction], notes: Notes) -> DataError
         hint = "export the measured functions too, not the geometry or the modes alone"
         return DataError("the file holds no FRF", file=path, expected=expected, found=f"no dataset 58, but {there or 'none'}", hint=hint)
     kinds = {function.function_type for function in functions}
-    hint = (
-        _NO_PHASE if 4 in kinds else next((_INSTEAD[kind] for kind in (1, 5) if kind in kinds), _INSTEAD[6] if kinds == {6} else _SPECTRA)
-    )
-    found = notes.left_out or f"{len(functions)} coherence functions"
+    instead = [_INSTEAD[kind] for kind in (1, 5) if kind in kinds] + ([_INSTEAD[6]] if kinds == {6} else [])
+    hint = _NO_PHASE if 4 in kinds else [*instead, _SPECTRA][0]
+    found = notes.left_out or "coherence only"
     return DataError("the file holds no FRF", file=path, expected=expected, found=found, hint=hint)
 
 

@@ -1,0 +1,261 @@
+"""FRFs from named arrays: variables of MATLAB files, fields of their structures, data sets of HDF5 files of any origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, conversion, first_bad, not_finite, scaled
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.header import fold, heading
+from lrbc_cli.model.frf import FrfRecord, FrfSet
+
+_AXES = {"frequency_hz", "frequency", "freq", "f", "fhz", "f_hz", "freq_hz", "freqs", "frequencies", "hz", "frequenz", "omega"}
+_COHERENCES = {"coherence", "coh", "gamma2", "cxy", "coherences", "mscohere", "kohaerenz"}
+_NAMES = {"names", "name", "labels", "label", "channels", "channel_names", "channelnames", "responses", "response_names", "sensors"}
+_UNITS = {"units", "unit", "y_unit", "yunit", "y_units"}
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a file holds, by name; parts of a name are divided by points.
+
+    Attributes
+    ----------
+    arrays : mapping
+        Numbers, of any shape.
+    texts : mapping
+        Lists of texts.
+    """
+
+    arrays: Mapping[str, NDArray[Any]]
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def texts_of(self, name: str, known: set[str]) -> tuple[str, ...]:
+        """Texts with one of these names that belong to an array: in its structure, or to the array itself."""
+        for key, texts in self.texts.items():
+            group, _, last = key.rpartition(".")
+            if fold(last) in known and group in (name, _group(name)):
+                return texts
+        return ()
+
+
+def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
+    """All FRFs among named arrays, with their coherences.
+
+    Frequencies are an array called ``f``, ``freq``, ``frequency`` and the like (or as ``layout.frequency`` says), FRFs complex
+    arrays with as many rows (or columns, or pages), or pairs of real arrays ``NAME_real`` and ``NAME_imag``, in the same structure.
+    ``names`` and ``units`` beside them tell of the columns; ``coh`` or ``coherence`` (or what ``layout.coherence`` names) of the
+    same shape is their coherence. A complex matrix on its own has the frequency in its first column. Structures of Simcenter
+    Testlab (``x_values``, ``y_values``) are known.
+
+    Raises
+    ------
+    DataError
+        If no FRF is understood, or a value is not finite.
+    """
+    reader = _NamedFrfs(_spread(named), path, layout)
+    for name, (array, axis) in reader.found().items():
+        reader.read(name, array, axis)
+    if not reader.records:
+        raise DataError(
+            "the file holds no FRF that is understood",
+            file=path,
+            expected="a variable 'f' and complex arrays with as many rows, as variables or fields of one structure, or a complex "
+            "matrix with the frequency in its first column",
+            found=listing([f"{name} {array.shape} {array.dtype.kind}" for name, array in named.arrays.items()]),
+            hint="name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
+        )
+    return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
+
+
+def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[Floats, Floats]]:
+    """Frequencies and values of arrays that are called coherences, by the name of their column.
+
+    Raises
+    ------
+    DataError
+        If a value is no coherence.
+    """
+    reader = _NamedFrfs(named, path, layout)
+    found: dict[str, tuple[Floats, Floats]] = {}
+    for name, array in named.arrays.items():
+        axis = reader.axis_of(name)
+        if axis is None or not reader.is_coherence(name):
+            continue
+        columns = _columns(array, axis.size)
+        for label, column in zip(reader.labels(name, columns), columns, strict=True):
+            found[label] = (axis, clean_coherence(column, path, label)[0])
+    return found
+
+
+class _NamedFrfs:
+    """The arrays of one file, and what becomes of them."""
+
+    def __init__(self, named: Named, path: Path, layout: TextLayout) -> None:
+        self.named, self.path, self.layout = named, path, layout
+        self.records: list[FrfRecord] = []
+        self.notes = Notes()
+        self.warnings: list[str] = []
+        self._used: set[str] = set()
+
+    def axis_of(self, name: str) -> Floats | None:
+        """Frequencies [Hz] that belong to an array: of its own structure, else of the file."""
+        for group in (_group(name), ""):
+            for key, array in self.named.arrays.items():
+                if _group(key) == group and key != name and self._is_axis(key, array):
+                    self._used.add(key)
+                    return self._frequencies(array.ravel(), key)
+        return None
+
+    def _is_axis(self, key: str, array: NDArray[Any]) -> bool:
+        wanted = self.layout.frequency
+        vector = array.size > 1 and array.size == max(array.shape)
+        return vector and (key == str(wanted) or _last(key) == str(wanted) if wanted is not None else fold(_last(key)) in _AXES)
+
+    def _frequencies(self, values: NDArray[Any], place: str) -> Floats:
+        if values.dtype.kind == "c" and np.any(values.imag != 0):
+            raise DataError("the frequencies are complex", file=self.path, place=place, expected="real numbers", found="complex numbers")
+        unit = self.layout.frequency_unit or ("rad/s" if fold(_last(place)) == "omega" else "Hz")
+        frequency = np.array(values.real, dtype=np.float64) * {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}[unit]
+        check_frequencies(frequency, self.path, place)
+        return frequency
+
+    def is_coherence(self, name: str) -> bool:
+        """Whether an array is called a coherence."""
+        wanted, last = self.layout.coherence, _last(name)
+        if wanted is not None:
+            return str(wanted) in (name, last)
+        return fold(last) in _COHERENCES or heading(last).part == "coherence"
+
+    def found(self) -> dict[str, tuple[NDArray[Any], Floats]]:
+        """FRFs and their frequencies, by name."""
+        arrays, found = self.named.arrays, {}
+        wanted = self.layout.frequency
+        if wanted is not None and not any(self._is_axis(key, array) for key, array in arrays.items()):
+            raise DataError(
+                "the variable of frequencies is not there",
+                file=self.path,
+                place="format.frequency",
+                expected=str(wanted),
+                found=listing(list(arrays)),
+            )
+        for name, array in arrays.items():
+            axis = self.axis_of(name)
+            if axis is None:
+                if array.dtype.kind == "c" and array.ndim == 2 and min(array.shape) > 1:
+                    found[name] = (array[:, 1:], self._frequencies(array[:, 0], f"{name}, column 1"))
+                continue
+            if axis.size not in array.shape:
+                continue
+            if array.dtype.kind == "c":
+                found[name] = (array, axis)
+            elif heading(_last(name)).part == "real":
+                partner = next((key for key in arrays if _group(key) == _group(name) and _are_parts(_last(name), _last(key))), None)
+                if partner is not None and arrays[partner].shape == array.shape:
+                    self._used |= {name, partner}
+                    base = heading(_last(name)).name or _last(_group(name))
+                    found[".".join(part for part in (_group(name), base) if part)] = (array + 1j * arrays[partner], axis)
+        self._used |= found.keys()
+        return found
+
+    def labels(self, name: str, columns: list[NDArray[Any]]) -> list[str]:
+        """Names of the columns of an array."""
+        names = self.named.texts_of(name, _NAMES)
+        if len(names) == len(columns):
+            return [text.strip() for text in names]
+        group, own = _group(name), heading(_last(name)).name
+        # What is alone in its structure is called by that.
+        alone = sum(array.dtype.kind == "c" and _group(key) == group for key, array in self.named.arrays.items()) == 1
+        base = own if own and not (alone and group) else _last(group) or _last(name)
+        return [base] if len(columns) == 1 else [f"{base}_{index + 1}" for index in range(len(columns))]
+
+    def read(self, name: str, array: NDArray[Any], axis: Floats) -> None:
+        """Add the records of one array."""
+        columns = _columns(array, axis.size)
+        labels = self.labels(name, columns)
+        units = self.named.texts_of(name, _UNITS)
+        quality = self._coherence_of(name, array.shape, axis)
+        for index, (label, column) in enumerate(zip(labels, columns, strict=True)):
+            bad = first_bad(column)
+            if bad is not None:
+                raise not_finite(self.path, f"{label}, row {bad + 1}", column[bad])
+            unit = units[index] if len(units) == len(columns) else units[0] if len(units) == 1 else ""
+            notes: list[str] = []
+            factor, quantity = conversion(unit, self.layout, self.path, f"variable {name}", notes, self.warnings)
+            for note in notes:
+                self.notes.add(note)
+            coherence = None if quality is None else clean_coherence(quality[index], self.path, f"coherence of {label}")[0]
+            place = f"variable {name}" + (f", column {index + 1}" if len(columns) > 1 else "")
+            values = scaled(column, factor, self.path, label)
+            self.records.append(FrfRecord(label, axis, values, quantity, coherence=coherence, place=place))
+
+    def _coherence_of(self, name: str, shape: tuple[int, ...], axis: Floats) -> list[NDArray[Any]] | None:
+        """Columns of the coherence of an array: of its own name, else the only one of its structure and shape."""
+        fitting = [
+            key
+            for key, array in self.named.arrays.items()
+            if self.is_coherence(key) and _group(key) == _group(name) and array.size * len(shape) and array.size == np.prod(shape)
+        ]
+        own = [key for key in fitting if heading(_last(key)).name and heading(_last(key)).name == _last(name)]
+        chosen = own or ([key for key in fitting if not heading(_last(key)).name or len(fitting) == 1])
+        if len(chosen) != 1:
+            return None
+        self._used.add(chosen[0])
+        return _columns(self.named.arrays[chosen[0]], axis.size)
+
+    def left_out(self) -> list[str]:
+        """One line on the arrays that serve no FRF."""
+        names = [name for name, array in self.named.arrays.items() if name not in self._used and array.size > 1]
+        return [f"left out: {listing(names, 6)} (no FRF)"] if names else []
+
+
+def _group(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _are_parts(real: str, imag: str) -> bool:
+    first, second = heading(real), heading(imag)
+    return (first.name, first.part, second.part) == (second.name, "real", "imag")
+
+
+def _columns(array: NDArray[Any], count: int) -> list[NDArray[Any]]:
+    """Columns along the frequencies, which may be the first dimension or, in arrays of outputs by inputs, the last."""
+    along = 0 if array.shape[0] == count else array.ndim - 1 if array.shape[-1] == count else list(array.shape).index(count)
+    flat = np.moveaxis(array, along, 0).reshape(count, -1)
+    return [flat[:, index] for index in range(flat.shape[1])]
+
+
+def _spread(named: Named) -> Named:
+    """The same with the structures of Simcenter Testlab as frequencies and values: start, increment and number of an axis."""
+    arrays, texts = dict(named.arrays), dict(named.texts)
+    for key in named.arrays:
+        group, _, last = key.rpartition(".x_values.")
+        values = f"{group}.y_values.values"
+        if last != "increment" or values not in arrays:
+            continue
+        start, step, count = (float(arrays.pop(f"{group}.x_values.{part}", np.zeros(1)).ravel()[0].real) for part in _TESTLAB)
+        if not (step > 0 and 1 < count <= arrays[values].size):
+            continue
+        arrays[f"{group}.f"] = start + step * np.arange(int(count))
+        arrays[f"{group}.H"] = arrays.pop(values)
+        for source, target in (("function_record.name", "names"), ("y_values.quantity.label", "units")):
+            if f"{group}.{source}" in texts:
+                texts[f"{group}.{target}"] = texts.pop(f"{group}.{source}")
+    return Named(arrays, texts)
+
+
+_TESTLAB = ("start_value", "increment", "number_of_values")

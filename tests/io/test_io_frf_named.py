@@ -1,0 +1,146 @@
+"""FRFs in MATLAB structures and in HDF5 files of any origin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
+
+HZ = np.array([10.0, 10.5, 11.0, 11.5, 12.0])
+H = np.array([1 - 2j, 3 + 4j, 5e-6 - 6e-6j, 1j, -2 + 0.5j])
+COHERENCE = np.linspace(0.5, 1.0, HZ.size)
+TWO = np.stack([H, 2 * H], axis=1)
+GRAVITY = 9.80665
+
+
+def mat(tmp_path: Path, packed: bool = True, **variables: Any) -> Path:
+    path = tmp_path / "frf.mat"
+    scipy.io.savemat(path, variables, do_compression=packed)
+    return path
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("axis", "values", "quality"), [("f", "H", "coh"), ("freq", "FRF", "coherence"), ("frequency", "H1", "gamma2")])
+def test_a_structure(tmp_path: Path, packed: bool, axis: str, values: str, quality: str) -> None:
+    fields = {
+        axis: HZ[:, None],
+        values: TWO,
+        quality: np.stack([COHERENCE, COHERENCE**2], axis=1),
+        "names": np.array(["mic01", "acc1"], dtype=object),
+        "units": np.array(["Pa/N", "g/N"], dtype=object),
+    }
+    result = read_frf(mat(tmp_path, packed, meas=fields, title="plate", n=3.0))
+    mic, acc = result.records
+    assert [(r.name, r.quantity, r.number) for r in result.records] == [("mic01", "pressure", 1), ("acc1", "acceleration", 2)]
+    np.testing.assert_array_equal(mic.values, H)
+    np.testing.assert_allclose(acc.values, 2 * GRAVITY * H, rtol=1e-15)
+    np.testing.assert_allclose(acc.coherence, COHERENCE**2)
+    np.testing.assert_array_equal(acc.frequency_hz, HZ)
+
+
+def test_names_as_characters_and_columns_as_rows(tmp_path: Path) -> None:
+    path = mat(tmp_path, data={"freq": HZ, "H": TWO.T, "labels": np.array(["mic01", "ac1  "]), "unit": "m/s^2/N"})
+    result = read_frf(path)
+    assert [(r.name, r.quantity) for r in result.records] == [("mic01", "acceleration"), ("ac1", "acceleration")]
+    np.testing.assert_array_equal(result.records[1].values, 2 * H)
+
+
+def test_outputs_by_inputs(tmp_path: Path) -> None:
+    cube = np.arange(1, 7).reshape(3, 2)[:, :, None] * H  # outputs, inputs, lines
+    for array in (cube, np.moveaxis(cube, 2, 0)):
+        records = read_frf(mat(tmp_path, f=HZ, H=array)).records
+        assert [r.name for r in records] == [f"H_{k}" for k in range(1, 7)]
+        np.testing.assert_array_equal(records[3].values, 4 * H)
+
+
+def test_parts_and_several_structures(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="do not rise"):
+        read_frf(mat(tmp_path, f=HZ[::-1], H=H))
+    path = mat(tmp_path, f=HZ, mic01_real=H.real, mic01_imag=H.imag, mic01_coherence=COHERENCE, acc={"f": 2 * HZ, "H": 3 * H})
+    found = {record.name: record for record in read_frf(path).records}
+    assert set(found) == {"mic01", "acc"}
+    np.testing.assert_array_equal(found["mic01"].values, H)
+    np.testing.assert_array_equal(found["acc"].frequency_hz, 2 * HZ)
+    assert found["acc"].coherence is None
+
+
+def test_named_coherence(tmp_path: Path) -> None:
+    path = mat(tmp_path, f=HZ, H=H, quality=COHERENCE, temperature=HZ)
+    result = read_frf(path)
+    assert result.records[0].coherence is None
+    assert "left out: quality, temperature (no FRF)" in result.notes
+    result = read_frf(path, TextLayout(coherence="quality"))
+    np.testing.assert_allclose(result.records[0].coherence, COHERENCE)
+    # A file of coherences alone.
+    both = {"f": HZ, "coh": np.stack([COHERENCE, COHERENCE], 1), "names": np.array(["a", "b"], object)}
+    path = mat(tmp_path, f=HZ, mic01_coherence=COHERENCE, q=both)
+    assert set(read_coherence(path)) == {"mic01", "a", "b"}
+    with pytest.raises(DataError, match="0 to 1"):
+        read_frf(mat(tmp_path, f=HZ, H=H, coh=2 * COHERENCE))
+
+
+def test_simcenter_testlab_structure(tmp_path: Path) -> None:
+    """Axis by start, increment and number; several functions in one structure carry a cell of names."""
+    axis = {"start_value": HZ[0], "increment": 0.5, "number_of_values": float(HZ.size), "quantity": {"label": "Hz"}}
+    one = {"x_values": axis, "y_values": {"values": H, "quantity": {"label": "g/N"}}, "function_record": {"name": "FRF acc1"}}
+    names = np.array(["mic01", "mic02"], dtype=object)
+    two = {"x_values": axis, "y_values": {"values": TWO, "quantity": {"label": "Pa/N"}}, "function_record": {"name": names}}
+    records = read_frf(mat(tmp_path, FRF=one, FRF_1=two)).records
+    assert [(r.name, r.quantity) for r in records] == [("FRF acc1", "acceleration"), ("mic01", "pressure"), ("mic02", "pressure")]
+    np.testing.assert_allclose(records[0].values, GRAVITY * H, rtol=1e-15)
+    np.testing.assert_array_equal(records[2].values, 2 * H)
+    np.testing.assert_allclose(records[2].frequency_hz, HZ, rtol=1e-15)
+
+
+def matlab73(path: Path) -> None:
+    """As MATLAB writes v7.3: transposed arrays, complex numbers as compounds, texts as numbers, cells as references."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("meas")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+
+        def put(name: str, values: Any, kind: str = "double") -> h5py.Dataset:
+            dataset = file.create_dataset(name, data=values)
+            dataset.attrs["MATLAB_class"] = np.bytes_(kind)
+            return dataset
+
+        put("meas/f", HZ[None, :])
+        compound = np.empty(TWO.T.shape, dtype=[("real", "f8"), ("imag", "f8")])
+        compound["real"], compound["imag"] = TWO.T.real, TWO.T.imag
+        put("meas/H", compound)
+        cells = [put(f"#refs#/{name}", np.array([[ord(c)] for c in name], dtype=np.uint16), "char") for name in ("mic01", "acc1")]
+        put("meas/names", np.array([[cell.ref] for cell in cells], dtype=h5py.ref_dtype), "cell")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file")
+
+
+def test_matlab_73(tmp_path: Path) -> None:
+    matlab73(tmp_path / "frf.mat")
+    records = read_frf(tmp_path / "frf.mat").records
+    assert [record.name for record in records] == ["mic01", "acc1"]
+    np.testing.assert_array_equal(records[1].values, 2 * H)
+
+
+def test_hdf5_of_any_origin(tmp_path: Path) -> None:
+    path = tmp_path / "frf.h5"
+    with h5py.File(path, "w") as file:
+        file["run/freq"], file["run/frf"] = HZ, TWO
+        file["run/frf"].attrs["units"] = "Pa/N"
+        file["run/names"] = ["mic01", "mic02"]
+        file["run/quality"] = np.stack([COHERENCE, COHERENCE], axis=1)
+        file["other"] = h5py.SoftLink("/run/freq")
+    result = read_frf(path, TextLayout(coherence="quality"))
+    assert [(r.name, r.quantity) for r in result.records] == [("mic01", "pressure"), ("mic02", "pressure")]
+    np.testing.assert_array_equal(result.records[1].values, 2 * H)
+    np.testing.assert_allclose(result.records[1].coherence, COHERENCE)
+    with h5py.File(path, "w") as file:
+        file["a"] = np.eye(3)
+    with pytest.raises(DataError, match="no FRF that is understood") as caught:
+        read_frf(path)
+    assert "a (3, 3) f" in str(caught.value.found)
