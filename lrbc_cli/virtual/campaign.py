@@ -26,6 +26,8 @@ from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
 REHEARSAL_FORMAT, REHEARSAL_VERSION = "lrbc-rehearsal", 1
 RECORD = "rehearsal.json"
+#: What a rehearsal says of its data.
+VIRTUAL = "Rehearsal: no measurements, FRFs drawn from the model itself with noise, drift and scatter of the joints."
 
 Jobs = Mapping[str, Sequence[str]]
 
@@ -75,6 +77,9 @@ def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
     reference = next(iter(jobs))
     tree: dict[str, Any] = inputs.campaign.model_dump(mode="json", by_alias=True, exclude_unset=True)
     tree |= {"campaign": f"{tree['campaign']} (rehearsal)"[:200], "output": "output"}
+    # Nobody measured, and the page has to say so.
+    tree["description"] = f"{VIRTUAL} {tree.get('description', '')}"[:2000].strip()
+    tree.pop("operator", None)
     tree["update"] = {key: value for key, value in tree.get("update", {}).items() if key != "baselines"} | {"reference": reference}
     if tree.get("calibration"):
         tree["calibration"] |= {"job": reference}
