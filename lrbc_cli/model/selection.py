@@ -63,9 +63,8 @@ def in_order(table: DofTable, dofs: Integers) -> Integers:
     return dofs[np.concatenate(edges_of(table.xyz[dofs]))] if dofs.size else dofs
 
 
-def near_line(table: DofTable, component: str, points: Sequence[Sequence[float]], tolerance: float) -> Integers:
-    """DOFs with a component within a distance [m] of a polygon, in their order along it."""
-    corners = np.asarray(points, dtype=float)
+def near_line(table: DofTable, component: str, corners: Floats, tolerance: float) -> Integers:
+    """DOFs with a component within a distance [m] of a polygon (corners, 3), in their order along it."""
     dofs = np.flatnonzero(table.component == component)
     side = np.diff(corners, axis=0)
     length = np.linalg.norm(side, axis=1)

@@ -15,6 +15,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.document import as_yaml
 from lrbc_cli.config.fields import NAME_LENGTH, is_name
 from lrbc_cli.config.skeleton import FILE
+from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
@@ -25,6 +26,8 @@ from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
 REHEARSAL_FORMAT, REHEARSAL_VERSION = "lrbc-rehearsal", 1
 RECORD = "rehearsal.json"
+#: What a rehearsal says of its data.
+VIRTUAL = "Rehearsal: no measurements, FRFs drawn from the model itself with noise, drift and scatter of the joints."
 
 Jobs = Mapping[str, Sequence[str]]
 
@@ -74,9 +77,16 @@ def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
     reference = next(iter(jobs))
     tree: dict[str, Any] = inputs.campaign.model_dump(mode="json", by_alias=True, exclude_unset=True)
     tree |= {"campaign": f"{tree['campaign']} (rehearsal)"[:200], "output": "output"}
+    # Nobody measured, and the page has to say so.
+    tree["description"] = f"{VIRTUAL} {tree.get('description', '')}"[:2000].strip()
+    tree.pop("operator", None)
     tree["update"] = {key: value for key, value in tree.get("update", {}).items() if key != "baselines"} | {"reference": reference}
     if tree.get("calibration"):
         tree["calibration"] |= {"job": reference}
+    # The files that are written have records of their own.
+    counted = [name for name, response in inputs.campaign.responses.items() if not isinstance(response.record, str | RecordRef | None)]
+    for name in counted:
+        del tree["responses"][name]["record"]
     tree["jobs"] = {job: {"frf": f"frf/{job}.uff"} | ({"removed": list(removed)} if removed else {}) for job, removed in jobs.items()}
     return tree
 

@@ -135,7 +135,11 @@ def test_all_results_are_known(frame: Folder) -> None:
     """What commands leave in the output folder is what the guard knows of."""
     assert frame.run("calibrate").code == 0
     assert frame.run("plan", "--draws", "0").code == 0
-    assert frame.run("report", "--job", "loose-2").code == 0
+    assert frame.run("report", "--job", "loose-2", "--figures", "svg, pdf,svg").code == 0
+    assert {path.suffix for path in frame.out.rglob("profile.*")} == {".csv", ".png", ".pdf", ".svg"}
+    refused = frame.run("report", "--figures", "pdf,tiff")
+    assert refused.code == 2
+    assert "tiff: give pdf or svg" in refused.stderr
     (frame.data / "frf" / "loose-2.csv").write_bytes(b"")
     assert frame.run("update").code == 5
     for path in (path for path in frame.out.rglob("*") if path.is_file()):

@@ -56,6 +56,8 @@ def test_the_campaign_is_that_of_the_model(tmp_path: Path, cache: Path) -> None:
     assert done.json["file"] == (out / "campaign.yaml").as_posix()
     assert done.json["jobs"].keys() == {"tight", "loose-B1"}
     own, again = load_campaign(FRAME), load_campaign(out / "campaign.yaml")
+    assert again.description.startswith("Rehearsal: no measurements")
+    assert again.description.endswith(own.description)
     for part in ("model", "excitation", "responses", "parameters", "bolts", "reduction", "update", "calibration"):
         assert again.model_dump(mode="json")[part] == own.model_dump(mode="json")[part]
     assert {name: job.frf for name, job in again.jobs.items()} == {name: out / "frf" / f"{name}.uff" for name in ("tight", "loose-B1")}

@@ -211,6 +211,11 @@ def retitled(folder: Folder) -> tuple[str, ...]:
     return ("--override", "campaign=another title")
 
 
+def described(folder: Folder) -> tuple[str, ...]:
+    said = {"description": "Another word.", "operator": "A. Nobody", "test_article": "plate 2", "compare_with": "paper"}
+    return tuple(part for key, value in said.items() for part in ("--override", f"{key}={value}"))
+
+
 def commented(folder: Folder) -> tuple[str, ...]:
     folder.config.write_text("# a remark\n" + folder.config.read_text())
     return ()
@@ -225,10 +230,11 @@ def commented(folder: Folder) -> tuple[str, ...]:
         lambda _: ("--override", "reduction.backend=superlu"),
         lambda _: ("--workers", "2"),
         retitled,
+        described,
         lambda _: ("--accept-tolerance",),
         lambda folder: ("--override", f"output={folder.path.as_posix()}/x/../out"),
     ],
-    ids=["paths", "time-stamps", "comments", "back-end", "workers", "title", "accept", "output-path"],
+    ids=["paths", "time-stamps", "comments", "back-end", "workers", "title", "description", "accept", "output-path"],
 )
 def test_what_does_not_decide_about_a_result_keeps_it(frame: Folder, change: Callable[[Folder], tuple[str, ...]]) -> None:
     assert runs(frame, *change(frame)) == []

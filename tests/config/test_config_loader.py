@@ -194,7 +194,7 @@ CASES = [
     (swap("removed: [B08, B09]", "removed: [8, 9]"), "jobs.bolts-04.removed[0]", ["expected: text", "quotes", "removed[1]"]),
     (swap("removed: [B08, B09]", "removed: B08"), "jobs.bolts-04.removed", ["a list"]),
     (swap("removed: [B08, B09]", "removed: [B08, B08]"), "jobs.bolts-04.removed[1]", ["stands twice", "'B08'"]),
-    (swap("mic01: channel 7", "mic01: 7"), "jobs.bolts-04.records.mic01", ["{node:, direction:}", "the number 7"]),
+    (swap("mic01: channel 7", "mic01: 7.5"), "jobs.bolts-04.records.mic01", ["{node:, direction:}", "the number 7.5"]),
     (swap("lines: resonances", "lines: [1, 2]"), "update.lines", ["{list: [Hz, ...]}", "a list of 2"]),
     (swap("lines: resonances", "lines: resonance"), "update.lines", ["did you mean 'resonances'?"]),
     (swap("lines: resonances", "lines: {every: 0}"), "update.lines.every", ["at least 1"]),

@@ -300,3 +300,27 @@ def test_the_time_can_be_given(output):
     campaign, found = write.read_results(output)
     text = page.render(Content(campaign, found, None, {}, []), datetime(2026, 3, 1, 12, 30, tzinfo=UTC))
     assert "01 March 2026, 12:30 UTC" in text
+
+
+def test_each_job_has_a_part_that_its_name_leads_to(finished):
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    parts = dict(re.findall(r'<article id="(job-\d)" class="job"><h3>([\w-]+) ', page))
+    assert [*parts.values()] == ["bolts-00", "bolts-04", "bolts-15", "bolts-20"]
+    links = re.findall(r'<a href="#(job-\d)">([\w-]+)</a>', page)
+    # In the sentences and in the table.
+    assert sorted(links) == sorted([*parts.items()] * 2)
+    for anchor, job in list(parts.items())[:3]:
+        article = page.split(f'id="{anchor}"')[1].split("</article>")[0]
+        for words in ("Identified values", "Misfit by channel", f"Bolts of {job}", f"mic01 · {job}", f"mic02 · {job}"):
+            assert words in article, words
+        assert ("measured, bolts-00" in article) == (job != "bolts-00")
+        assert 'data-name="coherence"' in article
+
+
+def test_a_page_of_seven_jobs_is_no_large_mail(tmp_path, monkeypatch):
+    monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, say: 0)
+    write_campaign(tmp_path, evidence=True, coherence=True, calibration=True)
+    write_report(tmp_path)
+    found = parsed(tmp_path)
+    assert len([entry for entry in found.all("figure") if entry.get("data-response")]) == 70
+    assert (tmp_path / "report.html").stat().st_size < 6_000_000

@@ -440,10 +440,10 @@ def write_plan(output: Path, record: PlanRecord) -> None:
     """
     rows = []
     for bolt in record.bolts:
-        own = [bolt.name, bolt.group, *(bolt.position or (None,) * 3), bolt.arc_length, bolt.verdict, bolt.std, bolt.variance_removed]
+        place = (None,) * 3 if bolt.position is None else bolt.position
+        own = [bolt.name, bolt.group, *place, bolt.arc_length, bolt.verdict, bolt.std, bolt.variance_removed]
         for loss in bolt.losses:
-            one = loss.rehearsal
-            counts = (0, None, None, None) if one is None else (one.draws, one.loose, one.tight, one.alarms)
+            counts = (0, None, None, None) if (one := loss.rehearsal) is None else (one.draws, one.loose, one.tight, one.alarms)
             said = [loss.decades, loss.change, loss.d_prime, loss.right, *(loss.right95 or (None, None)), loss.missed, loss.alarm]
             rows.append([*own, *said, *counts, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)

@@ -88,12 +88,13 @@ def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Cha
         if job.explained
         else tuple(bolt if bolt.outside else bolt.model_copy(update={"verdict": "undecided"}) for bolt in job.bolts)
     )
+    unsure = "inconclusive" if job.explained else "no verdict"
     several = [*groups.values()]
     titles = {name: name if len(several) > 1 else group.kind for name, group in groups.items()}
     panels = tuple(
-        _profile_panel(group, bolts_of(group, several, bolts), scales[name], titles[name])
+        _profile_panel(group, bolts_of(group, several, bolts), scales[name], titles[name], unsure)
         if group.bolts is None
-        else _joint_panel(group, group.bolts, bolts, scales[name], titles[name])
+        else _joint_panel(group, group.bolts, bolts, scales[name], titles[name], unsure)
         for name, group in groups.items()
     )
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
@@ -102,14 +103,14 @@ def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Cha
     return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
 
 
-def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str) -> Panel:
+def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str, unsure: str) -> Panel:
     place = _places(group)
     items: list[Item] = []
     along = np.array([where for _, where in bolts])
     low, high = span_of([place, along])
     margin = 0.03 * (high - low) if high > low else 0.5
     half = _half_pitch(along, (high - low) or 1.0)
-    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", "inconclusive"), ("outside", "outside-stripe", _OUTSIDE))
+    stripes = (("loose", "loose", "judged loose"), ("undecided", "undecided", unsure), ("outside", "outside-stripe", _OUTSIDE))
     for verdict, role, label in stripes:
         chosen = np.array([where for bolt, where in bolts if bolt.verdict == verdict])
         if chosen.size:
@@ -137,13 +138,15 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
     return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
 
 
-def _joint_panel(group: Parameter, owners: Sequence[str | None], bolts: Sequence[Bolt], scale: tuple[float, float], title: str) -> Panel:
+def _joint_panel(
+    group: Parameter, owners: Sequence[str | None], bolts: Sequence[Bolt], scale: tuple[float, float], title: str, unsure: str
+) -> Panel:
     """Values of joints, a bar each: they lie along no edge."""
     count, known = len(owners), {bolt.name: bolt for bolt in bolts}
     verdicts = [None if name is None or name not in known else known[name].verdict for name in owners]
     left, right = np.arange(count) - 0.38, np.arange(count) + 0.38
     items: list[Item] = []
-    for verdict, role, label in (("loose", "loose", "judged loose"), ("undecided", "undecided", "inconclusive")):
+    for verdict, role, label in (("loose", "loose", "judged loose"), ("undecided", "undecided", unsure)):
         chosen = np.flatnonzero([found == verdict for found in verdicts])
         if chosen.size:
             items.append(Span(role, np.column_stack([chosen - 0.5, chosen + 0.5]), label))

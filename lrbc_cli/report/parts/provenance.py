@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 from lrbc_cli.report.drawing import format as fmt
@@ -66,8 +68,12 @@ def _inputs(jobs: Sequence[Job]) -> Markup | None:
             found.setdefault((path, digest), []).append(job.job)
     if not found:
         return None
+    # Where the files lay on the machine that read them is nobody's business.
+    folders = {str(PurePath(path).parent) for path, _ in found}
+    common = os.path.commonpath(folders) if all(map(os.path.isabs, folders)) else ""
     rows: list[list[str | Cell]] = [
-        [path, Cell(tag("code", digest), class_="hash"), names_of(where)] for (path, digest), where in found.items()
+        [path.removeprefix(common).lstrip("/\\"), Cell(tag("code", digest), class_="hash"), names_of(where)]
+        for (path, digest), where in found.items()
     ]
     return details(f"Inputs ({len(rows)} files)", table("Input files by SHA-256", ["File", "SHA-256", "Jobs"], rows, text_columns=3))
 

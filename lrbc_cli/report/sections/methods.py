@@ -12,12 +12,12 @@ CITATION = (
     "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet, Efficient vibro-acoustic identification of boundary conditions by low-rank "
     "parametric model order reduction, preprint submitted to Mechanical Systems and Signal Processing, 5 April 2018."
 )
-BIBTEX = """@article{vanOphem2018,
-  author  = {van Ophem, S. and van de Walle, A. and Deckers, E. and Desmet, W.},
-  title   = {Efficient vibro-acoustic identification of boundary conditions by low-rank parametric model order reduction},
-  journal = {Mechanical Systems and Signal Processing},
-  year    = {2018},
-  note    = {preprint of 5 April 2018}
+BIBTEX = """@unpublished{vanOphem2018,
+  author = {van Ophem, S. and van de Walle, A. and Deckers, E. and Desmet, W.},
+  title  = {Efficient vibro-acoustic identification of boundary conditions by low-rank parametric model order reduction},
+  note   = {Preprint submitted to Mechanical Systems and Signal Processing},
+  month  = apr,
+  year   = {2018}
 }"""
 _OPTIMISERS = {"gauss-newton": "a Gauss-Newton method with bounds", "bfgs": "BFGS"}
 
@@ -45,9 +45,9 @@ def _measured(content: Content) -> str:
     used = [entry.name for entry in content.campaign.responses if entry.used]
     unseen = [entry.name for entry in content.campaign.responses if not entry.used]
     states = len(content.jobs)
-    text = (
-        f"FRFs were measured in {states} state{'' if states == 1 else 's'} of the structure ({names_of([job.job for job in content.jobs])})"
-    )
+    # What the data are is quoted along with what was done to them.
+    text = f"{said.rstrip('.')}. " if (said := content.campaign.description.strip()) else ""
+    text += f"FRFs are of {states} state{'' if states == 1 else 's'} of the structure ({names_of([job.job for job in content.jobs])})"
     text += f" at {len(content.campaign.responses)} responses, of which {len(used)} were used for updating"
     text += f" and {len(unseen)} served as validation channels." if unseen else "."
     return text
@@ -75,12 +75,16 @@ def _updating(content: Content) -> str:
     jobs, job = content.done, content.done[-1]
     counts = sorted({len(entry.lines.frequency_hz) for entry in jobs})
     lines = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    values = sum(len(group.log10) for group in job.parameters.values())
+    values = f"{sum(len(group.log10) for group in job.parameters.values())} values of {', '.join(job.parameters)}"
     damping = " and a damping exponent" if job.damped else ""
+    what = f"In each state {values}{damping} were identified"
+    if job.prior is not None and job.prior.unknowns == "bolts":
+        what = f"In state {job.prior.of} {values}{damping} were identified, in every other state a change of stiffness at each of "
+        what += f"{len(job.observable)} bolts{damping},"
     method = _OPTIMISERS.get(job.optimiser.method, job.optimiser.method)
     return (
-        f"In each state {values} values of {', '.join(job.parameters)}{damping} were identified from {lines} spectral lines per response "
-        f"by minimising the differences of magnitude in dB with a regularising prior, by {method} from several starts."
+        f"{what} from {lines} spectral lines per response by minimising the differences of magnitude in dB with a regularising prior, "
+        f"by {method} from several starts."
     )
 
 
