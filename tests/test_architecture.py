@@ -52,7 +52,7 @@ FORBIDDEN = {
     "campaign": {"yaml", "click", "matplotlib"},
     "virtual": {"yaml", "h5py", "click", "matplotlib", "pydantic"},
     "report": {"yaml", "h5py", "click", "pydantic"},
-    "watch": NO_FILES | {"numpy", "scipy"},
+    "watch": NO_FILES | {"scipy"},
     "guide": NO_FILES | {"numpy", "scipy"},
     "matrices": NO_FILES,
     "study": {"yaml", "h5py", "click", "pydantic"},

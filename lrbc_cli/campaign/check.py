@@ -72,7 +72,9 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     decision = cache.look_up(folder, parts)
     out.sections["reduced model"] = _reduction(inputs, decision, out)
     use = inputs.calibration
-    if use is not None:
+    if use is not None and use.stale:
+        out.warnings.append(f"calibration: {use.text}")
+    elif use is not None:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
     out.warnings += inputs.method.warnings

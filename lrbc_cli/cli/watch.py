@@ -9,6 +9,7 @@ import click
 
 from lrbc_cli.cli.common import cache_folder, progress
 from lrbc_cli.cli.options import calibration_option, campaign_options
+from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.updating.clearance import not_clear
 from lrbc_cli.watch.loop import Pace, Watch
 from lrbc_cli.watch.session import Session, WatchSettings
@@ -56,22 +57,22 @@ def watch(
     page = session.output / "report.html"
 
     def tell(verdict: Verdict) -> None:
-        click.echo(json.dumps(verdict.tree(), ensure_ascii=False) if as_json else verdict.sentence)
+        if as_json:
+            say(json.dumps(verdict.tree(), ensure_ascii=False))
+        else:
+            say(verdict.sentence, finding=True)
         if bell:
             click.echo("\a", err=True, nl=False)
         trouble = None if program is None else program.run(verdict, page)
         if trouble is not None:
-            click.echo(f"warning: --hook: {trouble}", err=True)
-
-    def say(text: str) -> None:
-        click.echo(text, err=True)
+            remark(f"--hook: {trouble}", kind="warning")
 
     watched = session.campaign.watch
     place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
-    say(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
     if given:
-        say("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
-    run = Watch(session, tell, say, Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval))
+        remark("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
+    run = Watch(session, tell, remark, Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval))
     run.run(once)
     if run.failed:
         return 5

@@ -42,6 +42,7 @@ _FOREIGN = {
     b"\xd0\xcf\x11\xe0": "an old Excel workbook or another compound document",
     b"TDSm": "a TDMS file (time histories of LabVIEW, FlexLogger)",
     b"RIFF": "a sound file",
+    b"%%MatrixMarket": "a matrix, in the format Matrix Market",
 }
 
 #: Writer by the file's ending.
@@ -70,12 +71,12 @@ def detect_frf_format(path: Path) -> str:
         return "mat-v5"
     if is_uff(start):
         return "uff"
-    if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "text"
     known = next((text for mark, text in _FOREIGN.items() if start.startswith(mark)), None)
     if known is not None:
         expected = "a universal file (dataset 58), CSV or other text, HDF5 or MATLAB"
         raise DataError(f"this is {known}", file=path, expected=expected, found="no FRFs that can be read", hint="export one of these")
+    if b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "text"
     raise DataError(
         "the format of this file is not known",
         file=path,

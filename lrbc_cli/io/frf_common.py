@@ -60,9 +60,8 @@ def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) ->
     if fall.size:
         at = int(fall[0])
         found = f"{frequency[at]:.10g} Hz, then {frequency[at + 1]:.10g} Hz at point {at + 2}"
-        raise DataError(
-            "the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint="sort the lines"
-        )
+        hint = "sort the lines" + (", or say which column holds the frequencies: 'format: {frequency: ...}'" if "column" in place else "")
+        raise DataError("the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint=hint)
 
 
 def first_bad(values: NDArray[Any]) -> int | None:
@@ -128,6 +127,16 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
     if stated is None and unit is not None and response_quantity(unit) is None:
         unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
     if unit is None or response_quantity(unit) is None:
+        other = parse_unit(label)
+        if other is not None and other.dimension != (0, 0, 0):
+            raise DataError(
+                "this is not the unit of an FRF",
+                file=path,
+                place=place,
+                expected="a pressure or a motion over a force, such as Pa/N or (m/s²)/N",
+                found=label,
+                hint="export FRFs (H1, response over hammer force), not spectra; or say 'format: {unit: ...}' if the label is wrong",
+            )
         if label.strip("- "):
             warnings.append(f"unit {label!r} not understood; SI taken: say which under 'format: {{unit: ...}}' of the job")
         return reference, layout.quantity

@@ -20,7 +20,7 @@
     let air = !airBox || airBox.checked;
 
     const paths = [...scene.dots.map((d) => [...d, true]), ...scene.lines].map(([role, xyz, dots]) => {
-      const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? 2.2 : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
+      const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? (role === "term-dot" ? 5 : 2.2) : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
       return { role, xyz, dots, path: make("path", attributes, svg) };
     });
     const frame = make("path", { class: "l r-box" }, svg);
@@ -31,6 +31,8 @@
       const group = make("g", {}, svg);
       return { name, at, group, title: make("title", {}, group, title), glyph: make("g", {}, group), own: glyph, label: null, first: false };
     });
+    const leaders = make("path", { class: "l r-box", "stroke-width": 1 });
+    if (marks.length) marks[0].group.before(leaders);
     for (const mark of marks) mark.label = make("text", { class: "t r-strong label" }, svg, mark.name);
 
     // Symbols of bolts are those of the chosen job; bolts stand last.
@@ -59,7 +61,7 @@
       };
       for (let k = 0; k < 8; k++) grow([0, 1, 2].map((i) => (k & (1 << i) ? scene.high : scene.low)[i]), 0);
       const wide = Math.max(bounds[1] - bounds[0], 1), high = Math.max(bounds[3] - bounds[2], 1);
-      const space = width - 2 * RULER - 20;
+      const space = width - 2 * RULER - 30;
       // The height is that of the first view: what stands below the picture must not move while it turns.
       if (!draw.height) draw.height = Math.round(Math.min(Math.max((space * high) / wide + 2 * RULER + 20, 190), Math.max(0.72 * width, 300), 520));
       const height = draw.height, scale = zoom * Math.min(space / wide, (height - 2 * RULER - 20) / high);
@@ -86,7 +88,10 @@
         const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
         if (out[0] * (middle[0] - width / 2) + out[1] * (middle[1] - height / 2) < 0) out = out.map((v) => -v);
         for (const { at, text, element } of words) {
-          const [x, y] = at ? [px(at, 0), py(at, 0)] : middle, far = (at ? 12 : RULER) + (0.28 * FONT * text.length + (at ? -2 : 8)) * Math.abs(out[0]);
+          // The label of a ruler that stands upright stands above it, where the page is narrow too.
+          const upright = !at && Math.abs(out[0]) > 0.7;
+          const [x, y] = at ? [px(at, 0), py(at, 0)] : upright ? [b[0] + (14 * (b[0] - a[0])) / length, b[1] + (14 * (b[1] - a[1])) / length] : middle;
+          const far = upright ? 8 : (at ? 12 : RULER) + (0.28 * FONT * text.length - 2) * Math.abs(out[0]);
           if (at) strokes.push(`M${x} ${y}l${out[0] * 4} ${out[1] * 4}`);
           element.setAttribute("x", x + out[0] * far);
           element.setAttribute("y", y + out[1] * far + 4);
@@ -109,11 +114,14 @@
           for (let k = 0; k < 8; k++) taken.push([x + (k * dx) / 8 - 2, x + (k * dx) / 8 + 2, y + (k * dy) / 8 - 2, y + (k * dy) / 8 + 2]);
         }
       }
+      const lines = [];
       for (const mark of [...marks.filter((m) => m.first), ...marks.filter((m) => !m.first)]) {
         const x = px(mark.at, 0), y = py(mark.at, 0), long = 0.6 * FONT * mark.name.length;
         mark.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${(0.125 * grown).toFixed(4)})`);
-        const close = [[13 * grown, 4, "start"], [-13 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
-        const found = names && [...close, ...close.map(([dx, dy, anchor]) => [2.2 * dx, dx ? dy : 2 * dy, anchor])].find(([dx, dy, anchor]) => {
+        const close = [[15 * grown, 4, "start"], [-15 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
+        // Those of loose bolts may stand farther away, at the end of a line.
+        const far = mark.first ? [-1, 1].flatMap((v) => [-1, 1].map((h) => [34 * h, 26 * v + 4, h < 0 ? "end" : "start"])) : [];
+        const found = names && [...close, ...far].find(([dx, dy, anchor]) => {
           const left = x + dx - { start: 0, middle: 0.5, end: 1 }[anchor] * long, box = [left, left + long, y + dy - 10, y + dy + 2];
           const free = box[0] > 0 && box[1] < width && box[2] > 0 && box[3] < height;
           if (!free || taken.some((t) => box[0] < t[1] && t[0] < box[1] && box[2] < t[3] && t[2] < box[3])) return false;
@@ -122,8 +130,10 @@
         });
         mark.label.style.display = found ? "" : "none";
         if (!found) continue;
+        if (far.includes(found)) lines.push(`M${x} ${y}L${x + 0.94 * found[0]} ${y + found[1] - 4}`);
         for (const [key, value] of Object.entries({ x: x + found[0], y: y + found[1], "text-anchor": found[2], "font-size": FONT })) mark.label.setAttribute(key, value);
       }
+      leaders.setAttribute("d", lines.join(""));
     };
     const later = () => {
       if (!waiting) requestAnimationFrame(draw);

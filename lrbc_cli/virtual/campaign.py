@@ -15,6 +15,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.document import as_yaml
 from lrbc_cli.config.fields import NAME_LENGTH, is_name
 from lrbc_cli.config.skeleton import FILE
+from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
@@ -82,6 +83,10 @@ def campaign_tree(inputs: Inputs, jobs: Jobs) -> dict[str, Any]:
     tree["update"] = {key: value for key, value in tree.get("update", {}).items() if key != "baselines"} | {"reference": reference}
     if tree.get("calibration"):
         tree["calibration"] |= {"job": reference}
+    # The files that are written have records of their own.
+    counted = [name for name, response in inputs.campaign.responses.items() if not isinstance(response.record, str | RecordRef | None)]
+    for name in counted:
+        del tree["responses"][name]["record"]
     tree["jobs"] = {job: {"frf": f"frf/{job}.uff"} | ({"removed": list(removed)} if removed else {}) for job, removed in jobs.items()}
     return tree
 

@@ -207,6 +207,8 @@ class VirtualStructure:
         if isinstance(called, RecordRef):
             node, direction = called.node, called.direction
         hammer, along = self.inputs.excitation_points[response.input]
+        if isinstance(called, RecordRef) and called.reference_node is not None:
+            hammer, along = called.reference_node, called.reference_direction or along
         return FrfRecord(
             called if isinstance(called, str) else response.name,
             self.frequency_hz,

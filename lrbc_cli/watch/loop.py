@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -98,6 +99,7 @@ class Watch:
         self.lock, self.wake = Lock(self.session.output), Wake()
         self.arrivals = Arrivals(self.pace.settle)
         self._said: set[str] = set()
+        self._cold = True
         self._known: object = None
         # The page of earlier results is to refresh itself too.
         self._page_again, self._undrawn = 0.0, any(self.session.output.glob("*/result.json"))
@@ -123,8 +125,8 @@ class Watch:
                 soon = self.arrivals.next
                 if once and soon is None:
                     return
-                if soon is None and self._undrawn:
-                    self._page(figures=True)
+                if soon is None:
+                    self._idle()
                 self.wake.wait(self.pace.interval if soon is None else min(max(soon - time.monotonic(), 0.01), self.pace.interval))
                 self.lock.beat()
         finally:
@@ -134,6 +136,16 @@ class Watch:
             if any(self.session.output.glob("*/result.json")):
                 self._page(figures=once, live=False)
             self.lock.release()
+
+    def _idle(self) -> None:
+        """What need not be done while somebody waits for a verdict."""
+        reference = self.session.campaign.update.reference
+        if self._cold and reference is not None and self.arrivals.there(reference) and reference not in self.failed:
+            self._cold = False
+            with suppress(LrbcError, OSError):
+                self.session.warm(reference)
+        if self._undrawn:
+            self._page(figures=True)
 
     def _folders(self) -> set[Path]:
         campaign = self.session.campaign
@@ -154,6 +166,7 @@ class Watch:
             return
         self._known, campaign = now, self.session.campaign
         other = campaign.model_dump(exclude={"jobs"}) != before.model_dump(exclude={"jobs"})
+        self._cold |= other
         for name, job in campaign.jobs.items():
             if other or before.jobs.get(name) != job:
                 self.arrivals.anew(name)
@@ -219,6 +232,7 @@ class Watch:
             if record is not None:
                 self._out(verdict_of(record))
         if name in session.tight:
+            self._cold = True
             # What changed for the others is found where they are planned; those that nothing concerns are kept.
             for other in session.campaign.jobs:
                 if other not in session.tight[: session.tight.index(name) + 1]:

@@ -7,10 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.identification.records import MIN_BAND, read_measurement
+from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
@@ -19,6 +22,7 @@ from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.report import write_report
+from lrbc_cli.updating.misfit import SLOPE_STEP
 
 #: What is read of the end of a text file, to see whether its last line has one [bytes].
 TAIL = 64
@@ -149,6 +153,14 @@ class Session:
             progress=self.progress,
         )
         return outcome
+
+    def warm(self, name: str) -> None:
+        """Have at hand what the next job on the lines of this one asks for: libraries, port FRFs, start values; raises as ``judge``."""
+        source, found = self.prepare(), read_measurement(self.inputs, self.campaign.jobs[name], name)
+        select_lines(self.inputs, found, name)
+        s = 2j * np.pi * found.frequency_hz
+        parameters, _ = parameterise(self.inputs, source, s)
+        source.model(s + 2j * np.pi * SLOPE_STEP * found.frequency_hz[-1], parameters)
 
     def report(self, *, live: bool, figures: bool) -> Path:
         """Write the page anew; raises as ``write_report`` does."""

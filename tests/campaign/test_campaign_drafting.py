@@ -70,6 +70,24 @@ def test_a_model_of_calculix_in_millimetres(tmp_path: Path) -> None:
         np.testing.assert_allclose(made.table.xyz[at], [point.near], atol=1e-2)
 
 
+@pytest.mark.parametrize("pattern", ["{state}_{channel}.csv", "{state}/{channel}.csv"])
+def test_files_of_one_channel_each_are_a_job_together(tmp_path: Path, pattern: str) -> None:
+    for state in ("tight", "loose"):
+        for channel in ("acc1", "acc2"):
+            file = tmp_path / pattern.format(state=state, channel=channel)
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(f"frequency_hz,{channel}_real,{channel}_imag\n" + "".join(f"{f},1.5,0.5\n" for f in range(20, 90)))
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    tree = yaml.safe_load(made.text())
+    expected = {
+        state: [f"../{pattern.format(state=state, channel=channel)}" for channel in ("acc1", "acc2")] for state in ("tight", "loose")
+    }
+    assert {name: job["frf"] for name, job in tree["jobs"].items()} == expected
+    assert list(tree["responses"]) == ["acc1", "acc2"]
+    assert tree["update"]["reference"] == "tight"
+    assert tree["reduction"]["band"] == [20, 89]
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     folder, _ = drafted(files, tmp_path / "new")

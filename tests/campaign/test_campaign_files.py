@@ -115,7 +115,7 @@ def test_records_by_number_file_and_the_name_of_the_file(box: Folder) -> None:
     set_job(box, frf=files, records={})
     found = measured(box)
     np.testing.assert_allclose(found.values, whole, rtol=1e-11)
-    assert "mic1.uff: its one record has no name; called mic1 by the file" in found.notes
+    assert "no name in the file, called by the file: mic1, mic2, mic3, acc1" in found.notes
     set_job(box, frf=[put(box, "x.uff", b, a), put(box, "y.uff", c), put(box, "z.uff", d)])
     places = {
         "mic1": {"file": "data/x.uff", "number": 2},
@@ -188,6 +188,13 @@ def test_roving_hammer_by_reciprocity(box: Folder) -> None:
     found = measured(box)
     np.testing.assert_allclose(found.values, np.stack([record.values for record in hits], axis=1), rtol=1e-11)
     assert "hammer and sensor exchanged, by reciprocity: p1, p4, p8" in found.notes
+    # The model agrees, with air beside the structure too.
+    model = box.inputs().model
+    s = 2j * np.pi * 123.0
+    dynamic = (model.K + s * model.C + s**2 * model.M).toarray()
+    sensor, points = model.B.toarray()[:, 0], model.L.toarray()
+    assert model.is_acoustic.any()
+    np.testing.assert_allclose(points @ np.linalg.solve(dynamic, sensor), np.linalg.solve(dynamic, points.T).T @ sensor, rtol=1e-9)
 
 
 def test_roving_hammer_with_several_excitations(box: Folder) -> None:

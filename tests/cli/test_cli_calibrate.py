@@ -116,7 +116,7 @@ def test_from_end_to_end(fresh: Folder) -> None:
 
     kept = fresh.run("calibrate")
     assert "kept: nothing changed" in kept.stdout
-    assert "calibration: used (tight, 2 factors)" in fresh.run("check").stdout + fresh.run("check").stderr
+    assert "calibration\n  used (tight, 2 factors)\n" in fresh.run("check").stdout
     reduced = fresh.run("reduce", "--json")
     assert reduced.json["calibration"]["key"] == tree["key"]
     assert "calibration: used" in reduced.stderr
@@ -169,7 +169,7 @@ class TestWhetherItFits:
         ],
     )
     def test_what_does_not_matter(self, copy: Folder, override: str) -> None:
-        assert "calibration: used" in copy.run("check", "--override", override).stderr
+        assert "calibration\n  used (" in copy.run("check", "--override", override).stdout
 
     @pytest.mark.parametrize(
         ("override", "words"),
@@ -204,7 +204,7 @@ class TestWhetherItFits:
         tree = copy.tree()
         del tree["calibration"]
         copy.write(tree)
-        assert "the campaign file has no 'calibration'" in copy.run("check").stderr
+        assert "the campaign file has no 'calibration'" in copy.run("check").stdout
         outcome = copy.run("calibrate")
         assert outcome.code == 2
         assert "no block 'calibration'" in outcome.stderr

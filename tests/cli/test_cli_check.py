@@ -522,10 +522,10 @@ def test_unusable_measurements_leave_the_rest_of_the_plan(frame: Folder) -> None
     assert result.code == 3
     assert frame.listing() == before
     jobs = section(result.stdout, "jobs")
-    assert f"loose-2: unusable ({frame.data / 'frf' / 'loose-2.csv'}: the file is empty)" in jobs
+    assert "loose-2: unusable, see its error" in jobs
     assert "tight: kept (nothing changed)" in jobs
     assert "loose-all: kept (nothing changed)" in jobs
-    assert "loose-2.csv: the file is empty" in result.stderr
+    assert (result.stdout + result.stderr).count("loose-2.csv: the file is empty") == 1
 
 
 def test_no_jobs_yet(tmp_path: Path) -> None:

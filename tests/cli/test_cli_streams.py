@@ -65,6 +65,7 @@ def test_no_reader_is_no_defect(args: list[str]) -> None:
 
 @pytest.mark.parametrize("columns", [80, 40])
 def test_progress_fits_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: int) -> None:
+    common.verbosity.reset()
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
     with click.Context(click.Command("trial")):

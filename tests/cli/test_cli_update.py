@@ -593,7 +593,7 @@ def test_quiet_and_verbose(box: Folder) -> None:
     assert (plain.code, plain.stderr) == (0, "")
     verbose = box.run("update", "--force", "-v", "--json")
     assert verbose.code == 0
-    assert re.search(r"^loose: converged, misfit \d\.\d\d -> 0\.00 dB, \d\.\d s$", verbose.stderr, re.MULTILINE)
+    assert re.search(r"^loose: converged, misfit \d\.\d\d -> 0\.00 dB, \d\.\d s; 2 of 2 jobs$", verbose.stderr, re.MULTILINE)
     assert verbose.json["exit_code"] == 0
     kept = box.run("update", "-v", "--json")
     assert "loose: kept, nothing changed" in kept.stderr

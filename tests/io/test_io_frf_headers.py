@@ -174,10 +174,25 @@ def test_headings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "words"), [(b"PK\x03\x04", "Excel"), (b"TDSm", "TDMS"), (b"RIFF", "sound"), (b"\xd0\xcf\x11\xe0", "Excel")]
+    ("start", "words"),
+    [(b"PK\x03\x04", "Excel"), (b"TDSm", "TDMS"), (b"RIFF", "sound"), (b"\xd0\xcf\x11\xe0", "Excel"), (b"%%MatrixMarket matrix", "matrix")],
 )
 def test_files_of_other_programs_are_named(tmp_path: Path, start: bytes, words: str) -> None:
     path = tmp_path / "frf.bin"
     path.write_bytes(start + bytes(range(200)) * 3)
     with pytest.raises(DataError, match=words):
         detect_frf_format(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("Zeit [s];acc1 [m/s^2];hammer [N]", "this is a time history(.|\\n)*H1"),
+        ("Frequency [Hz];acc1;acc2", "do not pair up(.|\\n)*acc1, acc2"),
+        ("Frequency [Hz];acc1 [g^2/Hz];acc1 [g^2/Hz]", "not the unit of an FRF(.|\\n)*not spectra"),
+        ("Frequenz;mic01 Betrag;mic02 Betrag", "magnitudes without a phase(.|\\n)*real and imaginary"),
+    ],
+)
+def test_what_is_no_frf_is_told_as_such(tmp_path: Path, header: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        read_frf(write(tmp_path, [header, *rows(HZ, H.real, H.imag)]))

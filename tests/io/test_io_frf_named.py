@@ -86,6 +86,16 @@ def test_named_coherence(tmp_path: Path) -> None:
         read_frf(mat(tmp_path, f=HZ, H=H, coh=2 * COHERENCE))
 
 
+def test_an_array_of_structures(tmp_path: Path) -> None:
+    structures = np.zeros((1, 2), dtype=[("f", "O"), ("H", "O"), ("name", "O"), ("coh", "O")])
+    for at, (name, factor) in enumerate((("mic01", 1), ("mic02", 2))):
+        structures[0, at] = (HZ, factor * H, name, COHERENCE**factor)
+    records = read_frf(mat(tmp_path, FRF=structures)).records
+    assert [r.name for r in records] == ["mic01", "mic02"]
+    np.testing.assert_array_equal(records[1].values, 2 * H)
+    np.testing.assert_allclose(records[1].coherence, COHERENCE**2)
+
+
 def test_simcenter_testlab_structure(tmp_path: Path) -> None:
     """Axis by start, increment and number; several functions in one structure carry a cell of names."""
     axis = {"start_value": HZ[0], "increment": 0.5, "number_of_values": float(HZ.size), "quantity": {"label": "Hz"}}

@@ -92,7 +92,7 @@ class Draft:
             reference = next(iter(jobs))
             self.todo.append(f"update.reference: no file name tells the tight state; {reference} is only the first")
         jobs = dict(sorted(jobs.items(), key=lambda job: job[0] != reference))
-        record = self.found.measurements[jobs[reference]].records if reference else ()
+        record = [entry for path in jobs[reference] for entry in self.found.measurements[path].records] if reference else []
         responses, names = self._responses(record)
         band = self._band(record)
         sections = [
@@ -106,7 +106,7 @@ class Draft:
             [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
             self._update(reference, names, baselines_of(list(jobs), reference)),
             self._calibration(reference),
-            ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(path)}" for name, path in jobs.items()]],
+            ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(paths)}" for name, paths in jobs.items()]],
         ]
         said = [line for section in sections[1:] for line in section if not line.startswith("#")]
         if NO_DOFS in sections[0] and not any(key in line for key in ("near:", "component:", "bushings:") for line in said):
@@ -321,20 +321,28 @@ class Draft:
             f"  factors: [{', '.join(factors)}]",
         ]
 
-    def _jobs(self) -> dict[str, Path]:
-        jobs: dict[str, Path] = {}
-        for path in self.found.measurements:
-            name = _name(path.stem, "job")
+    def _jobs(self) -> dict[str, list[Path]]:
+        """Files of each job: one, or those of one state that hold a record each."""
+        states: dict[tuple[Path, str], list[Path]] = {}
+        for path, frf in self.found.measurements.items():
+            states.setdefault((path.parent, _state_of(path, frf.records)), []).append(path)
+        jobs: dict[str, list[Path]] = {}
+        for (parent, state), paths in states.items():
+            name = _name(state if len(paths) > 1 else paths[0].stem, "job")
             if name.lower() in (other.lower() for other in jobs):
-                name = _name(f"{path.parent.name}-{name}", f"job-{len(jobs) + 1}")
+                name = _name(f"{parent.name}-{name}", f"job-{len(jobs) + 1}")
             if name.lower() not in (other.lower() for other in jobs):
-                jobs[name] = path
+                jobs[name] = paths
         self.recognised += [f"{len(jobs)} jobs: {', '.join(jobs)}"] if jobs else []
         return jobs
 
-    def _job(self, path: Path) -> str:
-        own = [c for c in self.found.coherences if path.stem.lower() in c.stem.lower()]
-        return f"{{frf: {self.path(path)}" + (f", coherence: {self.path(own[0])}" if own else "") + "}"
+    def _job(self, paths: Sequence[Path]) -> str:
+        own = [c for c in self.found.coherences if any(path.stem.lower() in c.stem.lower() for path in paths)]
+        keys = {"frf": paths, **({"coherence": own} if own else {})}
+        lists = {key: [self.path(path) for path in several] for key, several in keys.items()}
+        return (
+            "{" + ", ".join(f"{key}: {texts[0] if len(texts) == 1 else '[' + ', '.join(texts) + ']'}" for key, texts in lists.items()) + "}"
+        )
 
 
 def draft(folder: Path, found: FilesFound) -> Draft:
@@ -353,6 +361,15 @@ def _name(text: str, otherwise: str) -> str:
     """A text as a name of the campaign file."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", text.strip()).strip("-._")[:60]
     return name if name and is_name(name) else otherwise
+
+
+def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
+    """The state that a file with one record is named after: its name, or its folder's, without that of the record."""
+    channel = records[0].name.strip() if len(records) == 1 else ""
+    if not channel or channel.lower() not in path.stem.lower():
+        return path.stem
+    at = path.stem.lower().index(channel.lower())
+    return (path.stem[:at] + path.stem[at + len(channel) :]).strip("-_. ") or path.parent.name
 
 
 def _record(record: FrfRecord) -> str:

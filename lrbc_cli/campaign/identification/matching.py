@@ -167,9 +167,10 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
     for response in inputs.responses:
         wanted = job.records.get(response.name, inputs.campaign.responses[response.name].record)
         if isinstance(wanted, FileRecordRef) and str(wanted.file) not in files:
+            keys = ("jobs", name, "records", response.name) if response.name in job.records else ("responses", response.name, "record")
             raise inputs.campaign.error(
                 "this is none of the job's files",
-                *("jobs", name, "records", response.name, "file"),
+                *(*keys, "file"),
                 expected=", ".join(Path(file).name for file in files),
                 found=wanted.file.name,
                 hint="list it under frf of the job",

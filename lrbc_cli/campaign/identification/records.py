@@ -202,7 +202,8 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
     files = job.measurements[0]
     records: list[FrfRecord] = []
-    notes: list[str] = []
+    told: dict[str, list[str]] = {}
+    named: list[str] = []
     warnings: list[str] = []
     hashes: dict[str, str] = {}
     for file in files:
@@ -219,14 +220,18 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
             )
         hashes[file.as_posix()] = digest
         found = read_frf(file, layout)
-        about = f"{file.name}: " if len(files) > 1 else ""
         only = found.records[0]
         if len(found.records) == 1 and not only.name and only.response_node is None:
-            notes.append(f"{about}its one record has no name; called {file.stem} by the file")
+            named.append(file.stem)
             found = replace(found, records=(replace(only, name=file.stem),))
         records += found.records
-        notes += [about + note for note in found.notes]
+        for note in found.notes:
+            told.setdefault(note, []).append(file.name)
         warnings += [f"{file.name}: {warning}" for warning in found.warnings]
+    # What holds for every file is said once.
+    notes = [note if len(of) == len(files) else f"{', '.join(of)}: {note}" for note, of in told.items()]
+    if named:
+        notes.append(f"no name in the file, called by the file: {', '.join(named)}")
     return FrfSet(str(job.first), tuple(records), tuple(notes), tuple(warnings)), hashes
 
 

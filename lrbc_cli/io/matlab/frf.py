@@ -35,9 +35,9 @@ def named_mat(path: Path) -> Named:
     DataError
         If the file is damaged.
     """
-    names = [name for name, _, kind in list_variables(path) if kind in ("double", "single") or "int" in kind]
+    names = [name for name, _, kind in list_variables(path, elements=True) if kind in ("double", "single") or "int" in kind]
     arrays: dict[str, NDArray[Any]] = {}
-    for name, value in load_variables(path, names).items():
+    for name, value in load_variables(path, names, elements=True).items():
         with damaged(path, "MATLAB variable", name):
             if not issparse(value):
                 arrays[name] = numeric(value, path, name)

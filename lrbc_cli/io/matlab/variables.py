@@ -36,6 +36,9 @@ _PREFIX_BYTES = 4096
 #: Bytes that the texts of one variable may take.
 _MOST_TEXT = 2**20
 
+#: Structures in one array, at most.
+_MOST_STRUCTURES = 1000
+
 #: Structures in structures, at most.
 _DEEPEST = 4
 
@@ -58,18 +61,18 @@ def is_mat5(start: bytes) -> bool:
     return start[:6] == b"MATLAB" and start[7:10] != b"7.3" and start[126:128] in (b"IM", b"MI")
 
 
-def list_variables(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
-    """Name, shape and class of every variable, without reading the values.
+def list_variables(path: Path, elements: bool = False) -> list[tuple[str, tuple[int, ...], str]]:
+    """Name, shape and class of every variable, without reading the values; ``elements``: of arrays of structures too, ``name(1).field``.
 
     Raises
     ------
     DataError
         If the file is damaged.
     """
-    return [(variable.name, variable.shape, variable.kind) for variable in _variables(path)]
+    return [(variable.name, variable.shape, variable.kind) for variable in _variables(path, elements)]
 
 
-def load_variables(path: Path, names: list[str]) -> dict[str, Any]:
+def load_variables(path: Path, names: list[str], elements: bool = False) -> dict[str, Any]:
     """Values of numeric variables: dense arrays as stored, sparse ones as checked ``csc_array``.
 
     Raises
@@ -78,7 +81,7 @@ def load_variables(path: Path, names: list[str]) -> dict[str, Any]:
         If the file is damaged or claims more than it holds.
     """
     found = {}
-    wanted = [variable for variable in _variables(path) if variable.name in names]
+    wanted = [variable for variable in _variables(path, elements) if variable.name in names]
     packed = [variable for variable in wanted if variable.compressed]
     # Together: a file may hold one bomb many times.
     total = sum(variable.unpacked for variable in packed)
@@ -98,7 +101,7 @@ def load_texts(path: Path) -> dict[str, tuple[str, ...]]:
         If the file is damaged.
     """
     found = {}
-    for variable in _variables(path):
+    for variable in _variables(path, elements=True):
         if variable.kind in ("char", "cell") and 0 not in variable.shape and variable.unpacked <= _MOST_TEXT:
             with damaged(path, "MATLAB variable", variable.name):
                 texts = _cells(variable) if variable.kind == "cell" else _rows_of_text(variable)
@@ -182,7 +185,7 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
     return MatrixFile(value, "mat-v5", tuple(notes))
 
 
-def _variables(path: Path) -> list[_Variable]:
+def _variables(path: Path, elements: bool = False) -> list[_Variable]:
     require_file(path)
     content = path.read_bytes()
     if not is_mat5(content):
@@ -193,33 +196,36 @@ def _variables(path: Path) -> list[_Variable]:
         for element, compressed in _elements(content, order, path):
             variable = _describe(element, compressed, order)
             if variable is not None:
-                variables += [variable, *_fields(variable, path)]
+                variables += [variable, *_fields(variable, path, elements)]
     return variables
 
 
-def _fields(variable: _Variable, path: Path, depth: int = 1) -> Iterator[_Variable]:
-    """What the fields of one structure hold."""
-    if variable.kind != "struct" or math.prod(variable.shape) != 1 or depth > _DEEPEST:
+def _fields(variable: _Variable, path: Path, elements: bool, depth: int = 1) -> Iterator[_Variable]:
+    """What the fields of a structure hold, or with ``elements`` those of each structure of an array."""
+    count = math.prod(variable.shape) if variable.kind == "struct" else 0
+    if depth > _DEEPEST or not (count == 1 or (elements and 1 < count <= _MOST_STRUCTURES)):
         return
     data, order = variable.element, variable.order
     if variable.compressed:
         check_allocation(variable.unpacked, len(data), path, variable.name, compressed=True)
         data = _unpack(data, 8 + variable.unpacked)[8:]
-    length, position = _read_element(data, variable.values_at, order)
+    width, position = _read_element(data, variable.values_at, order)
     names, position = _read_element(data, position, order)
-    size = int(length[0])
+    size = int(width[0])
     if size <= 0:
         raise ValueError(f"field names of {size} characters")
-    for name in (bytes(names[k : k + size].tobytes()).split(b"\0")[0] for k in range(0, names.size, size)):
-        kind, count = struct.unpack_from(order + "II", data, position)
-        element = data[position + 8 : position + 8 + count]
-        if kind != _MATRIX or len(element) < count:
+    called = [bytes(names[k : k + size].tobytes()).split(b"\0")[0].decode("latin-1") for k in range(0, names.size, size)]
+    for at, name in ((at, name) for at in range(count) for name in called):
+        kind, length = struct.unpack_from(order + "II", data, position)
+        element = data[position + 8 : position + 8 + length]
+        if kind != _MATRIX or len(element) < length:
             raise ValueError(f"a field of {variable.name} is no array")
-        position += 8 + count + -count % 8
-        found = _describe(element, False, order, f"{variable.name}.{name.decode('latin-1')}") if count else None
+        position += 8 + length + -length % 8
+        owner = variable.name if count == 1 else f"{variable.name}({at + 1})"
+        found = _describe(element, False, order, f"{owner}.{name}") if length else None
         if found is not None:
             yield found
-            yield from _fields(found, path, depth + 1)
+            yield from _fields(found, path, elements, depth + 1)
 
 
 def _elements(content: bytes, order: str, path: Path) -> Iterator[tuple[bytes, bool]]:

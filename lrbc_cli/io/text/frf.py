@@ -160,6 +160,15 @@ def _frequency_column(table: TextTable, layout: TextLayout, path: Path) -> int:
     named = [index for index, one in enumerate(table.headings) if one.is_frequency]
     if named:
         return named[0]
+    if table.headings[0].is_time:
+        raise DataError(
+            "this is a time history",
+            file=path,
+            place=f"column {table.called(0)}",
+            expected="FRFs over a frequency",
+            found=f"values over time, {table.values[0, 0]:g} to {table.values[-1, 0]:g}",
+            hint="let the analyser average FRFs from it (H1, response over hammer force), and export these",
+        )
     # A count of the lines comes before the frequency: then columns and pairs do not come out even without it.
     counts = np.array_equal(np.diff(table.values[:, 0]), np.ones(len(table.values) - 1))
     nameless = not any(one.text for one in table.headings)
@@ -268,13 +277,17 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
             notes.append(f"{len(complete[kind])} FRF{'s' if len(complete[kind]) > 1 else ''}, {kind}")
             return complete[kind], kind
     plain = [column for column in columns if column.part != "coherence"]
-    if len(plain) % 2 or not plain or any(column.part for column in plain):
+    alike = all(second.name in ("", first.name) for first, second in zip(plain[::2], plain[1::2], strict=False))
+    if len(plain) % 2 or not plain or any(column.part for column in plain) or not (alike or layout.representation):
+        magnitudes = {column.part for column in plain} <= {"magnitude", "db"} and bool(plain)
         raise DataError(
-            "the columns do not pair up",
+            "magnitudes without a phase" if magnitudes else "the columns do not pair up",
             file=path,
             expected="a frequency, then two columns an FRF (NAME_real and NAME_imag, or magnitude and phase)",
             found=listing([f"{column.name or column.at + 1}{f' ({column.part})' if column.part else ''}" for column in columns]),
-            hint="name them under 'format: {columns: {NAME: [first, second]}}' of the job",
+            hint="export real and imaginary part"
+            if magnitudes
+            else "name them under 'format: {columns: {NAME: [first, second]}}' of the job",
         )
     representation = layout.representation or "real-imag"
     notes.append(f"columns taken as pairs of {' and '.join(_PAIRS[representation])}")

@@ -59,6 +59,15 @@ class Heading:
         return self.part is None and _FREQUENCY.fullmatch(fold(self.text)) is not None
 
     @property
+    def is_time(self) -> bool:
+        """Whether it names a time."""
+        return (
+            self.part is None
+            and fold(self.text) in ("time", "zeit", "temps", "tempo", "tiempo", "t")
+            and self.unit in ("", "s", "ms", "sec")
+        )
+
+    @property
     def is_index(self) -> bool:
         """Whether it names a count of lines."""
         return self.part is None and fold(self.text).rstrip(".") in _INDEX

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.report.drawing.chart import Item, Word
+from lrbc_cli.report.drawing.chart import Curve, Item, Word
 
 #: Width of a character in units of the font size.
 GLYPH = 0.6
@@ -61,12 +61,16 @@ def names_beside(
         # Under one another: a name stands beside its point, where it cannot be the next one's.
         upright = len(points) > 1 and beside[1] > beside[0]
         near = (right, left, below, above) if upright else (below, above, right, left)
-        for dx, dy, anchor in (*near, *((2.2 * dx, 2.0 * dy, anchor) for dx, dy, anchor in near)):
+        # Those that matter most may stand farther away, at the end of a line.
+        far = [(30.0 * h, 24.0 * v, "end" if h < 0 else "start") for v in (1, -1) for h in (-1, 1)] if index in first else []
+        for dx, dy, anchor in (*near, *far):
             low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
             box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
             if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in boxes):
                 boxes.append(box)
                 place = places[index] + np.array([dx, dy]) / scale
                 words.append(Word("text", float(place[0]), float(place[1]), names[index], size, anchor=anchor))
+                if (dx, dy, anchor) in far:
+                    words.append(Curve("box", *np.stack([places[index], places[index] + np.array([0.94 * dx, dy]) / scale]).T))
                 break
     return words

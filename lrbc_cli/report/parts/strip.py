@@ -224,16 +224,15 @@ def letter_size(letter: str) -> float:
 
 def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> list[Item]:
     """Return the symbols of bolts at (n, 2) places, and what explains them in a legend."""
-    items: list[Item] = []
+    layers: dict[int, list[Item]] = {}
     for bolt, (x, y) in zip(bolts, places, strict=True):
         for layer, (role, letter) in enumerate(bolt_signs(bolt, explained)):
             names = (told(bolt, explained),) if layer == 0 else ()
+            mark = Marks(role, np.array([x]), np.array([y]), names=names)
             bold = letter in {"?", "–"}
-            items.append(
-                Word(role, x, y, letter, letter_size(letter), bold=bold)
-                if letter
-                else Marks(role, np.array([x]), np.array([y]), names=names)
-            )
+            layers.setdefault(layer, []).append(Word(role, x, y, letter, letter_size(letter), bold=bold) if letter else mark)
+    # Where bolts stand close together, their signs are above the discs of others.
+    items = [item for layer in sorted(layers) for item in layers[layer]]
     nothing, roles = np.empty(0), {item.role for item in items}
     items += [Marks("known-dot", nothing, nothing, "ringed: known to be removed")] if "known" in roles else []
     items += [Marks("unsure-dot", nothing, nothing, "? inconclusive" if explained else "– no verdict")] if "unsure" in roles else []

@@ -72,7 +72,7 @@ def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> 
     choose = tag("label", "Job ", tag("select", *options, name="shown")) if len(jobs) > 1 else None
     buttons = [
         tag("button", text, type="button", data_do=do, title=about)
-        for text, do, about in (("First view", "0", "0"), ("+", "+", "Nearer"), ("−", "-", "Farther"))
+        for text, do, about in (("First view", "0", "Back to the first view"), ("+", "+", "Nearer"), ("−", "-", "Farther"))
     ]
     switches = [("names", "Names")] + ([("air", "Air")] if "air" in scene.dots else [])
     boxes = [
