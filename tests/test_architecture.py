@@ -89,12 +89,17 @@ def room_of(module: str) -> str | None:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports_of(path: Path) -> set[str]:
     """Every imported module, also inside functions and under TYPE_CHECKING, relative ones resolved."""
     module = name_of(path)
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -130,7 +135,7 @@ def test_no_module_is_too_long(path):
 
 def functions(path: Path):
     """All functions of a module, and whether their first argument is ``self`` or ``cls``."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     methods = {
         part
         for node in ast.walk(tree)
@@ -166,7 +171,7 @@ def test_no_function_has_many_positional_arguments():
 def test_every_class_has_a_name_of_its_own():
     found: dict[str, list[str]] = {}
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 found.setdefault(node.name, []).append(name_of(path))
     assert not {name: where for name, where in found.items() if len(where) > 1}
@@ -196,7 +201,7 @@ def test_the_import_graph_has_no_cycle():
     known = {name_of(path) for path in MODULES}
     graph = {}
     for path in MODULES:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         # Imports for annotations only do not run.
         guarded = {
             id(inner)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,7 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
     assert not {name: str(path) for name, path in found.items() if name not in allowed}
 
 
+@cache
 def attributes() -> set[str]:
     """Names of all attributes that are read anywhere."""
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in ROOT.rglob("*.py")]

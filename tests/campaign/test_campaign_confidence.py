@@ -231,6 +231,7 @@ def judged(judged_once: Folder, tmp_path: Path) -> Folder:
     return judged_once.copy(tmp_path / "judged")
 
 
+@pytest.mark.slow
 def test_baselines(tmp_path: Path) -> None:
     folder = make_baselines(tmp_path / "box")
     first = folder.run("update", "-v")
@@ -283,6 +284,7 @@ def test_a_baseline_that_is_not_tight(judged: Folder) -> None:
     assert "again-2: not all tight, it seems" in (folder.out / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_without_the_reference(judged: Folder) -> None:
     """Its measurement is gone after its result was made; then there is none at all."""
     folder = judged

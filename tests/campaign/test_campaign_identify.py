@@ -435,6 +435,7 @@ def test_without_bolts(box: Folder) -> None:
     assert box.run("report", "--job", "loose").code == 0
 
 
+@pytest.mark.slow
 def test_what_the_approaches_draw_to(box: Folder) -> None:
     """Values along the edge are drawn to their start, changes at bolts to the reference job, whether it was just run or kept."""
     # Far from the measurement: the gate of validity is not what this is about.

@@ -158,6 +158,7 @@ def test_noise_is_weighed_where_it_is_known(box: Folder) -> None:
         assert line_sigma(inputs, measurement, inputs.campaign.jobs["loose"], selected)[0] is None
 
 
+@pytest.mark.slow
 def test_l_curve(frame: Folder) -> None:
     # As in the paper: all values, drawn to their start.
     paper = ["update.regularisation=l-curve", "update.loss=squares"]

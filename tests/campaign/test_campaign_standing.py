@@ -126,6 +126,7 @@ def test_another_reference(frame: Folder) -> None:
     assert not any(run for run, _ in plans(frame).values())
 
 
+@pytest.mark.slow
 @needs_limits
 def test_the_earlier_reference_stands_in(frame: Folder) -> None:
     before = frame.results()
@@ -264,7 +265,9 @@ def test_evidence_that_cannot_be_read_is_identified_anew(frame: Folder, damage: 
 # -- the files of a job -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["profile.csv", "frf.csv", "fdac.csv", "evidence.json"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("profile.csv", "frf.csv", "fdac.csv")), "evidence.json"]
+)
 def test_a_table_of_another_run(frame: Folder, name: str) -> None:
     path = frame.out / "loose-2" / name
     whole = path.read_bytes()

@@ -99,7 +99,7 @@ def done(lines: list[str]) -> list[str]:
 @pytest.mark.parametrize(
     ("after", "pause", "args"),
     [
-        pytest.param(1, 0.0, (), id="while-reducing"),
+        pytest.param(1, 0.0, (), id="while-reducing", marks=pytest.mark.slow),
         pytest.param("state-01", 0.02, (), id="within-a-job"),
         pytest.param("state-01", 0.01, ("--workers", "2"), id="with-two-workers", marks=pytest.mark.slow),
     ],
@@ -151,6 +151,7 @@ def test_an_interrupted_rerun_keeps_what_was_there(undisturbed: Folder, tmp_path
     assert_same(folder, undisturbed)
 
 
+@pytest.mark.slow
 def test_an_interrupted_report_leaves_no_half_page(undisturbed: Folder, tmp_path: Path) -> None:
     folder = undisturbed.copy(tmp_path / "frame")
     process = folder.start("report", "-v")

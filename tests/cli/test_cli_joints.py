@@ -80,6 +80,7 @@ def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
     assert "along the edge" not in page
 
 
+@pytest.mark.slow
 def test_plan_and_rehearse_know_joints(folder: Folder, tmp_path: Path) -> None:
     copy = folder.copy(tmp_path / "copy")
     assert copy.run("plan", "--draws", "0").code == 0

@@ -141,7 +141,7 @@ def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     assert file != "result.json" or folder.run("report", "--job", "tight").code == 0
 
 
-@pytest.mark.parametrize("file", ["frf.csv", "result.json"])
+@pytest.mark.parametrize("file", [pytest.param("frf.csv", marks=pytest.mark.slow), "result.json"])
 def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     """A run with other settings leaves its first tables beside the earlier result: never shown together, and never kept."""
     folder = undisturbed.copy(tmp_path / "frame")
@@ -167,7 +167,7 @@ def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, 
 READERS = {"h5": lambda path: h5py.File(path).close(), "mat": scipy.io.loadmat}
 
 
-@pytest.mark.parametrize("ending", ["h5", pytest.param("mat", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("ending", ["h5", "mat"])
 def test_export(tmp_path: Path, ending: str) -> None:
     folder = frame(tmp_path / "frame")
     target = folder.path / f"mine.{ending}"

@@ -117,6 +117,7 @@ def test_no_all_clear_of_what_the_model_does_not_explain(tmp_path: Path) -> None
     assert folder.result("loose-2")["status"] == "unexplained"
 
 
+@pytest.mark.slow
 def test_wrong_calls(tmp_path: Path) -> None:
     folder = frame(tmp_path / "frame")
     assert "usage: measure.sh CONFIG FOLDER" in measure(folder).stderr

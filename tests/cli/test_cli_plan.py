@@ -124,8 +124,8 @@ def said(tree: Any, words: str) -> bool:
     ("words", "loose_change"),
     [
         ((), -0.35),
-        (("update.loose_change=-0.6",), -0.6),
-        (("update.approach=paper",), -0.5),
+        pytest.param(("update.loose_change=-0.6",), -0.6, marks=pytest.mark.slow),
+        pytest.param(("update.approach=paper",), -0.5, marks=pytest.mark.slow),
     ],
 )
 def test_the_threshold_is_that_of_update(box: Folder, words: tuple[str, ...], loose_change: float) -> None:
@@ -311,6 +311,7 @@ def test_check_points_to_it(bare: Folder) -> None:
     assert "lrbc plan" in bare.run("check").stdout
 
 
+@pytest.mark.slow
 def test_the_report_shows_it(box: Folder) -> None:
     tree = planned(box, draws=1)
     picture = box.out / "plan.png"

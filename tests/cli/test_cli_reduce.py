@@ -197,6 +197,7 @@ WRONG_SHAPES = [
 ]
 
 
+@pytest.mark.slow
 def test_a_model_whose_arrays_do_not_fit_is_built_anew(box: Folder) -> None:
     size, path = box.run("reduce", "--json").json["size"], cached(box)[0]
     for change in WRONG_SHAPES:
@@ -244,7 +245,13 @@ def ports_of_a_moved_grid(path: Path) -> None:
     write_store(path, tree)
 
 
-@pytest.mark.parametrize("change", [ports_of_another_band, ports_of_a_moved_grid, rewritten("H00", lambda H: H[:, :1])])
+@pytest.mark.parametrize(
+    "change",
+    [
+        ports_of_another_band,
+        *(pytest.param(change, marks=pytest.mark.slow) for change in (ports_of_a_moved_grid, rewritten("H00", lambda H: H[:, :1]))),
+    ],
+)
 def test_port_frfs_that_are_not_those_asked_for_are_computed_anew(box: Folder, change: Callable[[Path], None]) -> None:
     before = box.results()
     tables = list(box.cache.glob("*/ports-*.h5"))
@@ -431,7 +438,7 @@ def spoil(folder: Folder, change) -> None:  # type: ignore[no-untyped-def]
         scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
 
 
-@pytest.mark.parametrize("backend", ["superlu", "auto"])
+@pytest.mark.parametrize("backend", [pytest.param("superlu", marks=pytest.mark.slow), "auto"])
 def test_an_orphan_dof(tmp_path: Path, backend: str) -> None:
     folder = chain_folder(tmp_path / "new")
 

@@ -70,16 +70,16 @@ def test_from_files_to_the_page_without_an_edit(tmp_path: Path, monkeypatch: pyt
     assert len(seen) == 1
 
 
-def test_exit_codes_are_those_of_update(frame: Folder) -> None:
-    result = frame.run("run", "--no-calibration", "--fail-on-loose")
+def test_exit_codes_are_those_of_update(small: Folder) -> None:
+    result = small.run("run", "--no-calibration", "--fail-on-loose")
     assert result.code == 6
     assert result.stdout.splitlines()[-1] == "a bolt is loose"
-    assert not (frame.out / "calibration.json").exists()
-    assert frame.run("run", "--no-calibration").code == 0
+    assert not (small.out / "calibration.json").exists()
+    assert small.run("run", "--no-calibration").code == 0
     # Drawn over a folder the page cannot be written: the worst of the steps counts.
-    (frame.out / "report.html").unlink()
-    (frame.out / "report.html").mkdir()
-    broken = frame.run("run", "--no-calibration", "--fail-on-loose")
+    (small.out / "report.html").unlink()
+    (small.out / "report.html").mkdir()
+    broken = small.run("run", "--no-calibration", "--fail-on-loose")
     assert broken.code in (2, 3)
     assert "loose-2: B3, B4 loose" in broken.stdout
     assert "report:" not in broken.stdout

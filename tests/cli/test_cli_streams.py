@@ -26,7 +26,9 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
 
 
 @POSIX
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-", "2>&- >/dev/null"])
+@pytest.mark.parametrize(
+    "closed", [*(pytest.param(closed, marks=pytest.mark.slow) for closed in (">&-", "2>&-", "2>&- >/dev/null")), "<&- >&- 2>&-"]
+)
 def test_closed_streams_do_not_break_a_run(frame: Folder, closed: str) -> None:
     result = frame.out / "loose-2" / "result.json"
     result.unlink()

@@ -115,6 +115,7 @@ class TestCompression:
         assert lost.max() <= ELSEWHERE * COMPRESSION * R.options.tolerance
         assert np.sort(lost)[: lost.size * 9 // 10].max() <= COMPRESSION * R.options.tolerance
 
+    @pytest.mark.slow
     def test_the_basis_is_nearly_the_smallest(self):
         """Against the singular vectors of all solutions of the full model at all lines, field by field, tried size by size."""
         model = box()

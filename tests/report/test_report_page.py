@@ -133,6 +133,7 @@ def test_unchanged_figures_are_left_alone(output):
     assert changed == {"bolts-04/frf-mic01.png", "bolts-04/frf-mic02.png"}
 
 
+@pytest.mark.slow
 def test_processes_draw_the_same(output, monkeypatch):
     write_report(output, workers=1)
     before = {file: file.read_bytes() for file in output.rglob("*.png")}

@@ -168,6 +168,7 @@ def test_bare_matrices_against_a_direct_solve() -> None:
         chain.frf([300.0], k)
 
 
+@pytest.mark.slow
 def test_notebooks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """They run from the root, and find what they put in."""
     monkeypatch.chdir(ROOT)

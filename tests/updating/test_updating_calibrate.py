@@ -125,7 +125,7 @@ class TestRecovery:
         assert [stage.width_hz for stage in fit.stages[:3]] == [16.0, 4.0, 0.0]
         np.testing.assert_allclose(fit.solution.theta[:SPRINGS], TIGHT, atol=0.1)
 
-    @pytest.mark.parametrize("levels", [(2.5, 5.5), (6.0, 3.0)])
+    @pytest.mark.parametrize("levels", [(2.5, 5.5), pytest.param((6.0, 3.0), marks=pytest.mark.slow)])
     def test_groups_that_are_off_by_different_amounts(self, levels):
         """Springs that start at 4.5; from there, and with all of them alike, the descents end elsewhere."""
         model, recipe = duct_model()
@@ -176,6 +176,7 @@ class TestRecovery:
             assert second.factors[name] == pytest.approx(first.factors[name], rel=5e-3)
         assert p.misfit(1.0)(theta).total == pytest.approx(first.problem.misfit(1.0)(first.solution.theta).total, rel=1e-6)
 
+    @pytest.mark.slow
     def test_what_cannot_be_told_apart_is_said(self):
         """The same share twice: their product is determined, the prior shares it; a third factor is none of it."""
         model, _ = duct_model()

@@ -137,6 +137,7 @@ class TestCurve:
             value = misfit.with_eta(float(eta))(curve.theta[i])
             assert value.total == pytest.approx(curve.data[i] + eta * curve.penalty[i], rel=1e-10)
 
+    @pytest.mark.slow
     def test_the_weight_of_the_misfit_does_not_matter(self):
         curves = [l_curve(problem(eta=eta)[0], problem()[1].initial, problem()[1].bounds, 0.04) for eta in (0.0, 50.0)]
         np.testing.assert_array_equal(curves[0].data, curves[1].data)

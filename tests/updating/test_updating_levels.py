@@ -131,7 +131,7 @@ class TestRecovery:
     """The measurement is made by the model itself from a known state: it has to be found."""
 
     @pytest.mark.parametrize("at", [(4, 5, 6), (0, 1), (9,), (7, 8), tuple(range(PADS)), ()])
-    @pytest.mark.parametrize("initial", [3.0, 6.5])
+    @pytest.mark.parametrize("initial", [3.0, pytest.param(6.5, marks=pytest.mark.slow)])
     def test_by_levels(self, at, initial):
         misfit, parameters, truth = problem(at=at, initial=initial, eta=1e-5)
         solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds, tolerance=1e-8, max_iterations=200)
@@ -222,6 +222,7 @@ class TestGroups:
         solution = gauss_newton_by_levels(misfit, parameters.initial, parameters.bounds)
         np.testing.assert_allclose(solution.theta, truth, atol=1e-3)
 
+    @pytest.mark.slow
     def test_single_values_that_differ(self):
         """Levels alone leave 3.4 dB."""
         parameters = self.parts(PADS // 2)
@@ -284,6 +285,7 @@ class TestSharpResonances:
         assert solution.evaluation.total <= spy.least(bounds) * (1 + 1e-9)
         assert solution.evaluation.total == pytest.approx(misfit(solution.theta).total)
 
+    @pytest.mark.slow
     def test_many_values(self):
         misfit = sharp_misfit(3.0, shared=False)
         bounds = misfit.model.parameters.bounds

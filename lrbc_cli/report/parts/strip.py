@@ -64,14 +64,14 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
             figures = bolt.probability_loose is not None and cell >= _FIGURES and judged
             high = row + (0.34 if figures else 0.5)
             if bolt.outside:
-                words.append(Word(on, x + 0.5, row + 0.5, NOT_COVERED, min(7.5, 0.5 * cell)))
+                words.append(Word(on, x + 0.5, row + 0.5, NOT_COVERED, min(7.6, 0.5 * cell)))
             elif bolt.verdict == "undecided" or not job.explained:
                 hatched.append(box)
                 words.append(Word(on, x + 0.5, high, "?" if job.explained else "–", SMALL, bold=True))
             else:
                 marks.setdefault(f"{bolt.verdict}-{'on0' if level is None else on}", []).append((x + 0.5, high))
             if figures and bolt.probability_loose is not None:
-                words.append(Word(on, x + 0.5, row + 0.73, fmt.percent(bolt.probability_loose), 6.6))
+                words.append(Word(on, x + 0.5, row + 0.73, fmt.percent(bolt.probability_loose), 7.6))
             if bolt.removed:
                 framed.append(box)
     items += [
