@@ -72,7 +72,7 @@ def test_the_plan_of_the_frame(tmp_path: Path) -> None:
     stated = "quantities not stated in the file, taken as in the campaign: acc1, acc2, acc3, acc4"
     assert jobs.count(stated) == 3
     assert len(jobs) == 12
-    mapping = "acc1: column acc1_real: acc1, quantity unknown"
+    mapping = "acc1: record 1 (column acc1_real): acc1, quantity unknown"
     assert mapping not in jobs
     assert section(folder.run("check", "-v").stdout, "jobs").count(mapping) == 3
     assert "loose-all: runs (no result yet)" in jobs

@@ -76,13 +76,13 @@ def test_all_jobs_are_done(run: Run) -> None:
 
 def test_every_file_is_there(run: Run) -> None:
     figures = {f"frf-{mic}.png" for mic in MICS}
-    files = {"result.json", "evidence.json", "profile.csv", "profile.png", "frf.csv", "fdac.csv", "fdac.png", "map.png"}
+    files = {"result.json", "evidence.json", "profile.csv", "profile.png", "frf.csv", "fdac.csv", "fdac.png", "map.png", "structure.png"}
     for job in REMOVED:
         assert {p.name for p in (run.out / job).iterdir()} == files | figures
         for png in (run.out / job).glob("*.png"):
             assert png.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     names = {p.name for p in run.out.iterdir() if p.is_file()}
-    assert names == {"campaign.csv", "campaign.json", "reduction.json", "report.html", "verdicts.png"}
+    assert names == {"campaign.csv", "campaign.json", "damping.png", "reduction.json", "report.html", "structure.json", "verdicts.png"}
 
 
 @pytest.mark.parametrize("job", REMOVED)

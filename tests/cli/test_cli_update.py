@@ -331,7 +331,7 @@ def test_damaged_and_missing_results_are_made_anew(box: Folder) -> None:
 
 
 def test_the_files_of_the_campaign_are_written_anew(box: Folder) -> None:
-    for name in ("reduction.json", "campaign.json", "campaign.csv"):
+    for name in ("reduction.json", "campaign.json", "structure.json", "campaign.csv"):
         before = (box.out / name).read_bytes()
         (box.out / name).unlink()
         assert box.run("update", "--json").json["kept"] == ["tight", "loose"]

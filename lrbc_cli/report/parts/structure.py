@@ -91,6 +91,7 @@ def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> 
     text = "" if shown is None else f"{shown.job}: {sentence(shown.finding)}"
     thinned = f" {'; '.join(record.notes)}." if record.notes else ""
     return [
+        tag("p", "Bolts in the colours of the verdicts: ✕ judged loose, ? inconclusive, a dot judged tight.") if jobs else None,
         legend(chart),
         tag(
             "div",

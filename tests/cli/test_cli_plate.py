@@ -1,0 +1,55 @@
+"""The plate sample as the tutorial has it: from what CalculiX and an analyser wrote to the verdicts, without an edit."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import ROOT, lrbc
+
+from lrbc_cli.config import load_campaign
+from lrbc_cli.guide import page
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.store import read_job
+
+pytestmark = pytest.mark.slow
+
+SAMPLE = ROOT / "data_samples" / "plate"
+VERDICTS = {"b5-loose": {"B5"}, "b3-half-b4-loose": {"B3", "B4"}}
+
+
+@pytest.fixture(scope="module")
+def drafted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plate")
+    shutil.copytree(SAMPLE, folder / "files", ignore=shutil.ignore_patterns("*.py", "README.md"))
+    assert lrbc("init", "--from", folder / "files", folder / "campaign").code == 0
+    return folder / "campaign" / "campaign.yaml"
+
+
+def test_the_tutorial_says_what_comes_out(drafted: Path) -> None:
+    done = lrbc("run", drafted, "--cache", drafted.parent / "cache", "--fail-on-loose")
+    assert done.code == 6, done.stderr
+    said = [line for line in done.stdout.splitlines() if line.split(":")[0] in load_campaign(drafted, ()).jobs]
+    assert len(said) == 4
+    for line in said:
+        assert f"    {line}\n" in page("tutorial")
+
+
+def test_the_written_campaign_finds_the_same(drafted: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    config = ROOT / "configs" / "plate.yaml"
+    done = lrbc("run", config, "--cache", drafted.parent / "cache", "--override", f"output={output.as_posix()}")
+    assert done.code == 0, done.stderr
+    for name, loose in VERDICTS.items():
+        job = read_job(output, name)
+        assert isinstance(job, JobRecord)
+        assert {bolt.name for bolt in job.bolts if bolt.verdict == "loose"} == loose
+        assert {bolt.verdict for bolt in job.bolts} == {"loose", "tight"}
+        changes = {bolt.name: (bolt.change, bolt.change_std) for bolt in job.bolts}
+        # What was drawn, less a torque that scatters by 6 % in both states; a bolt that is all but gone is hardly felt.
+        for bolt, left in {"B5": 0.03, "B3": 0.3}.items():
+            if bolt in loose:
+                mean, std = changes[bolt]
+                assert mean == pytest.approx(np.log10(left), abs=3.0 * float(np.hypot(std, 0.04)))
