@@ -20,19 +20,9 @@ if TYPE_CHECKING:
 
 #: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
 RESERVED_JOBS = (
-    "campaign.csv",
-    "campaign.json",
-    "reduction.json",
-    "calibration.json",
-    "calibration",
-    "plan.json",
-    "plan.csv",
-    "plan.png",
-    "structure.json",
-    "structure.png",
-    "structure.html",
-    "verdicts.png",
-    "report.html",
+    *("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "calibration"),
+    *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
+    *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
 )
 
 #: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
