@@ -305,6 +305,7 @@ def test_damaged_keys_do_not_matter(box: Folder) -> None:
 # -- tolerance ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_is_not_reached(tmp_path: Path) -> None:
     folder = frame(tmp_path / "new")
     small = ("--override", "reduction.max_size=15")
