@@ -14,7 +14,6 @@ from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
-
 #: Hertz of one unit of frequency.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
 

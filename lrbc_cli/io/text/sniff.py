@@ -167,8 +167,10 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
         for line in lines:
             row = divided(line)
             if len(row) == width and all(row):
-                cells = [[m[1], f"{m[2] or ''}{m[3] or 0}"] if both and at else [m[1]] for at, (m, both) in enumerate(zip(row, two)) if m]
-                line = delimiter.join(cell for pair in cells for cell in pair)
+                cells = zip(row, two, strict=True)
+                line = delimiter.join(
+                    f"{m[1]}{delimiter}{m[2] or ''}{m[3] or 0}" if both and at else m[1] for at, (m, both) in enumerate(cells) if m
+                )
             found.append(line)
         return found, tuple(("real", "imag") if both and at else (None,) for at, both in enumerate(two))
     return None
