@@ -228,7 +228,7 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
     table = np.column_stack([np.arange(20.0, 202.0, 2.0), np.full(91, 0.9)])
     np.savetxt(box.data / "coherence.csv", table, delimiter=",", header="frequency_hz,mic1_coherence", comments="")
     found = measured(box, "jobs.loose.coherence=data/coherence.csv")
-    assert found.warnings == ("loose.uff: the coherence of mic1 holds 91 of its 191 lines in the band only",)
+    assert found.warnings == ("loose.uff: the coherence of mic1 holds 91 of 191 lines in the band only",)
     assert measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]").warnings == ()
 
 

@@ -163,6 +163,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) 
     axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
+    thin: dict[str, list[str]] = {}
     for i, record in enumerate(records):
         if record is None:
             continue
@@ -176,8 +177,10 @@ def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) 
             coherence[here, i] = table[at[here]]
         known = int((np.isfinite(coherence[:, i]) & found).sum())
         if own and known < MIN_COHERENCE * found.sum():
-            text = f"the coherence of {inputs.responses[i].name} holds {known} of its {found.sum()} lines in the band only"
-            warnings.append(f"{_called(job)}: {text}")
+            thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
+    warnings += [
+        f"{_called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
+    ]
     for i in inputs.used:
         if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(

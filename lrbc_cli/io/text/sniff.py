@@ -21,6 +21,8 @@ _COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
 # Lines from the end of a file by which its separators are judged.
 _SAMPLE = 200
+# A number of which only the end shows that it is complex.
+_COMPLEX = re.compile(r"\d\s*\*?\s*[ij](?![a-z])|[-+*]\s*[ij]\s*\*?\s*\d", re.IGNORECASE)
 _NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
 
 
@@ -82,7 +84,9 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
             file=path,
             expected="lines of a frequency and values, divided by tab, semicolon, comma or blanks",
             found=repr(next((line for line in lines if line.strip()), "")[:80]),
-            hint="describe the layout under 'format:' of the job",
+            hint="complex numbers in one cell are not read in this form: export real and imaginary part in two columns"
+            if any(_COMPLEX.search(line) for line in lines[-_SAMPLE:])
+            else "describe the layout under 'format:' of the job",
         )
     width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
