@@ -282,7 +282,7 @@ ALL = ["tight", "loose-2", "loose-all"]
         (lambda _: ("--override", "reduction.tolerance=1e-4"), ALL),
         (lambda _: ("--override", "reduction.band=[30.0, 400.0]"), ALL),
         (lambda _: ("--override", "jobs.loose-2.scale={acc1: 2.0}"), ["loose-2"]),
-        (lambda _: ("--override", "jobs.loose-2.records={acc1: acc2}"), ["loose-2"]),
+        (lambda _: ("--override", "jobs.loose-2.records={acc1: acc2, acc2: acc1}"), ["loose-2"]),
         (lambda _: ("--override", "jobs.loose-2.coherence=data/frf/loose-2.csv"), ["loose-2"]),
         (lambda _: ("--override", "update.reference="), ALL),
         (lambda _: ("--force",), ALL),
