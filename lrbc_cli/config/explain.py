@@ -117,6 +117,8 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
             return document.error("the wrong number of entries", *keys[:-1], expected=f"exactly {max(lengths)}", found=keys[-1])
         return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys))
     expected = EXPECTED[kind].format(**context) if kind in EXPECTED else detail["msg"]
+    # As YAML writes it.
+    expected = "true" if expected == "True" else expected
     if kind in ("too_short", "too_long"):
         return document.error("the wrong number of entries", *keys, expected=expected, found=context.get("actual_length"))
     problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
