@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.identification.weights import line_sigma
@@ -84,6 +84,7 @@ class _Job:
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         self.error = self._change_error(reference)
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
         self.notes += notes
 
@@ -147,7 +148,7 @@ class _Job:
         if not self.against_reference or reference is None:
             return None
         try:
-            tight = self._read(reference)
+            tight = self.tight = self._read(reference)
         except DataError as error:
             # Its earlier result still serves.
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
@@ -155,7 +156,8 @@ class _Job:
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.warnings.append(f"its lines are not those of {reference}: compared without correction by it")
+            which = unlike(self.measurement.frequency_hz, tight.frequency_hz)
+            self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
@@ -165,6 +167,16 @@ class _Job:
         most = self.statistics.errors.most_correction_db
         limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
         return self.measured() * limited
+
+    def of_reference(self) -> Measurement | None:
+        """The measurement of the reference job; None in that itself, or where it cannot be read."""
+        reference = self.inputs.campaign.update.reference
+        if self.tight is not None or reference in (None, self.name):
+            return self.tight
+        try:
+            return self._read(reference)
+        except DataError:
+            return None
 
     def _pairs(self) -> list[tuple[int, int]]:
         """Columns of bolts side by side, which may have loosened together."""
@@ -427,4 +439,5 @@ def _identify(
         fit.curve,
         changes,
         tuple(job.warnings),
+        job.of_reference(),
     )
