@@ -281,7 +281,7 @@ class ModelReader:
             if not dofs.size:
                 problem = f"no DOF {component} lies within {select.tolerance:g} of this line"
                 expected, line = f"a line through nodes in {extent}", np.array(select.along)
-                beside = np.any((line.max(axis=0) + select.tolerance < low) | (line.min(axis=0) - select.tolerance > high))
+                beside = bool(np.any((line.max(axis=0) + select.tolerance < low) | (line.min(axis=0) - select.tolerance > high)))
                 raise self.campaign.error(problem, *keys, "along", expected=expected, hint=None if beside else PINNED)
             return dofs
         if select.box is not None:
