@@ -43,7 +43,8 @@ def shapes_of(inputs: Inputs, stage: ReductionStage | None, result: Identificati
     for k, line in enumerate(at):
         unit = _unit(moved[k])
         units = np.where(air, _unit(updated[line, air]) if air.any() else 1.0, unit * to_quantity[k])
-        seen: Complexes = np.where(valid[line], measured[line], complex("nan")) / units
+        seen = np.asarray(measured[line] / units, dtype=complex)
+        seen[~valid[line]] = np.nan
         shapes.append(
             {"frequency_hz": f[line], "largest": abs(unit), "cosine": cosine[k]}
             | _parts("", moved[k] / unit)
