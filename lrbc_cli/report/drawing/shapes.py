@@ -62,7 +62,7 @@ def shapes_chart(record: StructureRecord, shapes: ShapesRecord) -> Chart:
     still = field.xyz @ view
     places = np.concatenate([still, *(part.reshape(-1, 2) for picture in pictures for part in picture)])
     low, high = places.min(axis=0), places.max(axis=0)
-    cell = (high - low) * [1.06, 1.0] + [0.0, 0.16 * size]
+    cell = (high - low) * [1.15, 1.0] + [0.0, 0.16 * size]
     columns = min(_COLUMNS, len(pictures))
     items: list[Item] = []
     for index, (shape, (moved, points)) in enumerate(zip(shapes.shapes, pictures, strict=True)):

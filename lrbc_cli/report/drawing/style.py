@@ -140,7 +140,7 @@ STYLES: dict[str, Style] = {
     "edge": Style("#b4bac3", "#4c545f", width=3.0),
     "mesh": Style("#c3cad3", "#444c57", width=0.5),
     "mesh-dot": Style("#aab2bd", "#566070", marker="circle", size=1.0),
-    "shape": Style("#1a8cf0", "#3aa0f5", width=0.6),
+    "shape": Style("#1a8cf0", "#3aa0f5", width=0.45),
     "shape-dot": Style("#1a8cf0", "#3aa0f5", marker="circle", size=1.0),
     "measured-way": Style("#15191e", "#f1f3f6", width=1.0),
     "measured-point": Style("#15191e", "#f1f3f6", marker="circle", size=2.6),
