@@ -54,7 +54,7 @@ def _build(document: Document) -> Campaign:
     except ValidationError as error:
         raise explain(error, document, Campaign) from None
     campaign._document = document
-    campaign = with_folder(campaign).campaign
+    campaign = with_folder(campaign)
     check_references(campaign)
     return campaign
 

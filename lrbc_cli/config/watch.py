@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+import unicodedata
+import zlib
+from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
 from pydantic_core import PydanticCustomError
 
-from lrbc_cli.config.fields import FilePath, FrozenDict, Name, Strict, check_name, check_unique, problem
+from lrbc_cli.config.fields import NAME_LENGTH, FilePath, FrozenDict, Name, Strict, check_name, check_unique, problem
 from lrbc_cli.config.settings import JobConfig
 
 if TYPE_CHECKING:
@@ -20,19 +22,9 @@ if TYPE_CHECKING:
 
 #: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
 RESERVED_JOBS = (
-    "campaign.csv",
-    "campaign.json",
-    "reduction.json",
-    "calibration.json",
-    "calibration",
-    "plan.json",
-    "plan.csv",
-    "plan.png",
-    "structure.json",
-    "structure.png",
-    "structure.html",
-    "verdicts.png",
-    "report.html",
+    *("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "calibration"),
+    *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
+    *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
 )
 
 #: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
@@ -85,22 +77,14 @@ class WatchConfig(Strict):
                 yield path
 
 
-@dataclass(frozen=True)
-class Found:
-    """The campaign with the jobs of its folder, and the files there that are none, each with the reason."""
-
-    campaign: Campaign
-    left: dict[Path, str]
-
-
-def with_folder(campaign: Campaign) -> Found:
+def with_folder(campaign: Campaign) -> Campaign:
     """Add a job for each file of the watched folder that no job names, and for tight states that are still to be measured.
 
-    A file of the name of a job whose own file is missing is that job's.
+    A file of the name of a job whose own file is missing is that job's. No file is passed over: one that was not judged would be missed.
     """
-    watch, jobs, left = campaign.watch, dict(campaign.jobs), dict[Path, str]()
+    watch, jobs = campaign.watch, dict(campaign.jobs)
     if watch is None:
-        return Found(campaign, left)
+        return campaign
     update, calibration = campaign.update, campaign.calibration
     like = jobs.get(watch.like or update.reference or "")
 
@@ -111,17 +95,13 @@ def with_folder(campaign: Campaign) -> Found:
     named = {path for config in jobs.values() for path in config.all_files}
     taken = {name.lower(): name for name in jobs}
     for path in watch.files():
-        known = taken.get(path.stem.lower())
-        reason = _no_job(path.stem)
         if path in named or path.resolve() in named:
             continue
+        known = taken.get(path.stem.lower())
         if known is not None and any(file.exists() for file in jobs[known].all_files):
-            reason = f"the job {known} has another file"
-        if reason is not None:
-            left[path] = reason
-            continue
+            known = None
         with suppress(ValidationError):  # it has just gone
-            name = known or path.stem
+            name = known or _job_name(path, taken)
             jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
             taken[name.lower()] = name
     suffix = Path(watch.patterns[0]).suffix
@@ -129,7 +109,7 @@ def with_folder(campaign: Campaign) -> Found:
         if tight is not None and tight.lower() not in taken and "*" not in suffix:
             jobs[tight] = job(watch.folder / f"{tight}{suffix}", like, OWN)
             taken[tight.lower()] = tight
-    return Found(campaign.model_copy(update={"jobs": FrozenDict(jobs)}), left)
+    return campaign.model_copy(update={"jobs": FrozenDict(jobs)})
 
 
 def _texts(value: Any) -> Any:
@@ -141,10 +121,12 @@ def _texts(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _no_job(name: str) -> str | None:
-    """Why a file of this name can be no job."""
-    try:
-        check_name(name)
-    except PydanticCustomError:
-        return "its name cannot be that of a job: letters, digits, '.', '_' and '-' only"
-    return "a job of its name would be named like a file of the results" if name.lower() in RESERVED_JOBS else None
+def _job_name(path: Path, taken: Collection[str]) -> str:
+    """What a file's job is called: its name, as far as a job may be; where that is taken, with its ending or a digest of it."""
+    plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")[: NAME_LENGTH - 9] or "job"
+    for name in (stem, f"{stem}-{path.suffix.lstrip('.')}", f"{stem}-{zlib.crc32(path.name.encode()):08x}"):
+        with suppress(PydanticCustomError):
+            if check_name(name).lower() not in (*taken, *RESERVED_JOBS):
+                return name
+    return f"job-{zlib.crc32(path.name.encode()):08x}"

@@ -16,6 +16,7 @@ TOPICS: dict[str, str] = {
     "rehearsal": "measurements of your own model with loosened bolts: lrbc rehearse",
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
+    "watch": "judging while you measure: lrbc watch",
     "results": "result files",
     "page": "reading report.html; what inconclusive means; figures for print",
     "verdicts": "reading a verdict; exit codes for scripts",

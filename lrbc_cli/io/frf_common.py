@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,22 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
+
+
+#: Hertz of one unit of frequency.
+HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
+
+
+def frequency_unit(name: str, unit: str = "") -> str:
+    """Unit of frequencies by what is said of it, else by their name: ``omega`` and ``w`` are rad/s, all others Hz."""
+    for text in (fold(unit), fold(name)):
+        if "hz" in text:
+            return "kHz" if "khz" in text else "Hz"
+        if "rad" in text:
+            return "rad/s"
+    return "rad/s" if re.match(r"(omega|w|\u03c9)(?![a-z])", fold(name).strip()) else "Hz"
 
 
 class Notes:
@@ -128,7 +144,8 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
         unit = unit / Unit(1.0, force=1) if numerator_quantity(unit) is not None else None
     if unit is None or response_quantity(unit) is None:
         other = parse_unit(label)
-        if other is not None and other.dimension != (0, 0, 0):
+        # A quotient without a dimension, such as g/g, is a transmissibility; "1" says nothing.
+        if other is not None and (other.dimension != (0, 0, 0) or label.strip("[] ") != "1"):
             raise DataError(
                 "this is not the unit of an FRF",
                 file=path,

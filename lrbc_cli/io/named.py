@@ -12,9 +12,20 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.frf_common import Notes, check_frequencies, clean_coherence, conversion, first_bad, not_finite, scaled
+from lrbc_cli.io.frf_common import (
+    HERTZ,
+    Notes,
+    check_frequencies,
+    clean_coherence,
+    conversion,
+    first_bad,
+    frequency_unit,
+    not_finite,
+    scaled,
+)
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import fold, heading
+from lrbc_cli.io.units import parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _AXES = {"frequency_hz", "frequency", "freq", "f", "fhz", "f_hz", "freq_hz", "freqs", "frequencies", "hz", "frequenz", "omega"}
@@ -42,11 +53,40 @@ class Named:
 
     def texts_of(self, name: str, known: set[str]) -> tuple[str, ...]:
         """Texts with one of these names that belong to an array: in its structure, or to the array itself."""
-        for key, texts in self.texts.items():
-            group, _, last = key.rpartition(".")
-            if fold(last) in known and group in (name, _group(name)):
-                return texts
-        return ()
+        return next((texts for group in (name, _group(name)) for texts in self._in(group, known).values()), ())
+
+    def _in(self, group: str, known: set[str]) -> dict[str, tuple[str, ...]]:
+        return {key: texts for key, texts in self.texts.items() if _group(key) == group and fold(_last(key)) in known}
+
+    def axis_unit(self, name: str) -> str:
+        """Unit that an array of frequencies states itself; empty where it does not."""
+        return next((texts[0] for texts in self._in(name, _UNITS).values() if len(texts) == 1), "")
+
+    def units_of(self, name: str, path: Path) -> tuple[str, ...]:
+        """Units of an array: its own, else those of its structure, else of what this lies in, up to the file.
+
+        Raises
+        ------
+        DataError
+            If two of these are units that contradict each other.
+        """
+        groups = [name]
+        while groups[-1]:
+            groups.append(_group(groups[-1]))
+        found = {key: texts for group in groups for key, texts in self._in(group, _UNITS).items()}
+        known = {key: texts[0] for key, texts in found.items() if len(texts) == 1 and parse_unit(texts[0]) is not None}
+        for key, text in known.items():
+            first = next(iter(known))
+            if parse_unit(text) != parse_unit(known[first]):
+                raise DataError(
+                    "two units are stated for one array",
+                    file=path,
+                    place=f"variable {name}",
+                    expected="one unit",
+                    found=f"{known[first]} ({first}) and {text} ({key})",
+                    hint="say which holds: 'format: {unit: ...}' under the job",
+                )
+        return next(iter(found.values()), ())
 
 
 def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
@@ -87,6 +127,7 @@ def coherences(named: Named, path: Path, layout: TextLayout) -> dict[str, tuple[
         If a value is no coherence.
     """
     reader = _NamedFrfs(named, path, layout)
+    reader.require_coherence()
     found: dict[str, tuple[Floats, Floats]] = {}
     for name, array in named.arrays.items():
         axis = reader.axis_of(name)
@@ -114,7 +155,7 @@ class _NamedFrfs:
             for key, array in self.named.arrays.items():
                 if _group(key) == group and key != name and self._is_axis(key, array):
                     self._used.add(key)
-                    return self._frequencies(array.ravel(), key)
+                    return self._frequencies(array.ravel(), key, frequency_unit(_last(key), self.named.axis_unit(key)))
         return None
 
     def _is_axis(self, key: str, array: NDArray[Any]) -> bool:
@@ -122,13 +163,31 @@ class _NamedFrfs:
         vector = array.size > 1 and array.size == max(array.shape)
         return vector and (key == str(wanted) or _last(key) == str(wanted) if wanted is not None else fold(_last(key)) in _AXES)
 
-    def _frequencies(self, values: NDArray[Any], place: str) -> Floats:
+    def _frequencies(self, values: NDArray[Any], place: str, unit: str = "Hz") -> Floats:
         if values.dtype.kind == "c" and np.any(values.imag != 0):
-            raise DataError("the frequencies are complex", file=self.path, place=place, expected="real numbers", found="complex numbers")
-        unit = self.layout.frequency_unit or ("rad/s" if fold(_last(place)) == "omega" else "Hz")
-        frequency = np.array(values.real, dtype=np.float64) * {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}[unit]
+            raise self._no_axis(place, values.size)
+        unit = self.layout.frequency_unit or unit
+        if unit != "Hz":
+            self.notes.add(f"frequencies of {place} converted from {unit} to Hz")
+        frequency = np.array(values.real, dtype=np.float64) * HERTZ[unit]
         check_frequencies(frequency, self.path, place)
         return frequency
+
+    def _no_axis(self, place: str, count: int) -> DataError:
+        """That nothing is called a frequency, and what may be one."""
+        arrays = self.named.arrays
+        vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
+        told = (
+            f"frequency: {vectors[0]}, frequency_unit: {frequency_unit(vectors[0])}" if vectors else "frequency: ..., frequency_unit: ..."
+        )
+        return DataError(
+            "no variable of frequencies was recognised",
+            file=self.path,
+            place=place,
+            expected="one called f, freq, frequency or omega, or a matrix with the frequencies in its first column",
+            found=listing([f"{name} {array.shape}" for name, array in arrays.items()]),
+            hint=f"say which it is, and its unit, under the job: 'format: {{{told}}}'",
+        )
 
     def is_coherence(self, name: str) -> bool:
         """Whether an array is called a coherence."""
@@ -142,13 +201,8 @@ class _NamedFrfs:
         arrays, found = self.named.arrays, {}
         wanted = self.layout.frequency
         if wanted is not None and not any(self._is_axis(key, array) for key, array in arrays.items()):
-            raise DataError(
-                "the variable of frequencies is not there",
-                file=self.path,
-                place="format.frequency",
-                expected=str(wanted),
-                found=listing(list(arrays)),
-            )
+            raise self._not_there("frequency", "frequencies", str(wanted))
+        self.require_coherence()
         for name, array in arrays.items():
             axis = self.axis_of(name)
             if axis is None:
@@ -168,6 +222,20 @@ class _NamedFrfs:
         self._used |= found.keys()
         return found
 
+    def _not_there(self, key: str, what: str, wanted: str) -> DataError:
+        return DataError(
+            f"the variable of {what} is not there",
+            file=self.path,
+            place=f"format.{key}",
+            expected=wanted,
+            found=listing(list(self.named.arrays)),
+        )
+
+    def require_coherence(self) -> None:
+        """Refuse a name of the coherence that no array has."""
+        if self.layout.coherence is not None and not any(map(self.is_coherence, self.named.arrays)):
+            raise self._not_there("coherence", "the coherence", self.layout.coherence)
+
     def labels(self, name: str, columns: list[NDArray[Any]]) -> list[str]:
         """Names of the columns of an array."""
         names = self.named.texts_of(name, _NAMES)
@@ -183,7 +251,7 @@ class _NamedFrfs:
         """Add the records of one array."""
         columns = _columns(array, axis.size)
         labels = self.labels(name, columns)
-        units = self.named.texts_of(name, _UNITS)
+        units = self.named.units_of(name, self.path) if self.layout.unit is None else ()
         quality = self._coherence_of(name, array.shape, axis)
         for index, (label, column) in enumerate(zip(labels, columns, strict=True)):
             bad = first_bad(column)

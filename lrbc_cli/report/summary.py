@@ -72,9 +72,9 @@ def _verdicts(job: JobRecord) -> str:
     # The least certain of them: the others are at least as probable.
     notes = [f"p >= {math.floor(1000 * min(known)) / 1000:.3g}"] if known else []
     likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and (bolt.probability_loose or 0.0) > 0.5]
-    notes += [f"likely {_short(likely, 4)}"] if likely else []
+    notes += [f"probably {_short(likely, 4)}"] if likely else []
     rest = len(undecided) - len(likely)
-    notes += [f"{rest} {'others ' if likely else ''}undecided"] if rest else []
+    notes += [f"{rest} {'others ' if likely else ''}inconclusive"] if rest else []
     return (_short(job.names("loose")) or "none found") + (f" ({'; '.join(notes)})" if notes else "")
 
 

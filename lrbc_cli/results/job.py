@@ -137,8 +137,8 @@ class TakenAsTight(Record):
 class ValidityRecord(Record):
     """Whether the model explains the measurement.
 
-    ``passed`` is null where there are no validation channels and nothing speaks against the model; ``held_out_db`` is the misfit of the
-    validation channels, ``limit_db`` the most that it may be [dB].
+    ``passed`` is null where there are no validation channels, or the measurement is in doubt, and nothing speaks against the model:
+    ``unvalidated`` says why. ``held_out_db`` is the misfit of the validation channels, ``limit_db`` the most that it may be [dB].
     """
 
     passed: bool | None
@@ -147,6 +147,7 @@ class ValidityRecord(Record):
     held_out_db: float | None = None
     limit_db: float | None = None
     reason: str = ""
+    unvalidated: str = ""
 
 
 class NoiseRecord(Record):
@@ -413,6 +414,7 @@ class JobRecord(_JobBase):
             status=self.status,
             bolts=tuple(BoltFinding(bolt.name, bolt.verdict, bolt.probability_loose) for bolt in self.bolts),
             validated=self.validity is not None and self.validity.passed is True,
+            unvalidated="" if self.validity is None else self.validity.unvalidated,
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),

@@ -11,7 +11,7 @@ FINISHED = ("converged", "stopped")
 #: Names at most in one list of a sentence.
 MOST_NAMES = 8
 
-NOT_VALIDATED = "not validated: no validation channel shows whether the model explains the measurement"
+NO_CHANNELS = "no validation channel shows whether the model explains the measurement"
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class JobFinding:
     bolts : sequence of BoltFinding
     validated : bool
         The model explains responses that the identification did not use.
+    unvalidated : str
+        Why not, where nothing speaks against it.
     assumed : str or None
         ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
     doubtful : sequence of str
@@ -45,6 +47,7 @@ class JobFinding:
     status: str
     bolts: Sequence[BoltFinding] = ()
     validated: bool = True
+    unvalidated: str = ""
     assumed: str | None = None
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
@@ -84,7 +87,7 @@ def open_points(job: JobFinding) -> list[str]:
     if job.missing:
         points.append(f"no record of {_names(job.missing)}")
     if not job.validated:
-        points.append(NOT_VALIDATED)
+        points.append(_unvalidated(job))
     return points
 
 
@@ -126,7 +129,11 @@ def sentence(job: JobFinding) -> str:
         text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
     if job.doubtful:
         text += f"; but {_names(job.doubtful)} loose against the reference job"
-    return text if job.validated else f"{text} ({NOT_VALIDATED})"
+    return text if job.validated else f"{text} ({_unvalidated(job)})"
+
+
+def _unvalidated(job: JobFinding) -> str:
+    return f"not validated: {job.unvalidated or NO_CHANNELS}"
 
 
 def _no_verdict(job: JobFinding) -> str:

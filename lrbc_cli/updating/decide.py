@@ -94,6 +94,8 @@ class Validity:
         Their mean misfit.
     limit_db : float
     reason : str
+    unvalidated : str
+        Why it is not validated, where nothing speaks against it.
     """
 
     passed: bool | None
@@ -101,6 +103,7 @@ class Validity:
     misfit_db: float | None
     limit_db: float
     reason: str
+    unvalidated: str = ""
 
     @property
     def explained(self) -> bool:
@@ -176,12 +179,11 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     within = misfit <= limit
     side = "within" if within else "above"
     reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
-    passed: bool | None = within
-    if within and evidence.repeats is not None:
-        passed, reason = None, f"not validated: {evidence.repeats}"
-    elif within and evidence.compared != VALIDATION:
-        passed, reason = None, f"not validated: {evidence.unvalidated}; {reason}"
-    return Validity(passed=passed, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason)
+    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "")
+    if not within or not unvalidated:
+        return Validity(passed=within, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason)
+    reason = f"not validated: {unvalidated}; {reason}"
+    return Validity(passed=None, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason, unvalidated=unvalidated)
 
 
 def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: float = 0.0) -> Judgement:

@@ -139,8 +139,8 @@ class Evidence:
         The same of the reference job.
     unvalidated : str
         Why none of them is a validation channel.
-    repeats : str or None
-        What is wrong with the file where it holds the measurement of the reference job once more.
+    doubted : str or None
+        What is wrong with the measurement where it is that of the reference job once more, or ends before it.
     setting : str
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str
@@ -159,7 +159,7 @@ class Evidence:
     compared: str | None
     misfit_db: float | None
     unvalidated: str
-    repeats: str | None
+    doubted: str | None
     setting: str
     data_warnings: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()

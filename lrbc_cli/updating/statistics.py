@@ -20,10 +20,13 @@ class ValidationChannels:
         Share of the lines on which such a response has values. A choice.
     copied : float
         Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+    least_span : float
+        Share of the reference job's lines that a job's reach over: a file that was cut off on its way shows less. A choice.
     """
 
     least_lines: float = 0.8
     copied: float = 1e-6
+    least_span: float = 0.98
 
 
 @dataclass(frozen=True)

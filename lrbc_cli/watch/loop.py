@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lrbc_cli.config.watch import with_folder
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.clearance import JobFinding
@@ -170,8 +169,6 @@ class Watch:
         for name, job in campaign.jobs.items():
             if other or before.jobs.get(name) != job:
                 self.arrivals.anew(name)
-        for path, reason in with_folder(self.session.campaign).left.items():
-            self._once(f"{path.name}: left alone, {reason}")
 
     def _once(self, text: str) -> None:
         if text not in self._said:

@@ -57,6 +57,7 @@ def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
     assert outcome.stderr.count("reversed sign") == 1
 
 
+@pytest.mark.slow
 def test_velocities_for_accelerations(frame: Folder) -> None:
     tree = frame.tree()
     for response in tree["responses"].values():
@@ -69,6 +70,7 @@ def test_velocities_for_accelerations(frame: Folder) -> None:
     assert "likely acceleration, not displacement: responses.acc1.quantity: acceleration" in unit
 
 
+@pytest.mark.slow
 def test_a_misfit_that_is_no_factor(frame: Folder) -> None:
     held = ("parameters.left_edge.bounds=[7.9, 8.0]", "parameters.left_edge.initial=8.0")
     tree = update(frame, "loose-all", *held).json["results"]["loose-all"]

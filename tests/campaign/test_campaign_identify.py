@@ -80,6 +80,7 @@ def test_formulas_agree_on_the_frame(frame: Folder) -> None:
     assert "certificate" not in found["full"]["provenance"]
 
 
+@pytest.mark.slow
 def test_full_order_needs_no_reduced_model(box: Folder) -> None:
     for path in [*box.cache.rglob("*.*"), box.out / "reduction.json"]:
         path.unlink()
@@ -88,6 +89,7 @@ def test_full_order_needs_no_reduced_model(box: Folder) -> None:
     assert not list(box.cache.rglob("model.h5"))
 
 
+@pytest.mark.slow
 def test_bfgs(frame: Folder, box: Folder) -> None:
     gauss_newton = frame.result("loose-2")
     tree = identify(frame, "update.method=bfgs", job="loose-2")
@@ -384,6 +386,7 @@ def test_two_excitations(box: Folder) -> None:
     assert "2 excitation(s), 4 response(s)" in box.run("check").stdout
 
 
+@pytest.mark.slow
 def test_quantities_of_a_measurement_are_converted(box: Folder) -> None:
     """The same motion measured as displacement, velocity or acceleration."""
     level = []
@@ -398,6 +401,7 @@ def test_quantities_of_a_measurement_are_converted(box: Folder) -> None:
     np.testing.assert_allclose(level[1:], S * np.array(level[:-1]), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_regularisation_draws_towards_the_start(box: Folder) -> None:
     distance = []
     for eta in (0.0, 10.0, 1000.0, 1e6):

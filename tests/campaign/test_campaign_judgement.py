@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from campaigns import Folder, box, finished
 
 from lrbc_cli.campaign.jobs.evidence import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
-from lrbc_cli.model.frf import FrfSet
+from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.statistics import ValidationChannels
 
 BEYOND = ("B0", "B7")
@@ -157,5 +158,41 @@ def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:
     assert done.code == 7, done.stderr
     validity = folder.result("loose")["validity"]
     assert validity["passed"] is None
-    assert validity["reason"] == "not validated: loose.uff holds the measurement of tight once more; was another file meant?"
+    assert validity["reason"].startswith("not validated: loose.uff holds the measurement of tight once more; was another file meant?;")
     assert any("once more" in note for note in folder.result("loose")["notes"])
+    assert "(not validated: loose.uff holds the measurement of tight once more; was another file meant?)" in done.stdout
+
+
+def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], None]:
+    """The measurement of the tight state in another file."""
+
+    def put(folder: Folder) -> None:
+        found = read_frf(folder.data / "tight.uff")
+        write_frf(folder.data / "loose.uff", replace(found, records=tuple(map(change, found.records))))
+
+    return put
+
+
+def cut(record: FrfRecord) -> FrfRecord:
+    n = int(0.9 * record.frequency_hz.size)
+    return replace(record, frequency_hz=record.frequency_hz[:n], values=record.values[:n] * 1.001, coherence=None)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda record: replace(record, values=record.values * (1 + 1e-9)), "it has the numbers of the measurement of tight"),
+        (cut, "its lines reach from 20 to 360 Hz, those of tight from 20 to 400 Hz; is the file complete?"),
+    ],
+)
+def test_what_is_no_measurement_of_its_own_or_not_whole_clears_nothing(
+    change: Callable[[FrfRecord], FrfRecord], said: str, tmp_path: Path
+) -> None:
+    folder = box(tmp_path / "box")
+    rewritten(change)(folder)
+    done = folder.run("update", "--fail-on-loose")
+    assert done.code == 7, done.stdout
+    validity = folder.result("loose")["validity"]
+    assert validity["passed"] is None
+    assert validity["unvalidated"].startswith(said)
+    assert f"(not validated: {said}" in done.stdout

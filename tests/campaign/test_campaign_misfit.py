@@ -108,6 +108,7 @@ def test_repeats_on_other_lines(box: Folder) -> None:
         assert part in result.stderr
 
 
+@pytest.mark.slow
 def test_coherence_is_a_weight(box: Folder) -> None:
     records = list(read_frf(box.data / "loose.uff").records)
     g2 = np.linspace(0.2, 1.0, records[0].frequency_hz.size)

@@ -295,6 +295,7 @@ class TestCampaignFile:
         assert outcome.code == 0, outcome.stderr
         assert outcome.json["factors"]["loss_factor.structure"]["value"] == pytest.approx(1.5, rel=2e-3)
 
+    @pytest.mark.slow
     def test_a_group(self, tmp_path: Path) -> None:
         """A share of the stiffness: what was put in comes out."""
         folder = frame(tmp_path / "frame")
@@ -312,6 +313,7 @@ class TestCampaignFile:
         assert outcome.json["factors"]["part"]["value"] == pytest.approx(1 / 1.04, rel=2e-3)
         assert "calibration: used (tight, 1 factor)" in folder.run("reduce").stderr
 
+    @pytest.mark.slow
     def test_two_groups_alike(self, tmp_path: Path) -> None:
         """In the file, on the console and in the report."""
         folder = frame(tmp_path / "frame")

@@ -131,6 +131,7 @@ def test_the_file_system_is_asked(tmp_path: Path) -> None:
     assert protect.folds_case(tmp_path / "Name") == (tmp_path / "nAME").exists()
 
 
+@pytest.mark.slow
 def test_all_results_are_known(frame: Folder) -> None:
     """What commands leave in the output folder is what the guard knows of."""
     assert frame.run("calibrate").code == 0

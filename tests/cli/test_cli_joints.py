@@ -76,7 +76,7 @@ def test_the_report_draws_joints(folder: Folder, tmp_path: Path) -> None:
         assert (copy.out / "single" / name).stat().st_size > 10_000
     page = (copy.out / "report.html").read_text(encoding="utf-8")
     assert "Stiffness of the joints" in page
-    assert "Maps of the joints" in page
+    assert "Map of the bolts" in page
     assert "along the edge" not in page
 
 

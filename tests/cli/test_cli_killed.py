@@ -167,6 +167,7 @@ def test_killed_between_the_files_of_a_job(tmp_path: Path, undisturbed: Folder, 
 READERS = {"h5": lambda path: h5py.File(path).close(), "mat": scipy.io.loadmat}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["h5", "mat"])
 def test_export(tmp_path: Path, ending: str) -> None:
     folder = frame(tmp_path / "frame")

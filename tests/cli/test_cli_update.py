@@ -340,6 +340,7 @@ def test_the_files_of_the_campaign_are_written_anew(box: Folder) -> None:
         assert (box.out / name).stat().st_size == pytest.approx(len(before), rel=0.05)
 
 
+@pytest.mark.slow
 def test_any_folder_will_do(box: Folder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blanks and letters of any kind; paths are relative to the campaign file, not to where the command runs."""
     folder = make_box(tmp_path / "Prüfstand 1 – Δ")
@@ -358,6 +359,7 @@ def test_any_folder_will_do(box: Folder, tmp_path: Path, monkeypatch: pytest.Mon
         assert folder.results()[job]["parameters"] == tree["parameters"]
 
 
+@pytest.mark.slow
 def test_force_and_workers_give_the_same(frame: Folder) -> None:
     before = frame.results()
     for args in (["--force", "--workers", "2"], ["--force", "--workers", "3", "--job", "loose-2"]):
@@ -420,6 +422,7 @@ def test_one_failing_job_leaves_the_others(tmp_path: Path) -> None:
     assert folder.result("loose-2")["status"] == "converged"
 
 
+@pytest.mark.slow
 def test_failures_with_several_workers(tmp_path: Path) -> None:
     folder = frame(tmp_path / "new")
     (folder.data / "frf" / "loose-2.csv").unlink()

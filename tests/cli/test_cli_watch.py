@@ -93,6 +93,9 @@ def watching(folder: Folder, *args: str) -> Iterator[Watching]:
         run.process.wait()
 
 
+NAMES = ("tight", "loose-2", "touch-x-after", "third")
+
+
 def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
     """Half copied, renamed, under a name that a shell would run; a second watcher; the end by Ctrl+C."""
     folder = begun.copy(tmp_path / "it's #1")
@@ -120,13 +123,14 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
         assert "loose-2" in (folder.out / "report.html").read_text(encoding="utf-8")
 
         shutil.copy(waiting / "again.csv", frf / "third.csv.part")
-        shutil.copy(waiting / "again.csv", frf / "$(touch x); third.csv")
-        run.says("third.csv: left alone, its name cannot be that of a job")
+        shutil.copy(waiting / "again.csv", frf / "$(touch x); after.csv")
+        # What was not judged could be loose: no name keeps a file from it.
+        run.tells("touch-x-after: B3, B4 loose")
         assert not (folder.out / "third").exists()
         (frf / "third.csv.part").rename(frf / "third.csv")
         run.tells("third: B3, B4 loose")
         assert run.live
-        assert run.err.read_text().count("\a") == 2
+        assert run.err.read_text().count("\a") == 3
         if sys.platform != "win32":
             run.process.send_signal(signal.SIGINT)
             assert run.process.wait(LIMIT) == 130
@@ -134,7 +138,7 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
             assert folder.leftovers() == []
 
     hooks = [json.loads(line) for line in told.read_text(encoding="utf-8").splitlines()]
-    assert [arguments for arguments, _ in hooks] == [["loose-2", "loose", "6"], ["third", "loose", "6"]]
+    assert [arguments for arguments, _ in hooks] == [[name, "loose", "6"] for name in NAMES[1:]]
     sentences = run.out.read_text(encoding="utf-8").splitlines()
     page = str(folder.out / "report.html")
     for sentence, (arguments, told_of) in zip(sentences, hooks, strict=True):
@@ -142,7 +146,9 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
 
     # The same jobs exist for every command, and nothing is left to do.
     plans = folder.run("update", "--dry-run", "--json").json["jobs"]
-    assert {name: plan["run"] or plan["judge"] for name, plan in plans.items()} == {"tight": False, "loose-2": False, "third": False}
+    assert {name: plan["run"] or plan["judge"] for name, plan in plans.items()} == dict.fromkeys(
+        ("tight", "loose-2", "touch-x-after", "third"), False
+    )
 
 
 @pytest.mark.slow

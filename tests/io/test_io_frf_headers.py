@@ -196,3 +196,91 @@ def test_files_of_other_programs_are_named(tmp_path: Path, start: bytes, words: 
 def test_what_is_no_frf_is_told_as_such(tmp_path: Path, header: str, message: str) -> None:
     with pytest.raises(DataError, match=message):
         read_frf(write(tmp_path, [header, *rows(HZ, H.real, H.imag)]))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        ["Frequency;acc1;acc1;acc2;acc2", "Hz;g/N;deg;g/N;deg"],
+        ["Frequency [Hz];acc1 [g/N];acc1 [°];acc2 [g/N];acc2 [°]"],
+        ["Frequency;acc1;;acc2;", "Hz;g/N;deg;g/N;deg"],
+    ],
+)
+def test_a_column_in_degrees_is_a_phase(tmp_path: Path, header: list[str]) -> None:
+    columns = [part for values in (H, G) for part in (np.abs(values), np.rad2deg(np.angle(values)))]
+    first, second = read_frf(write(tmp_path, [*header, *rows(HZ, *columns)])).records
+    assert (first.name, second.name, second.quantity) == ("acc1", "acc2", "acceleration")
+    np.testing.assert_allclose(first.values, STANDARD_GRAVITY * H, rtol=1e-9)
+    np.testing.assert_allclose(second.values, STANDARD_GRAVITY * G, rtol=1e-9)
+
+
+def test_units_tell_decibels_and_radians(tmp_path: Path) -> None:
+    lines = ["f;acc1 (dB);acc1 (rad)", *rows(HZ, 20 * np.log10(np.abs(H)), np.angle(H))]
+    (found,) = read_frf(write(tmp_path, lines)).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-9)
+    # Chosen columns are what their headings say, too.
+    (found,) = read_frf(write(tmp_path, lines), TextLayout(columns={"a": (2, 3)})).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["omega", "w", "ω", "Omega (1/s)"])
+def test_omega_is_in_radians_a_second(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path, [f"{name};a_real;a_imag", *rows(2 * np.pi * HZ, H.real, H.imag)], "utf-8")
+    result = read_frf(path)
+    np.testing.assert_allclose(result.records[0].frequency_hz, HZ, rtol=1e-9)
+    assert any("converted from rad/s to Hz" in note for note in result.notes)
+    np.testing.assert_allclose(read_frf(path, TextLayout(frequency_unit="Hz")).records[0].frequency_hz, 2 * np.pi * HZ, rtol=1e-9)
+
+
+def test_parts_of_different_units_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, ["f;a Real [g/N];a Imag [m/s²/N]", *rows(HZ, H.real, H.imag)])
+    with pytest.raises(DataError, match="different units") as caught:
+        read_frf(path)
+    assert caught.value.found == "g/N and m/s²/N"
+    (found,) = read_frf(path, TextLayout(unit="m/s^2/N")).records
+    np.testing.assert_allclose(found.values, H, rtol=1e-11)
+
+
+@pytest.mark.parametrize("unit", ["g/g", "m/m", "(m/s²)/(m/s²)", "V/V", "mV/V", "rad"])
+def test_a_transmissibility_is_no_frf(tmp_path: Path, unit: str) -> None:
+    path = write(tmp_path, [f"f;a Real [{unit}];a Imag [{unit}]", *rows(HZ, H.real, H.imag)])
+    if "V" in unit:
+        assert "not understood" in read_frf(path).warnings[0]
+        return
+    with pytest.raises(DataError, match="not the unit of an FRF"):
+        read_frf(path)
+
+
+def test_each_pair_is_read_as_what_it_is(tmp_path: Path) -> None:
+    header = "f;a Real;a Imag;b Betrag;b Phase [°];c Real;c Imag"
+    lines = [header, *rows(HZ, H.real, H.imag, np.abs(G), np.rad2deg(np.angle(G)), G.real, G.imag)]
+    result = read_frf(write(tmp_path, lines))
+    assert [(r.name, r.number) for r in result.records] == [("a", 1), ("b", 2), ("c", 3)]
+    for record, values in zip(result.records, (H, G, G), strict=True):
+        np.testing.assert_allclose(record.values, values, rtol=1e-9)
+    assert {"2 FRFs, real-imag", "1 FRF, magnitude-phase"} <= set(result.notes)
+
+
+@pytest.mark.parametrize(("form", "decimal"), [("{:.12g}{:+.12g}j", "."), ("({:.12g}{:+.12g}i)", "."), ("{:.12g} {:+.12g}*j", ",")])
+def test_complex_cells(tmp_path: Path, form: str, decimal: str) -> None:
+    coherence = np.linspace(0.5, 1.0, 4)
+    body = [
+        ";".join([f"{f:g}", *(form.format(z.real, z.imag) for z in (a, b)), f"{c:.12g}"]).replace(".", decimal)
+        for f, a, b, c in zip(HZ, H, G, coherence, strict=True)
+    ]
+    result = read_frf(write(tmp_path, ["Frequenz;acc1;acc2;acc1_coherence", "Hz;g/N;g/N;", *body]))
+    assert [r.name for r in result.records] == ["acc1", "acc2"]
+    np.testing.assert_allclose(result.records[0].values, STANDARD_GRAVITY * H, rtol=1e-9)
+    np.testing.assert_allclose(result.records[1].values, STANDARD_GRAVITY * G, rtol=1e-9)
+    np.testing.assert_allclose(result.records[0].coherence, coherence)
+
+
+def test_messages_show_the_cell(tmp_path: Path) -> None:
+    lines = ["f;a_real;a_imag;b_real;b_imag", *rows(HZ, H.real, H.imag, G.real, G.imag)]
+    for cell, found in (("", "nothing (an empty cell)"), ("****", "'****' in column 4"), ("NaN", "NaN")):
+        cells = lines[3].split(";")
+        cells[3] = cell
+        with pytest.raises(DataError) as caught:
+            read_frf(write(tmp_path, [*lines[:3], ";".join(cells), lines[4]]))
+        assert caught.value.found == found
+        assert "line 4" in str(caught.value)

@@ -154,3 +154,46 @@ def test_hdf5_of_any_origin(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no FRF that is understood") as caught:
         read_frf(path)
     assert "a (3, 3) f" in str(caught.value.found)
+
+
+def test_units_of_what_holds_the_arrays(tmp_path: Path) -> None:
+    result = read_frf(mat(tmp_path, units="g/N", m={"f": HZ, "H": H}))
+    np.testing.assert_allclose(result.records[0].values, GRAVITY * H, rtol=1e-15)
+    path = mat(tmp_path, units="g/N", m={"f": HZ, "H": H, "units": "m/s^2/N"})
+    with pytest.raises(DataError, match="two units are stated") as caught:
+        read_frf(path)
+    assert caught.value.found == "m/s^2/N (m.units) and g/N (units)"
+    np.testing.assert_allclose(read_frf(path, TextLayout(unit="mm/s^2/N")).records[0].values, 1e-3 * H, rtol=1e-15)
+
+
+def test_attributes_of_groups_and_axes(tmp_path: Path) -> None:
+    path = tmp_path / "frf.h5"
+    for unit, scale in (("rad/s", 2 * np.pi), ("kHz", 1e-3), ("Hz", 1.0)):
+        with h5py.File(path, "w") as file:
+            file["acc1/f"], file["acc1/value"] = scale * HZ, H
+            file["acc1/f"].attrs["units"], file["acc1"].attrs["unit"] = unit, "g/N"
+        (found,) = read_frf(path).records
+        assert (found.name, found.quantity) == ("acc1", "acceleration")
+        np.testing.assert_allclose(found.frequency_hz, HZ, rtol=1e-12)
+        np.testing.assert_allclose(found.values, GRAVITY * H, rtol=1e-15)
+    with h5py.File(path, "a") as file:
+        file["acc1/value"].attrs["unit"] = "mm/s^2/N"
+    with pytest.raises(DataError, match="two units are stated"):
+        read_frf(path)
+
+
+def test_a_named_coherence_that_is_not_there(tmp_path: Path) -> None:
+    path = mat(tmp_path, f=HZ, H=H, my_gamma2=COHERENCE)
+    for read in (read_frf, read_coherence):
+        with pytest.raises(DataError, match="the variable of the coherence is not there") as caught:
+            read(path, TextLayout(coherence="my_gama2"))
+        assert "my_gamma2" in str(caught.value.found)
+
+
+def test_an_axis_that_is_not_recognised(tmp_path: Path) -> None:
+    path = mat(tmp_path, w=2 * np.pi * HZ, H=TWO)
+    with pytest.raises(DataError, match="no variable of frequencies was recognised") as caught:
+        read_frf(path)
+    assert "w (1, 5)" in str(caught.value.found)
+    assert "format: {frequency: w, frequency_unit: rad/s}" in str(caught.value.hint)
+    np.testing.assert_allclose(read_frf(path, TextLayout(frequency="w")).records[0].frequency_hz, HZ, rtol=1e-12)

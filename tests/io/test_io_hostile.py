@@ -317,7 +317,7 @@ def test_long_runs_take_linear_time(tmp_path):
     found = finished(start(READ_ALL, *(tmp_path / name for name in files))).split()
     found = dict(zip(found[::2], found[1::2], strict=True))
     assert set(found) == set(files)
-    readable = {"blanks.csv", "brackets.csv", "separators.csv", "round.csv", "axis.uff", "valid.uff"}
+    readable = {"axis.uff", "valid.uff"}
     assert {name for name, answer in found.items() if answer == "read"} == readable
 
 
@@ -349,5 +349,5 @@ def test_record_6_that_is_none(line):
 @pytest.mark.parametrize("word", ["ab\u017f", "\u0131mag", "magn\u0130tude"])
 def test_letters_that_only_look_alike(tmp_path, word):
     """Case-insensitive patterns take the long s for an s."""
-    (tmp_path / "a.csv").write_text(f"f,{word}(x),{word}_x\n{ROWS}", encoding="utf-8")
+    (tmp_path / "a.csv").write_text(f"f,{word}(x),{word}(x)\n{ROWS}", encoding="utf-8")
     assert [record.name for record in read_frf(tmp_path / "a.csv").records] == [f"{word}(x)"]

@@ -118,7 +118,7 @@ def test_quantities_and_feedthrough():
 
 
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("p_damp", [None, -3.0, 0.0, 2.0, 4.0])
+@pytest.mark.parametrize("p_damp", [None, *(pytest.param(p, marks=pytest.mark.slow) for p in (-3.0, 0.0, 2.0)), 4.0])
 @pytest.mark.parametrize("split", ["full", "reduced"])
 def test_no_pole_in_the_right_half_plane(state, p_damp, split):
     """The unsymmetric u-p system is a gyroscopic one of positive matrices; its poles at zero are the constant pressure of the cavity."""

@@ -219,6 +219,7 @@ class TestRecovery:
         assert f"is {total:.3g} (" in note
         assert f") at {hz:.4g} Hz" in note
 
+    @pytest.mark.slow
     def test_what_damps_alike_is_told_as_one(self):
         """On lines of few resonances: the loss factor that alpha, beta and eta come to."""
         model, recipe = duct_model(loss=(0.005, 0.0))

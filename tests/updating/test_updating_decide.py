@@ -32,7 +32,7 @@ def evidence(*bolts: BoltEvidence, **kwargs: Any) -> Evidence:
         "compared": VALIDATION,
         "misfit_db": 0.5,
         "unvalidated": "",
-        "repeats": None,
+        "doubted": None,
         "setting": "",
     }
     return Evidence(**(known | kwargs))
@@ -209,8 +209,8 @@ class TestValidity:
         [
             ({}, True),
             ({"compared": USED, "unvalidated": "there are no validation channels"}, None),
-            ({"repeats": "tight.csv holds the measurement of tight once more"}, None),
-            ({"repeats": "tight.csv holds the measurement of tight once more", "misfit_db": 5.0}, False),
+            ({"doubted": "tight.csv holds the measurement of tight once more"}, None),
+            ({"doubted": "tight.csv holds the measurement of tight once more", "misfit_db": 5.0}, False),
             ({"compared": None, "misfit_db": None}, False),
         ],
     )

@@ -130,7 +130,9 @@ def test_uniform_values_leave_the_damping_alone():
 class TestRecovery:
     """The measurement is made by the model itself from a known state: it has to be found."""
 
-    @pytest.mark.parametrize("at", [(4, 5, 6), (0, 1), (9,), (7, 8), tuple(range(PADS)), ()])
+    @pytest.mark.parametrize(
+        "at", [(4, 5, 6), (0, 1), tuple(range(PADS)), *(pytest.param(at, marks=pytest.mark.slow) for at in ((9,), (7, 8), ()))]
+    )
     @pytest.mark.parametrize("initial", [3.0, pytest.param(6.5, marks=pytest.mark.slow)])
     def test_by_levels(self, at, initial):
         misfit, parameters, truth = problem(at=at, initial=initial, eta=1e-5)

@@ -40,7 +40,7 @@ def judge(edges, bolts, loose_change, is_reference):
         compared="validation channels",
         misfit_db=0.1,
         unvalidated="",
-        repeats=None,
+        doubted=None,
         setting="",
     )
     return list(decide(evidence, DecisionRule(loose_change=loose_change), REFERENCE if is_reference else JOB).bolts)

@@ -91,7 +91,10 @@ def test_files_of_a_folder_are_jobs(tmp_path: Path) -> None:
     watch = folder_of(tmp_path / "frf", *names, "new-1.txt")
     campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern=['*.csv', '*.txt']"])
     # The sample has a file for `loose-2`; where it is missing, this one is it.
-    assert list(campaign.jobs) == ["tight", "loose-2", "loose-all", "New-2", "new-1"]
+    assert list(campaign.jobs) == [
+        *("tight", "loose-2", "loose-all"),
+        *("New-2", "calibration-csv", "con-csv", "loose-2-csv", "new-1", "new-1-txt", "two-words"),
+    ]
     assert campaign.jobs["new-1"] == JobConfig.model_validate({"frf": str(tmp_path / "frf" / "new-1.csv")})
     missing = load_campaign(CAMPAIGN, [watch, "jobs.loose-2.frf=nowhere.csv"])
     assert missing.jobs["loose-2"].frf == tmp_path / "frf" / "loose-2.csv"

@@ -54,6 +54,8 @@ class Identification:
         Changes at the bolts where their prior is a mixture.
     warnings : tuple of str
         Those of the notes that a user has to act on.
+    tight : Measurement or None
+        Of the reference job, where there is another and it can be read.
     """
 
     name: str
@@ -79,3 +81,4 @@ class Identification:
     l_curve: LCurve | None = None
     changes: ChangeSamples | None = None
     warnings: tuple[str, ...] = ()
+    tight: Measurement | None = field(default=None, repr=False)

@@ -84,6 +84,7 @@ class _Job:
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         self.error = self._change_error(reference)
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
+        self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
         self.notes += notes
 
@@ -147,7 +148,7 @@ class _Job:
         if not self.against_reference or reference is None:
             return None
         try:
-            tight = self._read(reference)
+            tight = self.tight = self._read(reference)
         except DataError as error:
             # Its earlier result still serves.
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
@@ -165,6 +166,16 @@ class _Job:
         most = self.statistics.errors.most_correction_db
         limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
         return self.measured() * limited
+
+    def of_reference(self) -> Measurement | None:
+        """The measurement of the reference job; None in that itself, or where it cannot be read."""
+        reference = self.inputs.campaign.update.reference
+        if self.tight is not None or reference in (None, self.name):
+            return self.tight
+        try:
+            return self._read(reference)
+        except DataError:
+            return None
 
     def _pairs(self) -> list[tuple[int, int]]:
         """Columns of bolts side by side, which may have loosened together."""
@@ -427,4 +438,5 @@ def _identify(
         fit.curve,
         changes,
         tuple(job.warnings),
+        job.of_reference(),
     )

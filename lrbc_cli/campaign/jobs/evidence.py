@@ -75,7 +75,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         misfit_db=misfit,
         reference_misfit_db=_reference_misfit(result, reference, compared),
         unvalidated=unvalidated,
-        repeats=_repeats(inputs, result, reference),
+        doubted=_doubted(inputs, result, reference),
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
@@ -120,14 +120,26 @@ def _reference_misfit(result: Identification, reference: JobRecord | None, compa
     return reference.misfit_db.held_out_final if compared == VALIDATION else reference.misfit_db.final
 
 
-def _repeats(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
-    """What is wrong with a file that is that of the reference job: a measurement that was not exchanged tells nothing of the bolts."""
-    known = () if reference is None else reference.provenance.inputs.values()
-    hashes = result.measurement.hashes
-    again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if hashes.get(file.as_posix()) in known]
-    if reference is None or not again:
+def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
+    """What is wrong with a measurement that was not exchanged, or is not whole: it tells nothing of the bolts, or less than it seems."""
+    if reference is None:
         return None
-    return f"{', '.join(file.name for file in again)} holds the measurement of {reference.job} once more; was another file meant?"
+    known, own, tight = reference.provenance.inputs.values(), result.measurement, result.tight
+    again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in known]
+    if again:
+        return f"{', '.join(file.name for file in again)} holds the measurement of {reference.job} once more; was another file meant?"
+    if tight is None:
+        return None
+    limits, axis = inputs.statistics.validation, own.frequency_hz
+    if own.values.shape == tight.values.shape and np.array_equal(axis, tight.frequency_hz):
+        both = np.isfinite(own.values) & np.isfinite(tight.values)
+        if both.any() and np.allclose(own.values[both], tight.values[both], rtol=limits.copied, atol=0.0):
+            return f"it has the numbers of the measurement of {reference.job}; was another file meant?"
+    within = (tight.frequency_hz >= axis[0] * (1 - 1e-6)) & (tight.frequency_hz <= axis[-1] * (1 + 1e-6))
+    if within.mean() < limits.least_span:
+        whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
+        return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
+    return None
 
 
 def validation_channels(

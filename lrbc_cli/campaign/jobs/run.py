@@ -109,17 +109,18 @@ def run_jobs(
         None where nothing had to run, or for full-order evaluation.
     """
     names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
-    return _Run(inputs, folder, names, force, progress).all(accept, workers, source)
+    parts = cache.key_parts(inputs) if source is None else source.parts
+    return _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
 
 
 class _Run:
     """What the jobs of one call share."""
 
-    def __init__(self, inputs: Inputs, folder: Path, names: list[str], force: bool, progress: Callable[[str], None]) -> None:
+    def __init__(self, inputs: Inputs, folder: Path, plans: Sequence[JobPlan], progress: Callable[[str], None]) -> None:
         self.inputs, self.folder, self.progress = inputs, folder, progress
         self.output = inputs.campaign.output
-        self.names = names
-        self.plans = {p.name: p for p in plan(inputs, cache.key_parts(inputs), self.names, force)}
+        self.names = [p.name for p in plans]
+        self.plans = {p.name: p for p in plans}
         self.outcome = Outcome()
         self.stage: ReductionStage | None = None
         self.workers = 1

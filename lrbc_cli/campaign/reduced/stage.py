@@ -245,7 +245,15 @@ class FrfSource:
     progress: Callable[[str], None] = lambda _: None
     known: dict[bytes, Any] = field(default_factory=dict)
     _tables: dict[bytes, PortFrf] = field(default_factory=dict)
+    _parts: dict[str, str] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def parts(self) -> dict[str, str]:
+        """``cache.key_parts`` of its inputs, hashed once."""
+        if not self._parts:
+            self._parts.update(cache.key_parts(self.inputs))
+        return self._parts
 
     def table(self, s: Complexes) -> PortFrf:
         """Port FRFs for all responses on the lines s."""

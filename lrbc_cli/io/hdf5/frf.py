@@ -131,6 +131,12 @@ def _named(file: h5py.File, path: Path) -> Named:
     arrays: dict[str, NDArray[Any]] = {}
     texts: dict[str, tuple[str, ...]] = {}
 
+    def attributes(node: Any, above: str, *known: str) -> None:
+        for attribute in ("unit", "units", *known):
+            text = text_attribute(node, attribute)
+            if text is not None:
+                texts.setdefault(f"{above}{attribute}", (text,))
+
     def walk(group: h5py.Group, above: str, depth: int) -> None:
         for key in group:
             # What MATLAB keeps for itself begins with a hash.
@@ -138,11 +144,14 @@ def _named(file: h5py.File, path: Path) -> Named:
                 continue
             node, name = lookup(group, key, path), f"{above}{key}"
             if isinstance(node, h5py.Group):
+                attributes(node, f"{name}.")
                 if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
                     walk(node, f"{name}.", depth + 1)
                 continue
             _put(node, name, path, arrays, texts)
+            attributes(node, f"{name}.", "name", "names")
 
+    attributes(file, "")
     walk(file, "", 0)
     return Named(arrays, texts)
 
@@ -164,10 +173,6 @@ def _put(node: Any, name: str, path: Path, arrays: dict[str, NDArray[Any]], text
         found = [one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in values.ravel().tolist()]
         if all(isinstance(one, str) for one in found):
             texts[name] = tuple(found)
-    for attribute in ("unit", "units", "name", "names"):
-        text = text_attribute(node, attribute)
-        if text is not None:
-            texts[f"{name}.{attribute}"] = (text,)
 
 
 def write_frf_hdf5(path: Path, frf: FrfSet) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +14,17 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.encoding import unfinished
-from lrbc_cli.io.frf_common import check_frequencies, clean_coherence, conversion, not_finite, scaled
+from lrbc_cli.io.frf_common import HERTZ, check_frequencies, clean_coherence, conversion, frequency_unit, not_finite, scaled
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.text.sniff import TextTable, read_table
-from lrbc_cli.io.units import decibel
+from lrbc_cli.io.units import decibel, parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _PAIRS = {"real-imag": ("real", "imag"), "magnitude-phase": ("magnitude", "phase"), "db-phase": ("db", "phase")}
+
+
+_ANGLES = {"deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,16 @@ class _Column:
     name: str
     part: str | None
     unit: str
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two columns of one FRF, and what they hold."""
+
+    name: str
+    first: int
+    second: int
+    kind: str
 
 
 def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
@@ -49,20 +62,19 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
     notes = list(table.notes)
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
-    columns = [_classify(table, index, layout) for index in _data_columns(table, at, path)]
+    columns = _by_angles([_classify(table, index, layout) for index in _data_columns(table, at, path)])
     units = {column.at: column.unit for column in columns}
-    pairs, representation = _chosen_pairs(table, layout, path), layout.representation or "real-imag"
+    pairs = _chosen_pairs(table, columns, layout, path)
     coherences: dict[str, _Column] = {}
     if not pairs:
-        pairs, representation = _pairs(columns, layout, path, notes)
+        pairs = _pairs(columns, layout, path, notes)
         coherences = {column.name: column for column in columns if column.part == "coherence"}
     records = []
     warnings: list[str] = []
-    for name, first, second in pairs:
-        about = f"column {table.called(first)}"
-        parts = _parts(table, first, second, representation, path)
-        values = _combine(*parts, representation, _phase(table, second, representation, layout, notes))
-        scale, quantity = conversion(units.get(first, ""), layout, path, about, notes, warnings)
+    for pair in pairs:
+        name, about = pair.name, f"column {table.called(pair.first)}"
+        values = _combine(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
+        scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = None
         if name in coherences:
             at = coherences[name].at
@@ -75,7 +87,30 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
     return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings)))
 
 
-def _parts(table: TextTable, first: int, second: int, representation: str, path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _unit(table: TextTable, pair: _Pair, units: dict[int, str], layout: TextLayout, path: Path) -> str:
+    """Unit of an FRF: that of its first column, which is that of its imaginary part, too.
+
+    Raises
+    ------
+    DataError
+        If real and imaginary part have different units.
+    """
+    first, second = units.get(pair.first, ""), units.get(pair.second, "")
+    if pair.kind != "real-imag" or not (first and second) or layout.unit is not None:
+        return first or (second if pair.kind == "real-imag" else "")
+    if first != second and (parse_unit(first) is None or parse_unit(first) != parse_unit(second)):
+        raise DataError(
+            "real and imaginary part have different units",
+            file=path,
+            place=f"columns {table.called(pair.first)} and {table.called(pair.second)}",
+            expected="one unit",
+            found=f"{first} and {second}",
+            hint="correct the heading, or say 'format: {unit: ...}' under the job",
+        )
+    return first
+
+
+def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The two columns of an FRF.
 
     Raises
@@ -83,22 +118,22 @@ def _parts(table: TextTable, first: int, second: int, representation: str, path:
     DataError
         If a value is not finite, or a magnitude negative.
     """
-    for index in (first, second):
+    for index in (pair.first, pair.second):
         bad = np.flatnonzero(~np.isfinite(table.values[:, index]))
         if bad.size:
             row = int(bad[0])
-            raise not_finite(path, f"line {table.lines[row]}, column {table.called(index)}", table.values[row, index])
-    values = table.values[:, first]
-    if representation == "magnitude-phase" and (negative := np.flatnonzero(values < 0)).size:
+            raise not_finite(path, f"line {table.lines[row]}, column {table.called(index)}", table.cell(path, row, index))
+    values = table.values[:, pair.first]
+    if pair.kind == "magnitude-phase" and (negative := np.flatnonzero(values < 0)).size:
         raise DataError(
             "a magnitude is negative",
             file=path,
-            place=f"line {table.lines[negative[0]]}, column {table.called(first)}",
+            place=f"line {table.lines[negative[0]]}, column {table.called(pair.first)}",
             expected="magnitudes from 0 on",
             found=f"{values[negative[0]]:g} ({negative.size} such lines)",
             hint="are these dB (representation: db-phase), or real and imaginary parts (real-imag)?",
         )
-    return values, table.values[:, second]
+    return values, table.values[:, pair.second]
 
 
 def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -202,16 +237,10 @@ def _data_columns(table: TextTable, at: int, path: Path) -> list[int]:
 
 
 def _frequencies(table: TextTable, at: int, layout: TextLayout, path: Path, notes: list[str]) -> NDArray[np.float64]:
-    unit = layout.frequency_unit or table.headings[at].unit
-    text = f"{table.headings[at].text} {unit}".lower()
-    scale = 1.0
-    if "khz" in text:
-        scale = 1e3
-    elif "rad" in text:
-        scale = 1.0 / (2.0 * np.pi)
-    if scale != 1.0:
-        notes.append(f"frequencies converted from {unit or table.called(at)} to Hz")
-    frequency = np.array(table.values[:, at] * scale)
+    unit = layout.frequency_unit or frequency_unit(table.headings[at].text, table.headings[at].unit)
+    if unit != "Hz":
+        notes.append(f"frequencies of column {table.called(at)} converted from {unit} to Hz")
+    frequency = np.array(table.values[:, at] * HERTZ[unit])
     check_frequencies(frequency, path, f"column {table.called(at)}")
     return frequency
 
@@ -238,14 +267,30 @@ def _classify(table: TextTable, index: int, layout: TextLayout) -> _Column:
     return _Column(index, one.name.strip(), "db" if in_db else one.part, unit)
 
 
-def _chosen_pairs(table: TextTable, layout: TextLayout, path: Path) -> list[tuple[str, int, int]]:
-    return [
-        (name, _find(table, first, path, f"format.columns.{name}"), _find(table, second, path, f"format.columns.{name}"))
-        for name, (first, second) in layout.columns.items()
-    ]
+def _by_angles(columns: list[_Column]) -> list[_Column]:
+    """Columns in degrees or radians are phases, and those before them or of the same name their magnitudes."""
+    found: list[_Column] = []
+    for column in columns:
+        if column.part is None and fold(column.unit).strip("[](). ") in _ANGLES:
+            before = found[-1].name if found and found[-1].part in (None, "magnitude", "db") else ""
+            column = replace(column, name=column.name or before, part="phase")
+        found.append(column)
+    phases = {column.name for column in found if column.part == "phase"}
+    return [replace(one, part="magnitude") if one.part is None and one.name in phases else one for one in found]
 
 
-def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> tuple[list[tuple[str, int, int]], str]:
+def _chosen_pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: Path) -> list[_Pair]:
+    """Pairs that the layout names; what they hold is said by it, else by their headings."""
+    parts = {column.at: column.part for column in columns}
+    pairs = []
+    for name, chosen in layout.columns.items():
+        first, second = (_find(table, column, path, f"format.columns.{name}") for column in chosen)
+        known = [kind for kind, needed in _PAIRS.items() if (parts.get(first), parts.get(second)) == needed]
+        pairs.append(_Pair(name, first, second, layout.representation or next(iter(known), "real-imag")))
+    return pairs
+
+
+def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> list[_Pair]:
     """Pairs of columns and what they hold; pairs that share a name, or have none, by their order."""
     seen: dict[tuple[str, str], int] = {}
     parts: dict[tuple[str, int], dict[str, int]] = {}
@@ -263,19 +308,21 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
                 expected="names that differ, or as many columns of each part",
                 found=name or "no names",
             )
-    complete = {
-        kind: [(name, group[first], group[second]) for (name, _), group in parts.items() if first in group and second in group]
-        for kind, (first, second) in _PAIRS.items()
-    }
-    wanted = [layout.representation] if layout.representation else list(_PAIRS)
-    for kind in wanted:
-        if complete[kind]:
-            used = {name for name, _, _ in complete[kind]}
-            left = [column for column in columns if column.name not in used or column.part is None]
-            if left:
-                notes.append(f"columns without a partner left out: {listing([column.name or str(column.at + 1) for column in left])}")
-            notes.append(f"{len(complete[kind])} FRF{'s' if len(complete[kind]) > 1 else ''}, {kind}")
-            return complete[kind], kind
+    complete: list[_Pair] = []
+    for (name, _), group in parts.items():
+        wanted = [layout.representation] if layout.representation else list(_PAIRS)
+        kind = next((kind for kind in wanted if set(_PAIRS[kind]) <= group.keys()), None)
+        if kind is not None:
+            complete.append(_Pair(name, *(group[part] for part in _PAIRS[kind]), kind))
+    if complete:
+        used = {pair.name for pair in complete}
+        left = [column for column in columns if column.name not in used or column.part is None]
+        if left:
+            notes.append(f"columns without a partner left out: {listing([column.name or str(column.at + 1) for column in left])}")
+        for kind in dict.fromkeys(pair.kind for pair in complete):
+            count = sum(pair.kind == kind for pair in complete)
+            notes.append(f"{count} FRF{'s' if count > 1 else ''}, {kind}")
+        return complete
     plain = [column for column in columns if column.part != "coherence"]
     alike = all(second.name in ("", first.name) for first, second in zip(plain[::2], plain[1::2], strict=False))
     if len(plain) % 2 or not plain or any(column.part for column in plain) or not (alike or layout.representation):
@@ -292,12 +339,13 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
     representation = layout.representation or "real-imag"
     notes.append(f"columns taken as pairs of {' and '.join(_PAIRS[representation])}")
     pairs = list(zip(plain[::2], plain[1::2], strict=True))
-    return [(first.name, first.at, second.at) for first, second in pairs], representation
+    return [_Pair(first.name, first.at, second.at, representation) for first, second in pairs]
 
 
-def _phase(table: TextTable, at: int, representation: str, layout: TextLayout, notes: list[str]) -> str:
-    if representation == "real-imag":
+def _phase(table: TextTable, pair: _Pair, layout: TextLayout, notes: list[str]) -> str:
+    if pair.kind == "real-imag":
         return "rad"
+    at = pair.second
     text = fold(f"{table.headings[at].text} {table.headings[at].unit}")
     if layout.phase:
         return layout.phase

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,8 @@ class TextTable:
         That of the values, where a line above the table states it.
     notes : tuple of str
         What was found out rather than told.
+    delimiter : str
+        Between the cells.
     """
 
     values: NDArray[np.float64]
@@ -47,10 +49,16 @@ class TextTable:
     headings: tuple[Heading, ...]
     unit: str
     notes: tuple[str, ...]
+    delimiter: str
 
     def called(self, at: int) -> str:
         """A column for a message."""
         return self.headings[at].text or str(at + 1)
+
+    def cell(self, path: Path, row: int, at: int) -> str:
+        """What the file says in a cell, for a message."""
+        cells = _split(read_lines(path)[int(self.lines[row]) - 1], self.delimiter)
+        return (cells[at] if at < len(cells) else "") or "nothing (an empty cell)"
 
 
 def read_table(path: Path, layout: TextLayout) -> TextTable:
@@ -64,12 +72,10 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
     lines = read_lines(path)
     skip = layout.skip or 0
     candidates = [(d, p) for d, p in _CANDIDATES if layout.delimiter in (None, d) and layout.decimal in (None, p)]
-    tail = [line for line in lines[skip:] if line.strip()][-_SAMPLE:]
-    best: tuple[int, int, str, str] | None = None
-    for delimiter, decimal in candidates:
-        count, width = _extent(tail, delimiter, decimal)
-        if width >= 2 and count > (best[0] if best else 0):
-            best = (count, width, delimiter, decimal)
+    best, parts = _best(lines[skip:], candidates), None
+    if best is None and (halved := _halved(lines, candidates)) is not None:
+        lines, parts = halved
+        best = _best(lines[skip:], candidates)
     if best is None:
         raise DataError(
             "no table of numbers was found",
@@ -78,13 +84,16 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
             found=repr(next((line for line in lines if line.strip()), "")[:80]),
             hint="describe the layout under 'format:' of the job",
         )
-    _, width, delimiter, decimal = best
+    width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
     rows, numbers = _rows(lines, start, delimiter, decimal, width, path)
     unusable = _unusable(lines, skip, start, delimiter, decimal, width)
     above = lines[skip : start - unusable]
-    headings = read_headings(above, delimiter, width)
+    headings = read_headings(above, delimiter, width if parts is None else len(parts))
     notes = []
+    if parts is not None:
+        notes.append("complex cells read as real and imaginary part")
+        headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
     if layout.delimiter is None or layout.decimal is None:
         notes.append(f"columns divided by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
     notes.append(f"numbers from line {start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}")
@@ -93,7 +102,7 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
     if first or unusable:
         several = f"{first + unusable} lines" if first + unusable > 1 else "line"
         notes.append(f"the first {several} of numbers cannot be used (empty or not finite); left out")
-    return TextTable(rows[first:], numbers[first:], headings, stated_unit(above), tuple(notes))
+    return TextTable(rows[first:], numbers[first:], headings, stated_unit(above), tuple(notes), delimiter)
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -127,6 +136,44 @@ def _unusable(lines: list[str], skip: int, start: int, delimiter: str, decimal: 
     return count
 
 
+def _best(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[int, str, str] | None:
+    """Columns, separator and decimal sign by which most lines are numbers; None where none are."""
+    tail = [line for line in lines if line.strip()][-_SAMPLE:]
+    best, most = None, 0
+    for delimiter, decimal in candidates:
+        count, width = _extent(tail, delimiter, decimal)
+        if width >= 2 and count > most:
+            best, most = (width, delimiter, decimal), count
+    return best
+
+
+def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[str], tuple[tuple[str | None, ...], ...]] | None:
+    """Lines whose complex cells (``1.2+3.4j``) are two, and the parts that each column then has; None where no cell is complex."""
+    tail = [line for line in lines if line.strip()][-_SAMPLE:]
+    for delimiter, decimal in candidates:
+        number = rf"(?:\d+(?:{re.escape(decimal)}\d*)?|{re.escape(decimal)}\d+)(?:e[-+]?\d+)?"
+        pattern = re.compile(rf"\(?([-+]?{number})(?:\s*([-+])\s*({number})\s*\*?\s*[ij])?\)?", re.IGNORECASE)
+
+        def divided(line: str, delimiter: str = delimiter, pattern: re.Pattern[str] = pattern) -> list[re.Match[str] | None]:
+            return [pattern.fullmatch(cell) if len(cell) <= 2 * LONGEST_NUMBER else None for cell in _split(line, delimiter)]
+
+        rows = [row for row in map(divided, tail) if len(row) > 1 and all(row)]
+        width = len(rows[-1]) if rows else 0
+        # What is before the first separator is a frequency, of which a program may have written a zero imaginary part, too.
+        two = [any(len(row) == width and (cell := row[at]) and cell[3] for row in rows) for at in range(width)]
+        if not any(two[1:]):
+            continue
+        found = []
+        for line in lines:
+            row = divided(line)
+            if len(row) == width and all(row):
+                cells = [[m[1], f"{m[2] or ''}{m[3] or 0}"] if both and at else [m[1]] for at, (m, both) in enumerate(zip(row, two)) if m]
+                line = delimiter.join(cell for pair in cells for cell in pair)
+            found.append(line)
+        return found, tuple(("real", "imag") if both and at else (None,) for at, both in enumerate(two))
+    return None
+
+
 def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
     """Lines of numbers that share the most frequent width, and that width."""
     widths: dict[int, int] = {}
@@ -140,6 +187,16 @@ def _extent(lines: list[str], delimiter: str, decimal: str) -> tuple[int, int]:
         return 0, 0
     width = max(widths, key=lambda w: (widths[w], w))
     return widths[width], width
+
+
+def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
+    """What is wrong with a line: its number of cells, else the first that is no number."""
+    cells = _split(line, delimiter)
+    pattern = _POINT if decimal == "." else _COMMA
+    wrong = [index for index, cell in enumerate(cells) if len(cell) > LONGEST_NUMBER or not pattern.fullmatch(cell)]
+    if len(cells) != width or not wrong:
+        return f"{len(cells)} cells: {line[:80]!r}"
+    return f"{cells[wrong[0]][:80]!r} in column {wrong[0] + 1}"
 
 
 def _rows(
@@ -157,7 +214,7 @@ def _rows(
                 file=path,
                 place=f"line {index + 1}",
                 expected=f"{width} numbers",
-                found=repr(line[:80]),
+                found=_misfit(line, delimiter, decimal, width),
                 hint="mend the line, or say under 'format: {skip: ...}' how many lines stand before the table",
             )
         cells += _split(line, delimiter)[:width]
