@@ -14,7 +14,6 @@ from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
-
 #: Hertz of one unit of frequency.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
 
@@ -147,7 +146,7 @@ def conversion(label: str, layout: TextLayout, path: Path, place: str, notes: li
         # A quotient without a dimension, such as g/g, is a transmissibility; "1" says nothing.
         if other is not None and (other.dimension != (0, 0, 0) or label.strip("[] ") != "1"):
             raise DataError(
-                "this is not the unit of an FRF",
+                "this is not the unit of an FRF" if any(other.dimension) else "this is a transmissibility, no FRF over a force",
                 file=path,
                 place=place,
                 expected="a pressure or a motion over a force, such as Pa/N or (m/s²)/N",

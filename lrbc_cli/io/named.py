@@ -51,16 +51,23 @@ class Named:
     arrays: Mapping[str, NDArray[Any]]
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def texts_of(self, name: str, known: set[str]) -> tuple[str, ...]:
-        """Texts with one of these names that belong to an array: in its structure, or to the array itself."""
-        return next((texts for group in (name, _group(name)) for texts in self._in(group, known).values()), ())
-
     def _in(self, group: str, known: set[str]) -> dict[str, tuple[str, ...]]:
         return {key: texts for key, texts in self.texts.items() if _group(key) == group and fold(_last(key)) in known}
 
     def axis_unit(self, name: str) -> str:
         """Unit that an array of frequencies states itself; empty where it does not."""
         return next((texts[0] for texts in self._in(name, _UNITS).values() if len(texts) == 1), "")
+
+    def names_of(self, name: str, count: int) -> tuple[str, ...]:
+        """Names of the columns of an array; of several columns what its structure lies in may hold them, too."""
+        groups = [name, *self._around(name)]
+        found = (texts for group in (groups if count > 1 else groups[:2]) for texts in self._in(group, _NAMES).values())
+        return next((texts for texts in found if len(texts) == count), ())
+
+    def _around(self, name: str) -> list[str]:
+        """The structures that an array lies in, the innermost first, the last of them the file."""
+        parts = name.split(".")[:-1]
+        return [".".join(parts[:count]) for count in range(len(parts), -1, -1)]
 
     def units_of(self, name: str, path: Path) -> tuple[str, ...]:
         """Units of an array: its own, else those of its structure, else of what this lies in, up to the file.
@@ -70,10 +77,7 @@ class Named:
         DataError
             If two of these are units that contradict each other.
         """
-        groups = [name]
-        while groups[-1]:
-            groups.append(_group(groups[-1]))
-        found = {key: texts for group in groups for key, texts in self._in(group, _UNITS).items()}
+        found = {key: texts for group in (name, *self._around(name)) for key, texts in self._in(group, _UNITS).items()}
         known = {key: texts[0] for key, texts in found.items() if len(texts) == 1 and parse_unit(texts[0]) is not None}
         for key, text in known.items():
             first = next(iter(known))
@@ -238,8 +242,8 @@ class _NamedFrfs:
 
     def labels(self, name: str, columns: list[NDArray[Any]]) -> list[str]:
         """Names of the columns of an array."""
-        names = self.named.texts_of(name, _NAMES)
-        if len(names) == len(columns):
+        names = self.named.names_of(name, len(columns))
+        if names:
             return [text.strip() for text in names]
         group, own = _group(name), heading(_last(name)).name
         # What is alone in its structure is called by that.

@@ -63,12 +63,12 @@ def test_names_come_before_nodes(box: Folder) -> None:
 
 def test_what_the_campaign_says_comes_first(box: Folder) -> None:
     before = list(read_frf(box.data / "loose.uff").records)
-    found = measured(box, "responses.mic1.record=mic3").values
+    found = measured(box, "responses.mic1.record=mic3", "responses.mic3.record=mic1").values
     np.testing.assert_allclose(found[:, 0], before[2].values, rtol=1e-11)
-    found = measured(box, "responses.mic1.record={node: 112, direction: 0}").values
+    found = measured(box, "responses.mic1.record={node: 112, direction: 0}", "responses.mic2.record=mic1").values
     np.testing.assert_allclose(found[:, 0], before[1].values, rtol=1e-11)
     # The job's own word comes before that of the response.
-    found = measured(box, "responses.mic1.record=nothing", "jobs.loose.records={mic1: mic2}").values
+    found = measured(box, "responses.mic1.record=nothing", "jobs.loose.records={mic1: mic2, mic2: mic1}").values
     np.testing.assert_allclose(found[:, 0], before[1].values, rtol=1e-11)
     # Where a name is given that does not exist, nodes are no way out.
     error = refused(box, "responses.mic1.record=nothing", job="tight")
@@ -212,10 +212,24 @@ def test_lines_that_differ_by_rounding_are_the_same(box: Folder, monkeypatch: py
 
 def test_a_single_line(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[30:31], values=r.values[30:31]))
-    found = measured(box)
-    assert found.frequency_hz.tolist() == [80.0]
-    assert found.warnings == ("loose.uff: the lines from 80 to 80 Hz cover 0% of the band from 20 to 400 Hz; is the file complete?",)
-    assert box.run("update", "--job", "loose").code == 0
+    error = refused(box)
+    assert error.problem == "one line of this measurement lies in the band of the reduced model"
+    assert error.found == "one line, 80 Hz (of 1 from 80 to 80 Hz)"
+
+
+def test_one_record_for_two_responses(box: Folder) -> None:
+    for records in ("{mic1: 2, mic2: 2}", "{mic1: 2}", "{mic2: 1}"):
+        error = refused(box, f"jobs.loose.records={records}")
+        assert error.problem == "responses mic1 and mic2 have the same record"
+        assert "record" in str(error.found)
+
+
+def test_a_coherence_of_few_lines(box: Folder) -> None:
+    table = np.column_stack([np.arange(20.0, 202.0, 2.0), np.full(91, 0.9)])
+    np.savetxt(box.data / "coherence.csv", table, delimiter=",", header="frequency_hz,mic1_coherence", comments="")
+    found = measured(box, "jobs.loose.coherence=data/coherence.csv")
+    assert found.warnings == ("loose.uff: the coherence of mic1 holds 91 of 191 lines in the band only",)
+    assert measured(box, "jobs.loose.coherence=data/coherence.csv", "reduction.band=[20.0, 220.0]").warnings == ()
 
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
@@ -226,7 +240,8 @@ def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     assert warning in box.run("check").stdout
     result = box.run("update", "--job", "loose", "--override", "update.regularisation=auto")
     assert result.code == 0
-    others = "its lines are not those of tight: compared without correction by it"
+    lines = "93 lines from 20 to 204 Hz, there 191 lines from 20 to 400 Hz"
+    others = f"its lines are not those of tight ({lines}): compared without correction by it"
     assert result.stderr == f"warning: job loose: {warning}\nwarning: job loose: {others}\n"
     assert box.result("loose")["notes"][0] == warning
 

@@ -157,7 +157,8 @@ def test_hdf5_of_any_origin(tmp_path: Path) -> None:
 
 
 def test_units_of_what_holds_the_arrays(tmp_path: Path) -> None:
-    result = read_frf(mat(tmp_path, units="g/N", m={"f": HZ, "H": H}))
+    result = read_frf(mat(tmp_path, units="g/N", names=np.array(["a", "b"], object), m={"f": HZ, "H": TWO}))
+    assert [r.name for r in result.records] == ["a", "b"]
     np.testing.assert_allclose(result.records[0].values, GRAVITY * H, rtol=1e-15)
     path = mat(tmp_path, units="g/N", m={"f": HZ, "H": H, "units": "m/s^2/N"})
     with pytest.raises(DataError, match="two units are stated") as caught:
@@ -172,6 +173,7 @@ def test_attributes_of_groups_and_axes(tmp_path: Path) -> None:
         with h5py.File(path, "w") as file:
             file["acc1/f"], file["acc1/value"] = scale * HZ, H
             file["acc1/f"].attrs["units"], file["acc1"].attrs["unit"] = unit, "g/N"
+            file["acc1/value"].attrs["names"] = ["acc1"]
         (found,) = read_frf(path).records
         assert (found.name, found.quantity) == ("acc1", "acceleration")
         np.testing.assert_allclose(found.frequency_hz, HZ, rtol=1e-12)

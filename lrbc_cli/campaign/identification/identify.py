@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.identification.weights import line_sigma
@@ -156,7 +156,8 @@ class _Job:
         if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
             tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
         ):
-            self.warnings.append(f"its lines are not those of {reference}: compared without correction by it")
+            which = unlike(self.measurement.frequency_hz, tight.frequency_hz)
+            self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]

@@ -186,8 +186,31 @@ def matched(inputs: Inputs, job: JobConfig, name: str, frf: FrfSet) -> list[FrfR
                 hint=f"set responses.{response.name}.quantity, or correct the record",
             )
         records.append(record)
+    _require_own(inputs, job, name, records)
     _require_used(inputs, job, name, records, frf)
     return records
+
+
+def _require_own(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None]) -> None:
+    """Refuse one record for two responses that the campaign gives to either.
+
+    Without a word on it one may serve two: by reciprocity, or under two names of one place.
+    """
+    seen: dict[int, Response] = {}
+    for response, record in zip(inputs.responses, records, strict=True):
+        if record is None:
+            continue
+        first = seen.setdefault(id(record), response)
+        asked = [job.records.get(one.name, inputs.campaign.responses[one.name].record) for one in (first, response)]
+        if first is not response and any(one is not None for one in asked):
+            raise DataError(
+                f"responses {first.name} and {response.name} have the same record",
+                file=record.file or job.first,
+                place=f"job {name}",
+                expected="a record of its own for each response",
+                found=describe(record, len(job.measurements[0]) > 1),
+                hint=f"correct the job's records, or responses.{response.name}.record",
+            )
 
 
 def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None], frf: FrfSet) -> None:

@@ -18,8 +18,8 @@ from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.residuals import DB
 
-#: Share of the band that the lines should cover.
-MIN_BAND = 0.9
+#: Share of the band that the lines should cover, and of the lines that a coherence should hold.
+MIN_BAND, MIN_COHERENCE = 0.9, 0.8
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,15 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     DataError
         Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
     """
-    first = _read(inputs, job, name)
+    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
+    if layout is not None and job.coherence is not None:
+        # It names a variable of the coherence's own file.
+        layout = replace(layout, coherence=None)
+    first = _read(inputs, job, name, layout)
     if not job.repeats:
         return first
     # A coherence in a file of its own belongs to the first measurement.
-    further = [_read(inputs, job.model_copy(update={"frf": files, "coherence": None}), name) for files in job.repeats]
+    further = [_read(inputs, job.model_copy(update={"frf": files, "coherence": None}), name, layout) for files in job.repeats]
     for files, other in zip(job.measurements[1:], further, strict=True):
         if not _same_lines(other.frequency_hz, first.frequency_hz):
             raise DataError(
@@ -103,6 +107,15 @@ def _same_lines(a: Floats, b: Floats) -> bool:
 
 def _lines_text(axis: Floats) -> str:
     return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz" if axis.size else "no line"
+
+
+def unlike(axis: Floats, other: Floats) -> str:
+    """In what the lines of a measurement differ from those of another."""
+    here, there = _lines_text(axis), _lines_text(other)
+    if here != there:
+        return f"{here}, there {there}"
+    at = int(np.argmax(np.abs(axis - other) > 1e-6 * other))
+    return f"line {at + 1} at {axis[at]:.8g} Hz, there {other[at]:.8g} Hz"
 
 
 def _mean_of(parts: list[Measurement]) -> Measurement:
@@ -131,8 +144,8 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
     )
 
 
-def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
-    frf, hashes = _records_of(job, name)
+def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) -> Measurement:
+    frf, hashes = _records_of(job, name, layout)
     coherences = _coherences(job, hashes)
     records = matched(inputs, job, name, frf)
     notes = list(frf.notes)
@@ -150,19 +163,24 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
+    thin: dict[str, list[str]] = {}
     for i, record in enumerate(records):
         if record is None:
             continue
         at, found = _indices(record.frequency_hz, axis)
         values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
-        if record.coherence is not None:
-            coherence[found, i] = record.coherence[at[found]]
-        for key in (inputs.responses[i].name, record.name, (record.response_node, record.response_direction)):
-            if key in coherences:
-                lines, table = coherences[key]
-                at, found = _indices(lines, axis)
-                coherence[found, i] = table[at[found]]
-                break
+        own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
+        keys = (inputs.responses[i].name, record.name, (record.response_node, record.response_direction))
+        own += [coherences[key] for key in keys if key in coherences][:1]
+        for lines, table in own:
+            at, here = _indices(lines, axis)
+            coherence[here, i] = table[at[here]]
+        known = int((np.isfinite(coherence[:, i]) & found).sum())
+        if own and known < MIN_COHERENCE * found.sum():
+            thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
+    warnings += [
+        f"{_called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
+    ]
     for i in inputs.used:
         if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(
@@ -191,7 +209,7 @@ def _called(job: JobConfig) -> str:
     return first.name + (f" and {len(others)} more" if others else "")
 
 
-def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
+def _records_of(job: JobConfig, name: str, layout: TextLayout | None) -> tuple[FrfSet, dict[str, str]]:
     """All records of a job's files, and the hashes of these.
 
     Raises
@@ -199,7 +217,6 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     DataError
         Where a file is unusable, or two are the same.
     """
-    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
     files = job.measurements[0]
     records: list[FrfRecord] = []
     told: dict[str, list[str]] = {}
@@ -332,6 +349,15 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
             expected=f"lines between {band[0]:g} and {band[1]:g} Hz",
             found=f"{lines[0]:g} to {lines[-1]:g} Hz",
             hint="change reduction.band, or check the unit of the frequency column",
+        )
+    if axis.size == 1:
+        raise DataError(
+            "one line of this measurement lies in the band of the reduced model",
+            file=job.first,
+            place=f"job {name}",
+            expected=f"an FRF: many lines between {band[0]:g} and {band[1]:g} Hz",
+            found=f"one line, {axis[0]:g} Hz (of {lines.size} from {lines[0]:g} to {lines[-1]:g} Hz)",
+            hint="is the file complete? Else check the unit of the frequency column, or change reduction.band",
         )
     return axis, low, high
 

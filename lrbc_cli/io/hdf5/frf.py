@@ -133,9 +133,10 @@ def _named(file: h5py.File, path: Path) -> Named:
 
     def attributes(node: Any, above: str, *known: str) -> None:
         for attribute in ("unit", "units", *known):
-            text = text_attribute(node, attribute)
-            if text is not None:
-                texts.setdefault(f"{above}{attribute}", (text,))
+            values = np.ravel(node.attrs.get(attribute, ())).tolist()
+            found = tuple(one.decode("utf-8", "replace") if isinstance(one, bytes) else one for one in values)
+            if found and all(isinstance(one, str) for one in found):
+                texts.setdefault(f"{above}{attribute}", found)
 
     def walk(group: h5py.Group, above: str, depth: int) -> None:
         for key in group:

@@ -313,7 +313,8 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
         wanted = [layout.representation] if layout.representation else list(_PAIRS)
         kind = next((kind for kind in wanted if set(_PAIRS[kind]) <= group.keys()), None)
         if kind is not None:
-            complete.append(_Pair(name, *(group[part] for part in _PAIRS[kind]), kind))
+            first, second = _PAIRS[kind]
+            complete.append(_Pair(name, group[first], group[second], kind))
     if complete:
         used = {pair.name for pair in complete}
         left = [column for column in columns if column.name not in used or column.part is None]

@@ -21,6 +21,8 @@ _COMMA = re.compile(r"[-+]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|
 _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";", ","), (" ", ","))
 # Lines from the end of a file by which its separators are judged.
 _SAMPLE = 200
+# A number of which only the end shows that it is complex.
+_COMPLEX = re.compile(r"\d\s*\*?\s*[ij](?![a-z])|[-+*]\s*[ij]\s*\*?\s*\d", re.IGNORECASE)
 _NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
 
 
@@ -82,7 +84,9 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
             file=path,
             expected="lines of a frequency and values, divided by tab, semicolon, comma or blanks",
             found=repr(next((line for line in lines if line.strip()), "")[:80]),
-            hint="describe the layout under 'format:' of the job",
+            hint="complex numbers in one cell are not read in this form: export real and imaginary part in two columns"
+            if any(_COMPLEX.search(line) for line in lines[-_SAMPLE:])
+            else "describe the layout under 'format:' of the job",
         )
     width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
@@ -167,8 +171,10 @@ def _halved(lines: list[str], candidates: list[tuple[str, str]]) -> tuple[list[s
         for line in lines:
             row = divided(line)
             if len(row) == width and all(row):
-                cells = [[m[1], f"{m[2] or ''}{m[3] or 0}"] if both and at else [m[1]] for at, (m, both) in enumerate(zip(row, two)) if m]
-                line = delimiter.join(cell for pair in cells for cell in pair)
+                cells = zip(row, two, strict=True)
+                line = delimiter.join(
+                    f"{m[1]}{delimiter}{m[2] or ''}{m[3] or 0}" if both and at else m[1] for at, (m, both) in enumerate(cells) if m
+                )
             found.append(line)
         return found, tuple(("real", "imag") if both and at else (None,) for at, both in enumerate(two))
     return None
