@@ -14,18 +14,19 @@ from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
+_CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")
 #: Hertz of one unit of frequency.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
 
 
 def frequency_unit(name: str, unit: str = "") -> str:
-    """Unit of frequencies by what is said of it, else by their name: ``omega`` and ``w`` are rad/s, all others Hz."""
+    """Unit of frequencies by what is said of it, else by their name: ``omega``, ``w`` and the like are rad/s, all others Hz."""
     for text in (fold(unit), fold(name)):
         if "hz" in text:
             return "kHz" if "khz" in text else "Hz"
-        if "rad" in text:
+        if re.search(r"(?<![a-z])rad(s|ians?)?(?![a-z])", text):
             return "rad/s"
-    return "rad/s" if re.match(r"(omega|w|\u03c9)(?![a-z])", fold(name).strip()) else "Hz"
+    return "rad/s" if _CIRCULAR.match(fold(name).strip()) else "Hz"
 
 
 class Notes:

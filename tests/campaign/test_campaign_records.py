@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -244,6 +244,12 @@ def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     others = f"its lines are not those of tight ({lines}): compared without correction by it"
     assert result.stderr == f"warning: job loose: {warning}\nwarning: job loose: {others}\n"
     assert box.result("loose")["notes"][0] == warning
+
+
+def test_lines_that_differ_are_named() -> None:
+    axis = np.arange(20.0, 30.0)
+    assert unlike(axis[:5], axis) == "5 lines from 20 to 24 Hz, there 10 lines from 20 to 29 Hz"
+    assert unlike(np.where(axis == 22, 22.25, axis), axis) == "line 3 at 22.25 Hz, there 22 Hz"
 
 
 def test_a_response_that_was_cut_off(box: Folder) -> None:

@@ -223,7 +223,7 @@ def test_units_tell_decibels_and_radians(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.values, H, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["omega", "w", "ω", "Omega (1/s)"])
+@pytest.mark.parametrize("name", ["omega", "w", "ω", "Omega (1/s)", "Kreisfrequenz", "f_rad_s"])
 def test_omega_is_in_radians_a_second(tmp_path: Path, name: str) -> None:
     path = write(tmp_path, [f"{name};a_real;a_imag", *rows(2 * np.pi * HZ, H.real, H.imag)], "utf-8")
     result = read_frf(path)
