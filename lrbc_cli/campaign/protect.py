@@ -38,7 +38,8 @@ IN_JOB = (
     "profile.csv",
     "fdac.csv",
     "evidence.json",
-    *_figures("profile", "map", "structure", "fdac", "l-curve", "frf-*"),
+    "shapes.json",
+    *_figures("profile", "map", "structure", "shapes", "fdac", "l-curve", "frf-*"),
 )
 IN_CALIBRATION = ("frf.csv",)
 

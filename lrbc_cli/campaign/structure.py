@@ -67,6 +67,27 @@ def structure_of(inputs: Inputs) -> StructureRecord:
     return StructureRecord.checked(tree)
 
 
+def drawn_dofs(inputs: Inputs) -> Integers:
+    """(n, 3) translational DOFs of the nodes that are drawn of the structure, -1 where a node has none; empty without a picture."""
+    table = inputs.dofs
+    none = np.zeros((0, 3), dtype=np.int64)
+    if table is None:
+        return none
+    dofs = np.flatnonzero(~table.is_acoustic & ~np.char.startswith(table.component.astype(np.str_), "INNER"))
+    if not dofs.size or not np.ptp(table.xyz[dofs], axis=0).any():
+        return none
+    nodes, first = np.unique(table.node[dofs], return_index=True)
+    drawn = nodes[thinned(table.xyz[dofs][first], MOST["structure"])[1]]
+    found = np.full((drawn.size, 3), -1, dtype=np.int64)
+    order = np.argsort(drawn)
+    for axis, component in enumerate(_AXES):
+        moving = dofs[table.component[dofs] == component]
+        at = order[np.searchsorted(drawn, table.node[moving], sorter=order).clip(max=drawn.size - 1)]
+        own = drawn[at] == table.node[moving]
+        found[at[own], axis] = moving[own]
+    return found if (found >= 0).any() else none
+
+
 def _field(K: sp.csc_array, table: DofTable, mask: Bools, field: str) -> tuple[dict[str, Any], str]:
     """Nodes and lines of one field, and what was left out."""
     dofs = np.flatnonzero(mask)

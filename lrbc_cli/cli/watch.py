@@ -46,6 +46,7 @@ def watch(
     """Identify, judge and report FRF files as they appear: those of the campaign's jobs, and any in a folder, each a job of its name.
 
     Calibrates where the campaign file asks for it. Runs until Ctrl+C; what is finished is kept, and found again by all commands.
+    With --json each verdict is one JSON document on a line of its own (JSON lines).
     """
     if fail_on_loose and not once:
         raise click.UsageError("--fail-on-loose needs --once: without it this command has no end")

@@ -117,6 +117,8 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
             return document.error("the wrong number of entries", *keys[:-1], expected=f"exactly {max(lengths)}", found=keys[-1])
         return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys))
     expected = EXPECTED[kind].format(**context) if kind in EXPECTED else detail["msg"]
+    # As YAML writes it.
+    expected = "true" if expected == "True" else expected
     if kind in ("too_short", "too_long"):
         return document.error("the wrong number of entries", *keys, expected=expected, found=context.get("actual_length"))
     problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
@@ -268,3 +270,42 @@ def refuse_gone(document: Document) -> None:
             raise ConfigError(
                 found[0], file=document.file, place=document.place("update", key), expected="a key or value of `lrbc schema`", hint=found[1]
             )
+
+
+#: Numbers that `lrbc init` leaves to be filled in.
+UNFILLED = {"x", "y", "z", "x0", "x1", "y0", "y1", "z0", "z1"}
+
+#: Where they stand, by section of the campaign file.
+PLACES = {"excitation": ("near",), "responses": ("near",), "parameters": ("select", "box")}
+
+
+def refuse_unfilled(document: Document) -> None:
+    """Raise a ConfigError where places are those that `lrbc init` left to be filled in."""
+    values = document.root.plain()
+    found, first = list[str](), tuple[str, ...]()
+    for section, keys in PLACES.items():
+        entries = values.get(section) if isinstance(values, Mapping) else None
+        names = [name for name, entry in entries.items() if UNFILLED & set(_texts(entry, keys))] if isinstance(entries, Mapping) else []
+        if names:
+            found.append(f"letters in `{keys[-1]}` of {section} {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}")
+            first = first or (section, names[0], *keys)
+    if found:
+        raise document.error(
+            "places that are not filled in yet",
+            *first,
+            expected="coordinates, as numbers",
+            found="; ".join(found),
+            hint="write them, or select by other keys (`lrbc guide campaign`); with a table name,x,y,z,component of hammer and responses "
+            "beside the files `lrbc init --from` fills them in",
+        )
+
+
+def _texts(value: object, keys: Sequence[str] = ()) -> Iterator[str]:
+    """Texts in the lists under a key path."""
+    if keys:
+        yield from _texts(value[keys[0]], keys[1:]) if isinstance(value, Mapping) and keys[0] in value else ()
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _texts(part)
+    elif isinstance(value, str):
+        yield value

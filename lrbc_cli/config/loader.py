@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
-from lrbc_cli.config.explain import explain, refuse_gone
+from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled
 from lrbc_cli.config.watch import with_folder
 from lrbc_cli.errors import ConfigError
 
@@ -47,6 +47,7 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
 
 def _build(document: Document) -> Campaign:
     refuse_gone(document)
+    refuse_unfilled(document)
     values: dict[str, Any] = document.root.plain()  # type: ignore[assignment]
     values.setdefault("output", DEFAULT_OUTPUT)
     try:

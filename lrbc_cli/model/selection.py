@@ -20,6 +20,9 @@ STEP = 1.9
 #: Cosine of the largest turn across such a gap, and neighbours of a node among which its own lie.
 STRAIGHT, NEIGHBOURS = 0.34, 12
 
+#: Distances to the nearest within which a point of a line has four others, how many beside a corner, and path over shortest tree at most.
+BESIDE, CROWD, DETOUR = 2.1, 5, 1.3
+
 #: Coordinates closer than this are one place [m].
 ONE_PLACE = 1e-9
 
@@ -183,6 +186,25 @@ def _pieces(xyz: Floats) -> Integers:
     joined = sp.coo_array((np.ones(len(pairs)), tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)), shape=(m, m))
     label: Integers = connected_components(joined.tocsr(), directed=False)[1].astype(np.int64)
     return label
+
+
+def is_line(xyz: Floats) -> bool:
+    """Whether points in their order follow one line, rather than fill a face or a body.
+
+    Parameters
+    ----------
+    xyz : (k, 3) float array
+        Points of one edge.
+    """
+    places = np.unique(np.round(xyz / ONE_PLACE).astype(np.int64), axis=0) * ONE_PLACE
+    m = places.shape[0]
+    if m < 4:
+        return True
+    away, index = cKDTree(places).query(places, k=min(m, NEIGHBOURS + 1))
+    if np.median((away[:, 1:] <= BESIDE * away[:, [1]]).sum(axis=1)) > CROWD:
+        return False
+    graph = sp.coo_array((away[:, 1:].ravel(), (np.repeat(np.arange(m), away.shape[1] - 1), index[:, 1:].ravel())), shape=(m, m))
+    return bool(arc_length(xyz)[-1] <= DETOUR * minimum_spanning_tree(graph.tocsr()).sum())
 
 
 def along(xyz: Floats) -> Integers:

@@ -140,7 +140,7 @@ class AffineModel:
         K, C, M = self.operators(factors)
         slopes = [self.operators(factors, name) for name in names]
         rows, own = np.arange(base.L.shape[0]), base.input_of
-        B = self._loads(offset)
+        B = self.loads(offset)
         y = np.empty((s.size, rows.size), dtype=complex)
         by_term, by_factor, by_shift = (
             np.empty((s.size, rows.size, count), dtype=complex) for count in (base.terms, len(names), 0 if self.shifts is None else 2)
@@ -166,7 +166,7 @@ class AffineModel:
         in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if condense else 8, workers=workers)
         return Linearised(y, by_term, by_factor, by_shift)
 
-    def _loads(self, offset: Floats | None) -> Floats:
+    def loads(self, offset: Floats | None) -> Floats:
         """B with its loads shifted."""
         B = np.array(self.base.B, dtype=float)
         if offset is not None and self.shifts is not None:

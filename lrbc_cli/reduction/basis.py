@@ -267,6 +267,16 @@ class Projection:
             start += field.Q.shape[1]
         return out
 
+    def rows_at(self, dofs: Integers) -> Floats:
+        """(k, r) rows of V at some DOFs."""
+        out, start = np.zeros((dofs.size, self.size)), 0
+        for field in self.fields:
+            at = np.searchsorted(field.dofs, dofs).clip(max=field.dofs.size - 1)
+            own = np.flatnonzero(field.dofs[at] == dofs)
+            out[own, start : start + field.Q.shape[1]] = field.Q[at[own]] / field.weight[at[own], None]
+            start += field.Q.shape[1]
+        return out
+
     def sketched(self, which: int, *, transposed: bool = False) -> Any:
         """Sketch of K V, C V or M V (or of Kᵀ V ...), (fields * rows, r)."""
         return self._assemble((self._turned_sketches if transposed else self._sketches)[which], [self.rows] * len(self.fields))

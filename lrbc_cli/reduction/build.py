@@ -406,6 +406,7 @@ def reduce_model(
     *,
     backend: str = "auto",
     progress: Callable[[str], None] = lambda _: None,
+    rows: Integers | None = None,
 ) -> Reduction:
     """Reduce a model so that y is within the tolerance on the band for every value of the terms.
 
@@ -419,6 +420,8 @@ def reduce_model(
         Execution only, see ``DynamicStiffness``.
     progress : callable
         Gets one line of text a factorisation.
+    rows : (k,) int array or None
+        DOFs at which the result keeps the basis.
 
     Returns
     -------
@@ -434,7 +437,8 @@ def reduce_model(
     with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
         reducer = Reducer(model, input_of, options, backend=backend)
         try:
-            return reducer.run(progress)
+            reduction = reducer.run(progress)
+            return reduction if rows is None else replace(reduction, rows=reducer.basis.rows_at(rows))
         finally:
             reducer.lines.close()
 

@@ -110,6 +110,8 @@ class Reduction:
         When, UTC.
     stopped : str
         What kept the basis from growing where the tolerance was not reached.
+    rows : (k, r) float array or None
+        Of the basis, at the DOFs for which they were asked.
     """
 
     model: ReducedModel
@@ -127,6 +129,7 @@ class Reduction:
     machine: dict[str, str | int]
     date: str
     stopped: str = ""
+    rows: Floats | None = field(default=None, repr=False)
 
     @property
     def worst(self) -> float:

@@ -9,6 +9,7 @@ from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf
 
@@ -42,6 +43,7 @@ class Content:
     l_curves: Sequence[Chart] = ()
     plan: PlanRecord | None = None
     structure: StructureRecord | None = None
+    shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)
 
     @property
     def along_edges(self) -> bool:

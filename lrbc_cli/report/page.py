@@ -81,7 +81,7 @@ def render(content: Content, written: datetime | None = None, *, live: bool = Fa
 
 def _sections(content: Content) -> Iterable[_Section | None]:
     done, paper = content.done, content.campaign.compare_with == "paper"
-    yield _part("structure", "The structure", structure_parts(content.structure, done) if content.structure else None)
+    yield _part("structure", "The structure", structure_parts(content.structure, done, content.shapes) if content.structure else None)
     yield "verdicts", "Verdicts", verdict_parts(content)
     yield _part("jobs", "Job by job", job_parts(content))
     yield _profiles(content)

@@ -12,14 +12,17 @@
 
   const start = (holder) => {
     const scene = JSON.parse(holder.querySelector("script").textContent);
-    const stage = holder.querySelector(".stage"), controls = holder.querySelector(".controls"), told = holder.querySelector(".told");
+    const stage = holder.querySelector(".stage"), bars = [...holder.querySelectorAll(".controls")], told = holder.querySelector(".told");
+    const control = (name) => holder.querySelector(`.controls [name=${name}]`);
     const svg = make("svg", { "aria-hidden": "true" });
     let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false;
 
-    const airBox = controls.querySelector("[name=air]");
+    const airBox = control("air");
     let air = !airBox || airBox.checked;
 
-    const paths = [...scene.dots.map((d) => [...d, true]), ...scene.lines].map(([role, xyz, dots]) => {
+    const place = (k) => scene.nodes.slice(3 * k, 3 * k + 3);
+    const mesh = scene.ends.length ? [["mesh", scene.ends.flatMap(place)]] : [];
+    const paths = [...scene.dots.map((d) => [...d, true]), ...mesh, ...scene.lines].map(([role, xyz, dots]) => {
       const attributes = { class: `l r-${role}${dots ? " dots" : ""}`, "stroke-width": dots ? (role === "term-dot" ? 5 : 2.2) : role === "mesh" ? 0.7 : role === "term" ? 3.5 : 1.4 };
       return { role, xyz, dots, path: make("path", attributes, svg) };
     });
@@ -27,13 +30,54 @@
     const rulers = scene.rulers.map(([ends, label, ticks]) => ({
       ends, words: [...ticks, [null, label]].map(([at, text]) => ({ at, text, element: make("text", { class: "t r-text", "text-anchor": "middle" }, svg, text) })),
     }));
-    const marks = scene.marks.map(([name, at, glyph, title]) => {
+    const marks = scene.marks.map(([name, at, glyph, title, still]) => {
       const group = make("g", {}, svg);
-      return { name, at, group, title: make("title", {}, group, title), glyph: make("g", {}, group), own: glyph, label: null, first: false };
+      return { name, xyz: at, still, group, title: make("title", {}, group, title), glyph: make("g", {}, group), own: glyph, label: null, first: false };
     });
     const leaders = make("path", { class: "l r-box", "stroke-width": 1 });
     if (marks.length) marks[0].group.before(leaders);
+    const sensed = ["measured-way", "measured-point dots", "modelled-point"].map((role) => make("path", { class: `l r-${role}`, "stroke-width": role.endsWith("dots") ? 6 : 1.3, fill: "none" }, svg));
     for (const mark of marks) mark.label = make("text", { class: "t r-strong label" }, svg, mark.name);
+
+    // A deflection shape moves every point as its nearest node; microphones stay.
+    const nearest = (xyz, i) => {
+      let best = -1, least = Infinity;
+      for (let k = 0; k < scene.nodes.length; k += 3) {
+        const d = (scene.nodes[k] - xyz[i]) ** 2 + (scene.nodes[k + 1] - xyz[i + 1]) ** 2 + (scene.nodes[k + 2] - xyz[i + 2]) ** 2;
+        if (d < least) [best, least] = [k, d];
+      }
+      return best;
+    };
+    const follow = (item) => (item.near ||= Array.from({ length: item.xyz.length / 3 }, (_, i) => nearest(item.xyz, 3 * i)));
+    const bytes = (text) => new Int8Array([...atob(text)].map((c) => c.charCodeAt(0)));
+    let shape = null, phase = 0, size = 1, moving = 0;
+    const bent = (item, still) => {
+      if (!shape || still) return item.xyz;
+      const near = follow(item), c = (size * scene.deflection * Math.cos(phase)) / 127, s = (size * scene.deflection * Math.sin(phase)) / 127;
+      return item.xyz.map((value, i) => value + c * shape.real[near[(i / 3) | 0] + (i % 3)] - s * shape.imag[near[(i / 3) | 0] + (i % 3)]);
+    };
+    const play = (on) => {
+      const button = holder.querySelector("[data-do=play]");
+      if (!button) return;
+      cancelAnimationFrame(moving);
+      moving = 0;
+      button.setAttribute("aria-pressed", String(on));
+      if (!on) return;
+      const begin = performance.now() - (phase / (2 * Math.PI)) * 2000;
+      const step = (now) => {
+        phase = (((now - begin) / 2000) * 2 * Math.PI) % (2 * Math.PI);
+        draw();
+        moving = requestAnimationFrame(step);
+      };
+      moving = requestAnimationFrame(step);
+    };
+    const deform = (own) => {
+      play(false);
+      [shape, phase] = [own ? { real: bytes(own[1]), imag: bytes(own[2]), points: own[3] } : null, 0];
+      for (const part of holder.querySelectorAll(".moves")) part.hidden = !own;
+      // What is drawn in its plane deflects towards the viewer.
+      if (own && azimuth === scene.camera[0] && elevation === scene.camera[1] && [0, 90].includes(elevation)) [azimuth, elevation] = [-60, 25];
+    };
 
     // Symbols of bolts are those of the chosen job; bolts stand last.
     const choose = (index) => {
@@ -45,6 +89,12 @@
         mark.first = scene.glyphs[glyph].includes("loose-on");
       });
       if (job && told) told.textContent = job.text;
+      const chooser = control("shape");
+      if (!chooser) return;
+      chooser.replaceChildren(chooser.options[0], ...job.shapes.map(([label], i) => new Option(label, i)));
+      chooser.value = "";
+      chooser.disabled = !job.shapes.length;
+      deform(null);
     };
 
     const draw = () => {
@@ -69,15 +119,29 @@
       const px = (xyz, i) => width / 2 + (dot(right, xyz, i) - cx) * scale, py = (xyz, i) => height / 2 - (dot(up, xyz, i) - cy) * scale;
       svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
 
-      for (const { role, xyz, dots, path } of paths) {
-        const parts = [];
+      for (const item of paths) {
+        const { role, dots, path } = item, parts = [], xyz = bent(item, role === "air");
         for (let i = 0; i < (role === "air" && !air ? 0 : xyz.length); i += dots ? 3 : 6) {
           parts.push("M", px(xyz, i).toFixed(1), " ", py(xyz, i).toFixed(1));
           if (dots) parts.push("h0");
           else parts.push("L", px(xyz, i + 3).toFixed(1), " ", py(xyz, i + 3).toFixed(1));
         }
         path.setAttribute("d", parts.join(""));
+        if (role.startsWith("mesh")) path.classList.toggle(role.replace("mesh", "r-shape"), Boolean(shape));
       }
+
+      const drawn = ["", "", ""];
+      for (const [x, y, z, u, v, w, ...values] of shape ? shape.points : []) {
+        const [measured, model] = [0, 2].map((i) => {
+          const far = size * scene.deflection * (values[i] * Math.cos(phase) - values[i + 1] * Math.sin(phase));
+          const tip = [x + far * u, y + far * v, z + far * w];
+          return [px(tip, 0).toFixed(1), py(tip, 0).toFixed(1)];
+        });
+        drawn[0] += `M${px([x, y, z], 0).toFixed(1)} ${py([x, y, z], 0).toFixed(1)}L${measured.join(" ")}`;
+        drawn[1] += `M${measured.join(" ")}h0`;
+        drawn[2] += `M${model.join(" ")}m-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0`;
+      }
+      sensed.forEach((path, i) => path.setAttribute("d", drawn[i]));
 
       const strokes = [];
       for (const { ends, words } of rulers) {
@@ -102,13 +166,16 @@
       frame.setAttribute("d", strokes.join(""));
 
       // Names where there is room: first those of loose bolts.
-      const seen = marks.map(({ at }) => [px(at, 0), py(at, 0)]);
+      const seen = marks.map((mark) => {
+        const at = bent(mark, mark.still);
+        return (mark.seen = [px(at, 0), py(at, 0)]);
+      });
       const bolts = seen.slice(marks.length - scene.bolts);
       const apart = bolts.slice(1).map(([x, y], i) => Math.hypot(x - bolts[i][0], y - bolts[i][1])).filter((d) => d > 1);
       // Symbols shrink where bolts stand close to one another.
       const grown = Math.min(1, Math.max(0.6, Math.min(...apart, 24) / 19)), near = 8 * grown;
       const taken = seen.map(([x, y]) => [x - near, x + near, y - near, y + near]);
-      for (const { xyz } of paths.filter(({ role }) => role === "term")) {
+      for (const { xyz } of shape ? [] : paths.filter(({ role }) => role === "term")) {
         for (let i = 0; i < xyz.length; i += 6) {
           const [x, y, dx, dy] = [px(xyz, i), py(xyz, i), px(xyz, i + 3) - px(xyz, i), py(xyz, i + 3) - py(xyz, i)];
           for (let k = 0; k < 8; k++) taken.push([x + (k * dx) / 8 - 2, x + (k * dx) / 8 + 2, y + (k * dy) / 8 - 2, y + (k * dy) / 8 + 2]);
@@ -116,7 +183,7 @@
       }
       const lines = [];
       for (const mark of [...marks.filter((m) => m.first), ...marks.filter((m) => !m.first)]) {
-        const x = px(mark.at, 0), y = py(mark.at, 0), long = 0.6 * FONT * mark.name.length;
+        const [x, y] = mark.seen, long = 0.6 * FONT * mark.name.length;
         mark.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${(0.125 * grown).toFixed(4)})`);
         const close = [[15 * grown, 4, "start"], [-15 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
         // Those of loose bolts may stand farther away, at the end of a line.
@@ -164,29 +231,40 @@
       later();
     });
     for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, () => (held = null));
-    controls.addEventListener("click", (event) => {
+    act.play = () => {
+      // Where motion is not wanted, step by step.
+      if (matchMedia("(prefers-reduced-motion: reduce)").matches) phase += Math.PI / 4;
+      else play(!moving);
+    };
+    holder.addEventListener("click", (event) => {
       const does = event.target.dataset && act[event.target.dataset.do];
       if (does) does(), later();
     });
-    controls.addEventListener("change", (event) => {
+    holder.addEventListener("input", (event) => {
+      if (event.target.name === "size") (size = Number(event.target.value)), later();
+    });
+    holder.addEventListener("change", (event) => {
+      if (event.target.name === "shape") deform(event.target.value && scene.jobs[Number(control("shown") ? control("shown").value : scene.first)].shapes[event.target.value]);
       if (event.target.name === "shown") choose(Number(event.target.value));
       if (event.target.name === "names") names = event.target.checked;
       if (event.target.name === "air") air = event.target.checked;
       later();
     });
-    const select = controls.querySelector("select");
+    const select = control("shown");
     choose(select ? Number(select.value) : scene.first);
-    controls.hidden = false;
+    for (const bar of bars) bar.hidden = false;
     stage.querySelector(".still").replaceWith(svg);
     holder.classList.add("turns");
-    new ResizeObserver(() => {
+    const resized = () => {
       draw.height = 0;
       const before = [azimuth, elevation, zoom];
       act[0]();
       draw();
       [azimuth, elevation, zoom] = before;
       later();
-    }).observe(stage);
+    };
+    // In a frame of its own: drawing sets the height that is observed.
+    new ResizeObserver(() => requestAnimationFrame(resized)).observe(stage);
   };
   for (const holder of document.querySelectorAll(".turnable")) start(holder);
 })();

@@ -16,6 +16,7 @@ from types import FrameType
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
+from lrbc_cli.report.drawing.shapes import fits, shapes_chart
 from lrbc_cli.report.files import frf_file, replace
 from lrbc_cli.report.page import render
 from lrbc_cli.report.parts.correlation import fdac_chart
@@ -28,6 +29,7 @@ from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import read, read_job, write
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
@@ -108,6 +110,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     calibration, calibration_frf = _calibration(output)
     plan = read(output / "plan.json", PlanRecord)
     structure = _structure(output)
+    shapes = {} if structure is None else _shapes(output, done, structure)
     profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
     frfs, l_curves = list[FrfFigure](), list[Chart]()
     content = Content(
@@ -126,6 +129,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
         l_curves=l_curves,
         plan=plan,
         structure=structure,
+        shapes=shapes,
     )
     whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
     tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
@@ -140,6 +144,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
             "structure.png": (None if structure is None else structure_chart(structure, job, done), {}),
+            "shapes.png": (None if structure is None or job.job not in shapes else shapes_chart(structure, shapes[job.job]), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
             "l-curve.png": (curve, {}),
         }
@@ -177,6 +182,13 @@ def _structure(output: Path) -> StructureRecord | None:
     """The structure, where there is a picture of it."""
     record = read(output / "structure.json", StructureRecord)
     return None if record is None or record.reason is not None else record
+
+
+def _shapes(output: Path, done: Sequence[JobRecord], structure: StructureRecord) -> dict[str, ShapesRecord]:
+    """Deflection shapes by job, where a result vouches for them and they are of the nodes that are drawn."""
+    vouched = [job.job for job in done if "shapes.json" in (job.provenance.files or {})]
+    found = {name: read(output / name / "shapes.json", ShapesRecord) for name in vouched}
+    return {name: shapes for name, shapes in found.items() if shapes is not None and fits(structure, shapes)}
 
 
 def write_structure(output: Path, record: StructureRecord) -> list[Path]:

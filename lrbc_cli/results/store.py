@@ -22,6 +22,7 @@ from lrbc_cli.results.fields import StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 
 R = TypeVar("R", bound=StoredRecord)
@@ -38,8 +39,8 @@ def versions() -> dict[str, str]:
     return out
 
 
-def write(path: Path, record: StoredRecord) -> str:
-    """Write a record atomically.
+def write(path: Path, record: StoredRecord, *, compact: bool = False) -> str:
+    """Write a record atomically; compact: on one line.
 
     Returns
     -------
@@ -51,12 +52,13 @@ def write(path: Path, record: StoredRecord) -> str:
     ConfigError
         Where the output folder cannot be written.
     """
-    return write_json(path, record.tree())
+    return write_json(path, record.tree(), compact=compact)
 
 
-def write_json(path: Path, tree: Mapping[str, Any]) -> str:
+def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
     """Write one JSON document atomically, as ``write``; numbers that are not finite become null."""
-    return write_bytes(path, (json.dumps(plain(tree), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    layout: dict[str, Any] = {"separators": (",", ":")} if compact else {"indent": 1}
+    return write_bytes(path, (json.dumps(plain(tree), ensure_ascii=False, allow_nan=False, **layout) + "\n").encode())
 
 
 def write_bytes(path: Path, content: bytes) -> str:
@@ -154,6 +156,7 @@ FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "calibration.json": (CalibrationRecord,),
     "plan.json": (PlanRecord,),
     "structure.json": (StructureRecord,),
+    "shapes.json": (ShapesRecord,),
     "result.json": (JobRecord, FailedJob),
     "evidence.json": (EvidenceRecord,),
 }

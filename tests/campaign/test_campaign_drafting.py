@@ -13,7 +13,7 @@ from systems import chain, csc
 
 from lrbc_cli.campaign.drafting.draft import draft, quoted
 from lrbc_cli.campaign.drafting.recognise import recognise
-from lrbc_cli.campaign.drafting.roles import edge_near, reference_of
+from lrbc_cli.campaign.drafting.roles import edge_near, tight_states
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.document import parse
 from lrbc_cli.model.dofs import DofTable
@@ -130,6 +130,13 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     folder, told = drafted(tmp_path / "files", tmp_path / "new")
     for key in ("model.stiffness", "model.dofs", "excitation.hammer", "responses", "parameters"):
         assert f"to do       {key}" in told.stdout
+    checked = folder.run("check")
+    assert checked.code == 2
+    assert "`near` of excitation hammer; letters in `near` of responses response1; letters in `box` of parameters edge" in checked.stderr
+    text = folder.config.read_text()
+    for place, filled in (("[[x0, x1], [y0, y1], [z0, z1]]", "[[0, 1], [0, 1], [0, 1]]"), ("[x, y, z]", "[0, 0, 0]")):
+        text = text.replace(place, filled)
+    folder.config.write_text(text)
     load_campaign(folder.config)
     assert folder.run("check").code == 3
 
@@ -138,6 +145,7 @@ def test_names_that_yaml_would_read_otherwise(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     (files / "tight.uff").rename(files / "00.uff")
     (files / "loose.uff").rename(files / "no, #1: 'loose'.uff")
+    (files / "springs.csv").write_text("dof\n0\n1\n")
     folder, _ = drafted(files, tmp_path / "a: new #2")
     campaign = load_campaign(folder.config)
     assert campaign.name == "a: new #2"
@@ -152,11 +160,127 @@ def test_quoted_texts_are_read_back(text: str) -> None:
     assert node.plain() == {"key": text}
 
 
-def test_the_tight_state_by_its_name() -> None:
-    assert reference_of(["loose-2", "tight", "x"]) == "tight"
-    assert reference_of(["bolts-04", "bolts-00"]) == "bolts-00"
-    assert reference_of(["Messung_fest_1", "Messung_lose"]) == "Messung_fest_1"
-    assert reference_of(["tightening", "a"]) is None
+@pytest.mark.parametrize(
+    ("names", "reference", "baselines"),
+    [
+        (["loose-2", "tight", "x"], "tight", []),
+        (["bolts-04", "bolts-00"], "bolts-00", []),
+        (["Messung_fest_1", "Messung_lose"], "Messung_fest_1", []),
+        (["tightening", "a"], None, []),
+        (["B3-B4-loose-rest-tight", "tight"], "tight", []),
+        (["tight-2-repeated-later", "tight-1", "unit-tight"], "tight-1", ["unit-tight", "tight-2-repeated-later"]),
+        (["fixed-plate", "ref-plate", "tight"], "tight", ["ref-plate", "fixed-plate"]),
+        (["tight", "tight-but-flange-left"], "tight", []),
+        (["tight1", "tight2"], "tight1", ["tight2"]),
+    ],
+)
+def test_the_tight_state_by_its_name(names: list[str], reference: str | None, baselines: list[str]) -> None:
+    worded, numbered = tight_states({name: name for name in names}, ["flange left", "1"])
+    first = next(iter([*worded, *numbered]), None)
+    assert first == reference
+    assert [name for name in worded if name != first] == baselines
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "not-tight",
+        "un-tight",
+        "B3-tight",
+        "bolt_7_tight",
+        "rest-tight-B3-loosened",
+        "tight-gelöst",
+        "fest_los",
+        "Schraube-3-lose-Rest-fest",
+        "tight-without-b4",
+        "ohne-B2-fest",
+        "half-tight",
+        "tight-coh",
+        "coh_tight",
+        "koh-fest",
+        "B3frei-fest",
+        "tight-defekt",
+        "tight-damaged",
+        "ref-one-removed",
+        "open-ref00",
+    ],
+)
+def test_what_is_loose_by_its_name_is_no_tight_state(name: str) -> None:
+    assert tight_states({name: name}) == ([], [])
+
+
+def loose(files: Path, *names: str) -> dict[str, object]:
+    """The campaign drafted for measurements of one channel."""
+    for name in names:
+        file = files / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("frequency_hz,acc1_real,acc1_imag\n" + "".join(f"{f},1.5,0.5\n" for f in range(20, 90)))
+    made = draft(files.parent / "new", recognise(files))
+    return {"todo": made.todo, **yaml.safe_load(made.text())} | {"todo": made.todo}
+
+
+def test_a_loose_measurement_is_never_the_reference(tmp_path: Path) -> None:
+    tree = loose(tmp_path / "a", "B3-B4-loose-rest-tight.csv", "tight.csv")
+    assert tree["update"]["reference"] == tree["calibration"]["job"] == "tight"
+    assert "baselines" not in tree["update"]
+    for item in ("update.reference: tight, by its name; are all bolts tight there?", "calibration.job: tight too"):
+        assert item in tree["todo"]
+    assert any(item.startswith("model.damping: ") for item in tree["todo"])
+    tree = loose(tmp_path / "b", "not-tight.csv", "gelöst.csv")
+    assert "reference" not in tree["update"]
+    assert "calibration" not in tree
+    assert any("which job is the tight state?" in item for item in tree["todo"])
+    assert list(tree["responses"]) == ["acc1"]
+    # The folder says it as well.
+    assert loose(tmp_path / "c", "loose/ref.csv", "run/first.csv")["update"]["reference"] == "first"
+
+
+def test_files_of_two_models_are_refused(tmp_path: Path) -> None:
+    for size in (12, 20):
+        K, M = (csc(matrix) for matrix in chain(size))
+        for name, matrix in (("stiffness", K), ("mass", M)):
+            file = tmp_path / "files" / f"model{size}" / f"{name}.mtx"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            scipy.io.mmwrite(file, matrix, symmetry="general", precision=17)
+    refused = lrbc("init", "--from", tmp_path / "files", tmp_path / "new")
+    assert refused.code == 3
+    for text in ("two stiffness matrices, 12 and 20 DOFs", "model12/stiffness.mtx (12 DOFs)", "point --from at one of them"):
+        assert text in refused.stderr
+    assert not (tmp_path / "new").exists()
+    one = lrbc("init", "--from", tmp_path / "files" / "model12", tmp_path / "new")
+    assert one.code == 0
+    assert "recognised  stiffness: stiffness.mtx, 12 DOFs" in one.stdout
+    file = lrbc("init", "--from", tmp_path / "files" / "model12" / "mass.mtx", tmp_path / "other")
+    assert file.code == 2
+    assert "a file, no folder" in file.stderr
+    assert f"--from {tmp_path / 'files' / 'model12'}" in file.stderr
+
+
+def test_a_reduced_model_beside_its_full_one_is_no_second_model(tmp_path: Path) -> None:
+    (K, M), (Kr, Mr) = chain(12), chain(4)
+    scipy.io.savemat(tmp_path / "model.mat", {"K": csc(K), "M": csc(M), "K_red": csc(Kr), "M_red": csc(Mr)})
+    made = draft(tmp_path / "new", recognise(tmp_path))
+    assert yaml.safe_load(made.text())["model"]["stiffness"]["group"] == "K"
+
+
+def test_places_to_fill_in_are_refused_until_they_are(tmp_path: Path) -> None:
+    """At the origin they would be taken for places of the model."""
+    files = box(tmp_path / "box").data
+    (files / "tight.uff").unlink()
+    (files / "loose.uff").unlink()
+    (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},B{i + 1}\n" for i in range(6)))
+    columns = ("acc1", "acc2", "acc3", "acc4")
+    (files / "tight.csv").write_text(
+        "frequency_hz,"
+        + ",".join(f"{name}_{part}" for name in columns for part in ("real", "imag"))
+        + "\n"
+        + "".join(",".join([str(f), *["1.0"] * 8]) + "\n" for f in range(20, 200))
+    )
+    folder, _ = drafted(files, tmp_path / "new")
+    refused = folder.run("check")
+    assert refused.code == 2
+    for text in (".near: places that are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
+        assert text in refused.stderr
 
 
 def test_the_edge_beside_a_row_of_bolts() -> None:

@@ -189,7 +189,7 @@ def test_l_curve(frame: Folder) -> None:
     # The report draws them.
     assert frame.run("report", "--job", "tight", "--job", "loose-2", *[word for key in paper for word in ("--override", key)]).code == 0
     page = (frame.out / "report.html").read_text(encoding="utf-8")
-    assert "Choice of the weight" in page
+    assert "Regularisation" in page
     assert page.count("L-curve of job") == 2
     for job in ("tight", "loose-2"):
         assert (frame.out / job / "l-curve.png").read_bytes().startswith(b"\x89PNG")

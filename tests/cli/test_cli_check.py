@@ -389,6 +389,7 @@ def test_selecting(tmp_path: Path) -> None:
     rows, notes = selected(**ROWS)
     assert [group.name for group in rows.groups] == ["springs-1", "springs-2"]
     assert notes[1] == "parameters springs: 2 edges, groups of their own: nothing ties values of one to those of another"
+    assert notes[0] == "parameters springs: stiffness, 8 terms, 8 parameters"
     assert notes[3] == "parameters springs-2: 4 values every 0.1 m, 0.3 m from (0.3, 0.3, 0) to (0, 0.3, 0)"
     first, second = rows.groups
     dof = rows.model.terms.left.argmax(axis=0)
@@ -404,9 +405,36 @@ def test_selecting(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.bincount(bolts.groups[0].parameter), [2, 2, 2, 2])
 
 
+def test_a_face_is_no_edge(tmp_path: Path) -> None:
+    """Values that nothing ties may fill one, and every command says so; what ties them to neighbours is refused."""
+    folder = plate(tmp_path / "new")
+    tree = folder.tree()
+    tree["parameters"]["springs"]["select"] = {"component": "UZ", "box": [[0, 1], [0, 1], [0, 0]]}
+    tree["parameters"]["springs"]["smoothing"] = SMOOTH
+    folder.write(tree)
+    refused = folder.run("check")
+    assert refused.code == 2
+    for text in ("springs lie on no line, and smoothing mixes", "12 values from (0, 0, 0) to (0.3, 0.3, 0)", "`boundary: true`", "`along`"):
+        assert text in refused.stderr, refused.stderr
+    tree["parameters"]["springs"]["smoothing"] = None
+    folder.write(tree)
+    refused = folder.run("check")
+    assert refused.code == 2
+    assert "changes at bolts reach along it" in refused.stderr
+    del tree["bolts"]
+    folder.write(tree)
+    inputs = folder.inputs()
+    assert [line for line in inputs.warnings if "no edge: take the border of a flat field by `boundary: true`" in line]
+    assert "parameters springs: stiffness, 12 terms, 12 parameters" in inputs.notes
+
+
 def test_selecting_nothing(tmp_path: Path) -> None:
     folder = plate(tmp_path / "new")
     for select, words in (
+        ({"component": "UZ", "near_bolts": 15}, ("near_bolts", "less than the distance of neighbouring bolts, 0.2", "in metres")),
+        ({"component": "UZ", "boundary": False}, ("expected: true\n", "found:    false")),
+        ({"component": "UZ", "box": [[0.01, 0.02], [0, 1], [0, 0]]}, ("box", "x 0 to 0.3", "export the edge pinned")),
+        ({"component": "UZ", "near_bolts": 0.01}, ("none for 4, and the nearest node to B1 is 0.05 away", "each of 4 bolts")),
         ({"component": "UZ", "near_bolts": 0.01}, ("near_bolts", "that near to B1, B2, B3, B4")),
         ({"component": "UZ", "along": [[0, 0, 1], [1, 0, 1]], "tolerance": 0.1}, ("along", "x 0 to 0.3")),
         ({"component": "UZ", "boundary": True, "box": [[0, 1], [0, 0], [0, 0]]}, ("boundary", "on a line")),
@@ -420,6 +448,8 @@ def test_selecting_nothing(tmp_path: Path) -> None:
         assert result.code in (2, 3)
         for word in words:
             assert word in result.stderr, result.stderr
+        # Nothing was eliminated where the model is not.
+        assert "pinned" not in result.stderr or "along" not in select
 
 
 def test_discrete_bolts_may_lie_apart(tmp_path: Path) -> None:

@@ -207,8 +207,10 @@ def test_the_page_stands_alone(run: Run) -> None:
     page = (run.out / "report.html").read_text()
     assert page.lstrip().lower().startswith("<!doctype html")
     assert page.rstrip().endswith("</html>")
-    # No request to anywhere: links to places inside the page only.
-    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!#|data:)""", page)
+    # No request to anywhere: links to places inside the page and to the files beside it only, which are there.
+    assert not re.search(r"""src\s*=\s*["'](?!data:)""", page)
+    for link in set(re.findall(r"""href\s*=\s*["'](?!#|data:)([^"']*)""", page)):
+        assert (run.out / link).is_file(), link
     assert not re.search(r"url\((?!['\"]?(?:#|data:))", page)
     assert "<script src" not in page
     for word in [*REMOVED, *MICS]:

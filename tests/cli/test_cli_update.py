@@ -72,7 +72,9 @@ def finite(value: Any) -> bool:
 @pytest.mark.parametrize("job", ["tight", "loose-2", "loose-all"])
 def test_every_result_file_is_there(frame_once: Folder, job: str) -> None:
     folder = frame_once.out / job
-    assert sorted(p.name for p in folder.iterdir()) == ["evidence.json", "fdac.csv", "frf.csv", "profile.csv", "result.json"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        *("evidence.json", "fdac.csv", "frf.csv", "profile.csv", "result.json", "shapes.json")
+    ]
     tree = frame_once.result(job)
     assert tree["job"] == job
     assert tree["status"] == "converged"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from campaigns import Folder, command, environment, frame, measure_again
+from campaigns import Folder, command, environment, frame, lrbc, measure_again
 
 LIMIT = 120.0
 
@@ -201,3 +201,7 @@ def test_wrong_calls(begun: Folder) -> None:
     pattern = begun.run("watch", "--once", "--pattern", "frf/*.uff")
     assert pattern.code == 2
     assert "watch.pattern" in pattern.stderr
+
+
+def test_the_help_says_that_documents_come_a_line_each() -> None:
+    assert "each verdict is one JSON document on a line of its own" in " ".join(lrbc("watch", "--help").stdout.split())

@@ -14,6 +14,7 @@ from lrbc_cli.model.selection import (
     at_node,
     edges_of,
     in_box,
+    is_line,
     jumps,
     near_line,
     near_points,
@@ -273,3 +274,18 @@ def test_the_border_of_a_field(nx, ny, hole, seed):
 def test_no_border_is_guessed(xyz, reason):
     with pytest.raises(ValueError, match=reason):
         outline(xyz)
+
+
+def test_a_line_is_told_from_a_face():
+    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    graded = np.cumsum(0.8 ** np.arange(20.0))[:, None] * [[0.6, 0.8, 0.0]]
+    hook = np.array([[0.0, y, 0.0] for y in range(8)] + [[x, 7.0, 0.0] for x in range(1, 5)])
+    border = np.array([[x, y, 0.0] for x in range(3) for y in range(3) if (x, y) != (1, 1)])
+    rough = np.column_stack([np.linspace(0.0, 1.0, 30), 0.005 * np.cos(7.0 * np.arange(30)), np.zeros(30)])
+    for line in (ring, graded, hook, border, rough):
+        assert is_line(line[along(line)])
+    for aspect in (1.0, 1.3, 1.8):
+        for shape in ((13, 5, 1), (9, 2, 1), (5, 4, 3)):
+            face = np.argwhere(np.ones(shape)) * [1.0, aspect, 1.0]
+            assert not is_line(face[along(face)])

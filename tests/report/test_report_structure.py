@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 from html.parser import HTMLParser
@@ -17,6 +18,7 @@ from lrbc_cli.report.drawing.structure import Camera, scene_of
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
 from lrbc_cli.report.write import write_structure
 from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import read_job, write, write_json
 from lrbc_cli.results.structure import StructureRecord
 
@@ -91,6 +93,44 @@ def test_every_job_has_its_picture_and_the_page_a_chooser(output: Path) -> None:
     assert job.names("loose")
     assert scene["jobs"][1]["text"].startswith("bolts-04: ")
     assert scene["marks"][1][0] == "acc</script>"
+
+
+def with_shapes(output: Path, name: str, nodes: int = 30) -> ShapesRecord:
+    """Two shapes of a job, for which its result vouches."""
+    wave = np.sin(np.arange(3 * nodes))
+    values = {"real": wave / np.abs(wave).max(), "imag": 0.1 * wave}
+    points = {"measured_real": [0.5, None], "measured_imag": [0.0, None], "modelled_real": [0.4, 1.0], "modelled_imag": [0.1, 0.0]}
+    shapes = [{"frequency_hz": f, "largest": 1e-6, "cosine": cosine, **values, **points} for f, cosine in ((96.0, 0.97), (312.0, None))]
+    tree = {"job": name, "excitation": "hammer", "nodes": nodes, "responses": ["acc</script>", "mic01"], "shapes": shapes}
+    record = ShapesRecord.checked(tree)
+    digest = write(output / name / "shapes.json", record)
+    job = job_of(output, name).tree()
+    job["provenance"]["files"] = {**(job["provenance"].get("files") or {}), "shapes.json": digest}
+    write_json(output / name / "result.json", job)
+    return record
+
+
+def test_shapes_are_on_the_page_and_a_figure(output: Path) -> None:
+    write(output / "structure.json", plate(output))
+    record = with_shapes(output, "bolts-04")
+    with_shapes(output, "bolts-00", nodes=29)
+    write_report(output, workers=1)
+    text = (output / "report.html").read_text(encoding="utf-8")
+    page = Elements(text)
+    controls = {entry["name"] for name, entry in page.found if name in ("select", "input") and "name" in entry}
+    assert {"shape", "size"} <= controls
+    assert any(name == "button" and entry.get("data-do") == "play" for name, entry in page.found)
+    first, second = json.loads(page.scripts["application/json"])["jobs"][:2]
+    # Those of other nodes than are drawn are left out.
+    assert first["shapes"] == []
+    assert [shape[0] for shape in second["shapes"]] == ["96 Hz, cosine 0.97", "312 Hz"]
+    decoded = np.frombuffer(base64.b64decode(second["shapes"][0][1]), dtype=np.int8) / 127
+    np.testing.assert_allclose(decoded, record.shapes[0].real, atol=0.5 / 127 + 1e-9)
+    (point,) = second["shapes"][0][3]
+    assert point[3:] == [0.0, 0.0, 1.0, 0.5, 0.0, 0.4, 0.1]
+    assert "bolts-04/shapes.png" in text
+    assert (output / "bolts-04" / "shapes.png").read_bytes().startswith(b"\x89PNG")
+    assert not (output / "bolts-00" / "shapes.png").exists()
 
 
 def test_the_scene_of_what_is_flat_is_a_plan_and_else_a_view_in_space(output: Path) -> None:

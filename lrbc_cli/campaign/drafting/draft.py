@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,18 +17,21 @@ from lrbc_cli.campaign.drafting.roles import (
     HAMMER,
     PointFound,
     Roles,
-    baselines_of,
     edge_near,
     holds_springs,
-    reference_of,
+    names_loose,
     roles_of,
     table_of,
+    tight_states,
     units_of,
+    without_accents,
 )
 from lrbc_cli.config.document import resolve_scalar
 from lrbc_cli.config.fields import is_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
+from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_points
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.frf import FrfRecord
@@ -43,7 +47,8 @@ LABELS = {0: "PRES", 1: "UX", 2: "UY", 3: "UZ", 4: "ROTX", 5: "ROTY", 6: "ROTZ"}
 
 NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
 
-NOWHERE = "{near: [0.0, 0.0, 0.0], component: UZ}"
+#: Places to fill in: letters, which no command takes for one.
+NOWHERE = "{near: [x, y, z], component: UZ}"
 
 
 @dataclass
@@ -87,12 +92,9 @@ class Draft:
     def text(self) -> str:
         """The whole campaign file."""
         jobs = self._jobs()
-        reference = reference_of(list(jobs))
-        if jobs and reference is None:
-            reference = next(iter(jobs))
-            self.todo.append(f"update.reference: no file name tells the tight state; {reference} is only the first")
+        reference, baselines = self._reference(jobs)
         jobs = dict(sorted(jobs.items(), key=lambda job: job[0] != reference))
-        record = [entry for path in jobs[reference] for entry in self.found.measurements[path].records] if reference else []
+        record = [entry for path in next(iter(jobs.values()), []) for entry in self.found.measurements[path].records]
         responses, names = self._responses(record)
         band = self._band(record)
         sections = [
@@ -104,7 +106,7 @@ class Draft:
             ["responses:", *responses],
             ["# What is identified: terms of stiffness at the bolts (`lrbc guide campaign`)", *self._parameters()],
             [f"reduction: {{band: [{band[0]:g}, {band[1]:g}], tolerance: 1.0e-3}}"],
-            self._update(reference, names, baselines_of(list(jobs), reference)),
+            self._update(reference, names, baselines),
             self._calibration(reference),
             ["jobs:" if jobs else "jobs: {}", *[f"  {name}: {self._job(paths)}" for name, paths in jobs.items()]],
         ]
@@ -113,7 +115,7 @@ class Draft:
             sections[0].remove(NO_DOFS)
         self.todo += self.roles.doubts
         self.todo += [f"{name} has no role yet" for name in self.roles.spare]
-        self.todo += [f"{path.name} was not recognised: {why}" for path, why in self.found.rest.items()]
+        self.todo += [f"{self.found.called(path)} was not recognised: {why}" for path, why in self.found.rest.items()]
         name = ["campaign: " + quoted(self.folder.resolve().name or "campaign"), "output: output"]
         units = units_of(self.roles, self.table)
         if units[:1] == ["SI"]:
@@ -128,17 +130,44 @@ class Draft:
         ]
         return "\n\n".join("\n".join(part) for part in [head, name, *sections] if part) + "\n"
 
+    def _reference(self, jobs: dict[str, list[Path]]) -> tuple[str | None, list[str]]:
+        """The job that is most likely the tight state, and further ones."""
+        states = {name: f"{self.found.called(paths[0].parent)} {name if len(paths) > 1 else paths[0].stem}" for name, paths in jobs.items()}
+        bolts = self._bolts()
+        tight, numbered = tight_states(states, bolts)
+        others = [name for name in jobs if not names_loose(states[name], bolts)]
+        reference = next(iter([*tight, *numbered, *others]), None)
+        if reference in (*tight, *numbered):
+            self.todo.append(f"update.reference: {reference}, by its name; are all bolts tight there?")
+        elif reference:
+            self.todo.append(f"update.reference: no file name tells the tight state; {reference} is only the first")
+        elif jobs:
+            self.todo.append(
+                "update.reference: which job is the tight state? every file name speaks of something loose, or of a single bolt"
+            )
+        self.todo += [f"calibration.job: {reference} too"] if reference else []
+        return reference, [name for name in tight if name != reference]
+
+    def _bolts(self) -> set[str]:
+        """Names of the bolts, as far as tables hold them."""
+        names = set() if self.roles.bolts is None else set(read_points(self.roles.bolts).name)
+        for path in self.found.of("bushings"):
+            with suppress(LrbcError):
+                names.update(read_bushings(path).bolt)
+        return names
+
     def _model(self, band: tuple[float, float]) -> list[str]:
         operators, lines = self.roles.operators, ["model:"]
         for role in ("stiffness", "mass", "damping"):
             if role in operators:
                 lines.append(f"  {role}: {self.matrix(operators[role])}")
-                self.recognised.append(f"{role}: {operators[role].path.name}, {operators[role].matrix.shape[0]} DOFs")
+                self.recognised.append(f"{role}: {self.found.called(operators[role].path)}, {operators[role].matrix.shape[0]} DOFs")
             elif role != "damping":
                 lines.append(f"  {role}: model/{role}.mtx         # not found among the files")
                 self.todo.append(f"model.{role}: no square matrix was found; `lrbc guide export` says how to export it")
         if "damping" not in operators:
             beta = 2.0 * ASSUMED_RATIO / (np.pi * (band[0] + band[1]))
+            self.todo.append(f"model.damping: no file holds it; {ASSUMED_RATIO:.0%} of critical at mid-band is assumed")
             lines.append(f"  damping:                          # assumed: {ASSUMED_RATIO:.0%} of critical at mid-band; calibration fits it")
             fields = ["structure", *(["acoustic"] if self._acoustic else [])]
             lines += [f"    {name}: {{alpha: 0.0, beta: {beta:.3g}}}" for name in fields]
@@ -153,7 +182,7 @@ class Draft:
         found, stiffness = self.found, self.roles.operators.get("stiffness")
         if found.of("dofs"):
             path = found.of("dofs")[0]
-            self.recognised.append(f"DOF table: {path.name}")
+            self.recognised.append(f"DOF table: {found.called(path)}")
             return [f"  dofs: {self.path(path)}"]
         if not found.of("nodes"):
             self.todo.append(
@@ -161,7 +190,7 @@ class Draft:
             )
             return [NO_DOFS]
         nodes = found.of("nodes")[0]
-        self.recognised.append(f"coordinates: {nodes.name}")
+        self.recognised.append(f"coordinates: {found.called(nodes)}")
         if found.of("map"):
             return [f"  dofs: {{map: {self.path(found.of('map')[0])}, nodes: {self.path(nodes)}}}"]
         if stiffness is None or stiffness.labels is None:
@@ -231,11 +260,15 @@ class Draft:
             self.todo.append("responses: the node numbers of the FRF files are taken as those of the model")
         rows = self.roles.rows
         if lost and rows is not None and min(rows.matrix.shape) == len(lost):
-            self.todo.append(f"responses {', '.join(name for name, *_ in lost)}: taken as the rows of {rows.path.name} in this order")
+            self.todo.append(
+                f"responses {', '.join(name for name, *_ in lost)}: taken as the rows of {self.found.called(rows.path)} in this order"
+            )
             lines += [f"  {name}: {{matrix: {self.matrix(rows)}, row: {row}{further}}}" for row, (name, _, further) in enumerate(lost)]
             lost = []
         elif rows is not None:
-            self.todo.append(f"{rows.path.name} holds {min(rows.matrix.shape)} vectors over the DOFs: rows of responses, a load, or terms?")
+            self.todo.append(
+                f"{self.found.called(rows.path)} holds {min(rows.matrix.shape)} vectors over the DOFs: rows of responses, a load, or terms?"
+            )
         if lost:
             which = listing([name for name, *_ in lost], 4)
             self.todo.append(f"responses {which}: where are they? a table name,x,y,z,component of the points tells")
@@ -265,7 +298,7 @@ class Draft:
                 "    bounds: auto",
             ]
         if self.roles.bolts is not None:
-            self.recognised.append(f"bolts: {self.roles.bolts.name}")
+            self.recognised.append(f"bolts: {self.found.called(self.roles.bolts)}")
             lines += ["", f"bolts: {self.path(self.roles.bolts)}"]
         return lines
 
@@ -273,7 +306,9 @@ class Draft:
         """The selection, and whether the matrices hold these springs."""
         held = holds_springs(path, self.roles, self.table)
         if held is None:
-            self.todo.append(f"parameters: baseline: 1.0 where the stiffness matrix holds the springs of {path.name} already")
+            self.todo.append(f"parameters: baseline: 1.0 where the stiffness matrix holds the springs of {self.found.called(path)} already")
+        elif held:
+            self.todo.append(f"parameters: baseline: 1.0, as the stiffness matrix seems to hold the springs of {self.found.called(path)}")
         return f"{{bushings: {self.path(path)}}}" + (
             "\n    baseline: 1.0                   # the stiffness matrix holds these springs" if held else ""
         )
@@ -285,7 +320,7 @@ class Draft:
             edge = edge_near(read_points(self.roles.bolts).xyz, self.table)
         if edge is None:
             self.todo.append("parameters: which DOFs carry the bolts? a table of bushings, a list of DOFs or a box (`lrbc guide campaign`)")
-            return "edge", "{component: ROTY, box: [[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]}   # to do"
+            return "edge", "{component: ROTY, box: [[x0, x1], [y0, y1], [z0, z1]]}   # to do"
         component, box = edge
         self.todo.append(
             "parameters.edge: the line of nodes nearest to the row of bolts, turning about it; is that the edge that they hold?"
@@ -307,6 +342,7 @@ class Draft:
             self.todo.append(f"update.baselines: {', '.join(baselines)}, by the name; all bolts tight there?")
         if len(names) > 3:
             lines.append(f"  responses: [{', '.join(map(quoted, names[:-1]))}]   # the last one checks the result")
+            self.todo.append(f"update.responses: {names[-1]} is left out, as validation channel")
         return [*lines, "  loss: soft                        # single wild lines count little", "  loss_scale: 1.0"]
 
     def _calibration(self, reference: str | None) -> list[str]:
@@ -358,8 +394,8 @@ def quoted(text: str) -> str:
 
 
 def _name(text: str, otherwise: str) -> str:
-    """A text as a name of the campaign file."""
-    name = re.sub(r"[^A-Za-z0-9._-]+", "-", text.strip()).strip("-._")[:60]
+    """A text as a name of the campaign file; letters lose their accents."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", without_accents(text.strip())).strip("-._")[:60]
     return name if name and is_name(name) else otherwise
 
 

@@ -59,6 +59,8 @@ class FilesFound:
 
     Attributes
     ----------
+    folder : Path
+        Where it lies.
     matrices : list of MatrixFound
     tables : dict of lists of Path
         By the kinds of ``TABLES``; ``nodes`` holds input files and meshes too, ``map`` other DOF maps.
@@ -68,6 +70,7 @@ class FilesFound:
         Why a file is none of these.
     """
 
+    folder: Path
     matrices: list[MatrixFound] = field(default_factory=list)
     tables: dict[str, list[Path]] = field(default_factory=dict)
     measurements: dict[Path, FrfSet] = field(default_factory=dict)
@@ -77,6 +80,10 @@ class FilesFound:
     def of(self, kind: str) -> list[Path]:
         """Tables of a kind."""
         return self.tables.get(kind, [])
+
+    def called(self, path: Path) -> str:
+        """A file with its folder below that of all."""
+        return path.relative_to(self.folder).as_posix()
 
     @property
     def size(self) -> int:
@@ -94,8 +101,15 @@ def recognise(folder: Path) -> FilesFound:
         Where there is no such folder, or it holds too many files.
     """
     if not folder.is_dir():
-        raise ConfigError("no such folder", file=folder, place="--from", expected="the folder with the files of model and measurements")
-    found, count = FilesFound(), 0
+        there = folder.exists()
+        raise ConfigError(
+            "a file, no folder" if there else "no such folder",
+            file=folder,
+            place="--from",
+            expected="the folder with the files of model and measurements",
+            hint=f"--from {folder.parent}" if there else None,
+        )
+    found, count = FilesFound(folder), 0
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if hidden or not path.is_file() or path.suffix.lower() in OTHERS:

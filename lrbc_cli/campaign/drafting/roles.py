@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import unicodedata
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from lrbc_cli.campaign.drafting.recognise import FilesFound, MatrixFound
 from lrbc_cli.campaign.reading.dof_source import numbering
 from lrbc_cli.campaign.reading.places import likely_units
 from lrbc_cli.config.structure import DofSource
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_positions, read_table
@@ -30,6 +31,14 @@ OPERATORS = {
 
 #: Names of tight states, the surest first.
 TIGHT = ("reference", "ref", "tight", "fest", "baseline", "fixed", "intact", "healthy", "nominal", "00", "000", "0")
+
+#: Words of a name that rule a tight state out, whatever else it says: something is loose, gone or damaged; coherences are no FRFs.
+LOOSE = re.compile(
+    "loos|lose|los$|lost|gel(oe|o)st|locker|slack|open|remov|missing|fehl|without|ohne|half|halb|hand$|partly|partial|teilw|free|frei|"
+    "damag|defe[kc]t|broken|crack|not?$|non$|nicht|un(?!it|damaged)|coh|koh"
+)
+#: A bolt in words joined by blanks.
+ONE_BOLT = re.compile(" (b|bolt|screw|schraube|joint) ?0*[1-9][0-9]* ")
 
 BOLTS = re.compile("bolt|screw|schraub|joint|fastener", re.IGNORECASE)
 HAMMER = re.compile("hammer|exc|force|kraft|impact|shaker|input|anreg|driv", re.IGNORECASE)
@@ -75,12 +84,43 @@ class Roles:
 
 
 def roles_of(found: FilesFound) -> Roles:
-    """Guess the roles; what was guessed by content alone, or against a name, is a doubt."""
+    """Guess the roles; what was guessed by content alone, or against a name, is a doubt.
+
+    Raises
+    ------
+    DataError
+        Where the files are those of two models.
+    """
+    _require_one_model(found)
     roles = Roles()
     _operators(found, roles)
     _vectors(found, roles)
     _named_points(found, roles)
     return roles
+
+
+def _require_one_model(found: FilesFound) -> None:
+    """Refuse stiffness matrices of two sizes in files of their own: nothing tells to which of them tables and FRFs belong."""
+    square = [matrix for matrix in found.matrices if matrix.matrix.shape[0] == matrix.matrix.shape[1]]
+    named: dict[int, MatrixFound] = {}
+    for matrix in square:
+        if OPERATORS["stiffness"].search(matrix.name) or (matrix.group is None and OPERATORS["stiffness"].search(matrix.path.name)):
+            named.setdefault(matrix.matrix.shape[0], matrix)
+    if len(named) < 2:
+        return
+    files = [{matrix.path for matrix in square if matrix.matrix.shape[0] == size} for size in named]
+    # A file that holds both is one model and a reduced one of it.
+    if set.intersection(*files):
+        return
+    raise DataError(
+        f"{'two' if len(named) == 2 else len(named)} stiffness matrices, {' and '.join(map(str, named))} DOFs: these are files of "
+        "several models",
+        file=found.folder,
+        place="--from",
+        expected="the files of one model, and its measurements",
+        found="; ".join(f"{found.called(matrix.path)} ({size} DOFs)" for size, matrix in named.items()),
+        hint="point --from at one of them, in a folder of its own",
+    )
 
 
 def _operators(found: FilesFound, roles: Roles) -> None:
@@ -100,7 +140,7 @@ def _operators(found: FilesFound, roles: Roles) -> None:
             # The stiffness has the largest entries, whatever the units.
             taken[role] = by_size.pop(0 if role == "stiffness" else -1)
             roles.doubts.append(f"model.{role}: taken by the size of its entries; nothing in its name says so")
-    roles.spare += [_called(matrix) for matrix in by_size]
+    roles.spare += [_called(found, matrix) for matrix in by_size]
     if {"stiffness", "mass"} <= set(taken):
         K, M = taken["stiffness"], taken["mass"]
         if highest_omega(K.matrix, M.matrix) < 1.0 < highest_omega(M.matrix, K.matrix) < np.inf:
@@ -124,8 +164,10 @@ def _vectors(found: FilesFound, roles: Roles) -> None:
         elif roles.rows is None:
             roles.rows = matrix
         else:
-            roles.spare.append(_called(matrix))
-    roles.spare += [path.name for path in positions]
+            roles.spare.append(_called(found, matrix))
+    roles.spare += [found.called(path) for path in positions]
+    # The first of each is the model's.
+    roles.spare += [found.called(path) for kind in ("dofs", "nodes", "map") for path in found.of(kind)[1:]]
 
 
 def _readable(path: Path) -> bool:
@@ -144,14 +186,14 @@ def _named_points(found: FilesFound, roles: Roles) -> None:
             table = read_table(path, ("name", "x", "y", "z"), ("component", "quantity"))
             names, xyz = table.text("name"), table.floats("x", "y", "z")
         except LrbcError as error:
-            roles.doubts.append(f"{path.name}: {error.problem}")
+            roles.doubts.append(f"{found.called(path)}: {error.problem}")
             continue
         measured = any(name.strip().lower() in records or HAMMER.search(name) for name in names)
         if path in found.of("named") and (BOLTS.search(path.stem) or not measured):
             if roles.bolts is None:
                 roles.bolts = path
             else:
-                roles.spare.append(path.name)
+                roles.spare.append(found.called(path))
             continue
         kinds, quantities = (
             [cell or None for cell in table.text(key)] if key in table.columns else [None] * len(names) for key in ("component", "quantity")
@@ -160,23 +202,54 @@ def _named_points(found: FilesFound, roles: Roles) -> None:
             roles.points[name.strip().lower()] = PointFound(place, kind and kind.upper(), quantity)
 
 
-def _called(matrix: MatrixFound) -> str:
-    return f"{matrix.path.name}{f'#{matrix.group}' if matrix.group else ''} ({' x '.join(map(str, matrix.matrix.shape))})"
+def _called(found: FilesFound, matrix: MatrixFound) -> str:
+    return f"{found.called(matrix.path)}{f'#{matrix.group}' if matrix.group else ''} ({' x '.join(map(str, matrix.matrix.shape))})"
 
 
-def reference_of(names: Sequence[str]) -> str | None:
-    """The job that is most likely the tight state, by its name."""
-    for word in TIGHT:
-        for name in names:
-            if word in re.split(r"[_\W]+", name.lower()):
-                return name
-    return None
+def tight_states(states: Mapping[str, str], bolts: Collection[str] = ()) -> tuple[list[str], list[str]]:
+    """Jobs that are named like a tight state in words, and those by a number such as 00; the surest first.
+
+    Parameters
+    ----------
+    states : dict of str
+        What file and folder call each job.
+    bolts : collection of str
+        A name that holds one of theirs speaks of that bolt.
+    """
+    found = list[tuple[int, int, int, str, bool]]()
+    for name, text in states.items():
+        words = words_of(name)
+        told = next((word for word in TIGHT if word in words or (not word.isdigit() and word in _letters(words))), None)
+        if told is not None and not names_loose(text, bolts):
+            # A whole name counts before a part of one, then the fewest further words.
+            found.append((len(words), TIGHT.index(told), len(found), name, told.isdigit()))
+    ordered = sorted(found)
+    return [name for *_, name, number in ordered if not number], [name for *_, name, number in ordered if number]
 
 
-def baselines_of(names: Sequence[str], reference: str | None) -> list[str]:
-    """Further jobs that are named like tight states, numbers left aside."""
-    words = {word for word in TIGHT if not word.isdigit()}
-    return [name for name in names if name != reference and words & set(re.split(r"[_\W\d]+", name.lower()))]
+def names_loose(text: str, bolts: Collection[str] = ()) -> bool:
+    """Whether a name says that something is loose, or speaks of a single bolt."""
+    words = words_of(text)
+    said = f" {' '.join(words)} "
+    # Bolts that are numbers only: so are repeats.
+    own = [" ".join(words_of(bolt)) for bolt in bolts if not bolt.strip().isdigit()]
+    return (
+        any(map(LOOSE.match, (*words, *_letters(words)))) or bool(ONE_BOLT.search(said)) or any(f" {bolt} " in said for bolt in own if bolt)
+    )
+
+
+def words_of(text: str) -> list[str]:
+    """Words and numbers of a name, small and without accents."""
+    return [word for word in re.split(r"[_\W]+", without_accents(text.lower())) if word]
+
+
+def without_accents(text: str) -> str:
+    """The letters alone."""
+    return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+
+
+def _letters(words: Sequence[str]) -> list[str]:
+    return [part for word in words for part in re.split(r"\d+", word) if part]
 
 
 def table_of(found: FilesFound, roles: Roles) -> DofTable | None:

@@ -18,6 +18,7 @@ from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, write
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
 from lrbc_cli.campaign.jobs.modes import modes_tree
+from lrbc_cli.campaign.jobs.shapes import shapes_of
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
@@ -66,7 +67,7 @@ def write_result(
     baselines: Mapping[str, JobRecord],
     identities: tuple[Identity, Identity],
 ) -> JobRecord:
-    """Judge what was identified and write profile.csv, frf.csv, fdac.csv, evidence.json, and result.json with hashes of these.
+    """Judge what was identified and write the tables, evidence.json, shapes.json, and result.json with hashes of these.
 
     Parameters
     ----------
@@ -94,6 +95,9 @@ def write_result(
         "fdac.csv": write_csv(folder / "fdac.csv", FDAC_COLUMNS, fdac_rows(result, correlation)),
         "evidence.json": write_evidence(folder, evidence),
     }
+    shapes = shapes_of(inputs, stage, result)
+    if shapes is not None:
+        files["shapes.json"] = write(folder / "shapes.json", shapes, compact=True)
     own, judgement = identities
     tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests_on(reference, baselines), "files": files}
     return _written(folder, tree)

@@ -17,7 +17,7 @@ from lrbc_cli.campaign.jobs.standing import findings_of, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction, with_rows
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
@@ -145,6 +145,10 @@ class _Run:
                 self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
                 write_reduction(self.output, self.inputs, self.stage)
             source = frf_source(self.inputs, self.stage, self.progress)
+        if self.stage is not None:
+            self.stage, lacking = with_rows(self.inputs, self.stage)
+            if lacking:
+                log.warning("no deflection shapes: %s (`lrbc reduce --force` keeps it)", lacking)
         try:
             # The others are compared with it; then the baselines, whose scatter sets the threshold of the others.
             first = [name for name in todo if name == campaign.update.reference]

@@ -14,7 +14,7 @@ from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.updating.clearance import JobFinding
 
-#: Tables beside ``result.json``, which vouches for them by their hashes.
+#: Tables beside ``result.json``, which vouches for them by their hashes; ``shapes.json`` is there where shapes can be drawn.
 FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")
 
 #: What of the result of a reference job the identification of others rests on.
@@ -24,7 +24,7 @@ STATE = ("job", "parameters", "covariance", "misfit_db", "noise", "nuisances")
 def altered(folder: Path, stored: JobRecord) -> str | None:
     """Why the files of a job are not those that were written with its result; None where they are."""
     hashes = stored.provenance.files or {}
-    for name in FILES:
+    for name in dict.fromkeys((*FILES, *hashes)):
         try:
             if not (folder / name).is_file():
                 return f"a result file is missing ({name})"

@@ -12,24 +12,28 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign
 from lrbc_cli.model.dofs import PointTable
-from lrbc_cli.model.selection import JUMP, arc_length, edges_of, jumps
+from lrbc_cli.model.selection import JUMP, arc_length, edges_of, is_line, jumps
 
 
-def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> tuple[list[TermGroup], list[str]]:
-    """One group for each edge, where values are tied to their neighbours; in words what lies where.
+def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable | None) -> tuple[list[TermGroup], list[str], list[str]]:
+    """One group for each edge, where values are tied to their neighbours; in words what lies where, and what is no line.
 
     Raises
     ------
     ConfigError
-        Where terms whose order the campaign states do not lie along one edge, and smoothing, differences along the edge, or the hat of a
-        bolt reach across a jump.
+        Where values are tied to neighbours that lie on no line, or terms whose order the campaign states do not lie along one edge, and
+        smoothing, differences along the edge, or the hat of a bolt reach across a jump.
     """
-    found, notes = list[TermGroup](), list[str]()
+    found, notes, doubts = list[TermGroup](), list[str](), list[str]()
     for group in groups:
         if group.xyz is None or group.arc_length is None:
             found.append(group)
             continue
         at = _breaks(group)
+        if (doubt := _no_line(campaign, group, at, bolts)) is not None:
+            found.append(group)
+            doubts.append(doubt)
+            continue
         tied = _tied(campaign, group, at, bolts) if at.size else None
         if tied is None:
             if at.size:
@@ -52,7 +56,37 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
             )
         notes += [line for part in parts if (line := _preview(part))]
         found += parts
-    return found, notes
+    return found, notes, doubts
+
+
+def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:
+    """A doubt where terms that this program ordered fill a face or a body; None where they follow lines.
+
+    Raises
+    ------
+    ConfigError
+        Where something ties them to their neighbours.
+    """
+    assert group.xyz is not None
+    if not _ordered_here(group) or all(map(is_line, np.split(group.xyz, at + 1))):
+        return None
+    smoothed = sum(weight > 0 for weight in group.config.smoothing or ()) > 1
+    at_bolts = bolts is not None and group.config.kind == "stiffness" and campaign.update.approach != "paper"
+    low, high = group.xyz.min(axis=0), group.xyz.max(axis=0)
+    found = f"{group.count} values from {_place(low)} to {_place(high)} that fill a face or a body"
+    hint = "take the border of a flat field by `boundary: true`, make the box smaller, or select by `along`"
+    if smoothed or at_bolts:
+        tied = "smoothing mixes neighbours" if smoothed else "changes at bolts reach"
+        raise campaign.error(
+            f"the terms of {group.name} lie on no line, and {tied} along it",
+            "parameters",
+            group.name,
+            "select",
+            expected="nodes of one edge, or of several",
+            found=found,
+            hint=hint,
+        )
+    return f"parameters {group.name}: {found}, no edge: {hint}"
 
 
 def _ordered_here(group: TermGroup) -> bool:

@@ -17,7 +17,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import Positions, read_points, read_positions
 from lrbc_cli.model.dofs import PointTable
-from lrbc_cli.model.selection import arc_length, unit_columns
+from lrbc_cli.model.selection import arc_length, edges_of, is_line, unit_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 
 Floats = NDArray[np.float64]
@@ -141,7 +141,8 @@ class GroupReader(ModelReader):
         group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, beta, loss_factor=loss_factor)
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
-            + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 else "")
+            # Jumps between edges are no length of one.
+            + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 and _one_edge(xyz) else "")
         )
         return Terms(group, left, right, own.bolt, ground)
 
@@ -200,3 +201,8 @@ class GroupReader(ModelReader):
             )
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
+
+
+def _one_edge(xyz: Floats | None) -> bool:
+    """Whether places follow one edge."""
+    return xyz is not None and len(edges_of(xyz)) == 1 and is_line(xyz)

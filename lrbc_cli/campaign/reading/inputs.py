@@ -268,8 +268,9 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
-    groups, along = by_edges(campaign, groups, bolts)
+    groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
+    reader.warn(*no_lines)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     if isinstance(campaign.model.damping, ProportionalDamping):
         eta = campaign.model.damping.structure.loss_factor, campaign.model.damping.acoustic.loss_factor

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
 from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.triangles import whole
@@ -278,7 +280,9 @@ class ModelReader:
             dofs = near_line(table, component, np.array(select.along) * unit, select.tolerance * unit)
             if not dofs.size:
                 problem = f"no DOF {component} lies within {select.tolerance:g} of this line"
-                raise self.campaign.error(problem, *keys, "along", expected=f"a line through nodes in {extent}", hint=PINNED)
+                expected, line = f"a line through nodes in {extent}", np.array(select.along)
+                beside = bool(np.any((line.max(axis=0) + select.tolerance < low) | (line.min(axis=0) - select.tolerance > high)))
+                raise self.campaign.error(problem, *keys, "along", expected=expected, hint=None if beside else PINNED)
             return dofs
         if select.box is not None:
             dofs = in_box(table, component, [(a * unit, b * unit) for a, b in select.box])
@@ -286,7 +290,9 @@ class ModelReader:
             dofs = np.flatnonzero(table.component == component)
         if not dofs.size:
             problem = f"no DOF {component} lies in this box"
-            raise self.campaign.error(problem, *keys, "box", expected=f"a box that overlaps {extent}", hint=PINNED)
+            assert select.box is not None
+            beside = any(b < lower or a > upper for (a, b), lower, upper in zip(select.box, low, high, strict=True))
+            raise self.campaign.error(problem, *keys, "box", expected=f"a box that overlaps {extent}", hint=None if beside else PINNED)
         if select.boundary is None:
             return dofs
         try:
@@ -305,6 +311,23 @@ class ModelReader:
         """DOFs of the nodes about the bolts, each with its bolt."""
         if self.bolts is None:
             raise self.campaign.error("nodes near the bolts need the bolts", *keys, "near_bolts", expected="bolts: a CSV file name,x,y,z")
+        unit = self.unit.length
+        there = table.xyz[table.component == component]
+        size = float(np.linalg.norm(np.ptp(table.xyz, axis=0)))
+        places = np.unique(self.bolts.xyz, axis=0)
+        pitch = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1])) if places.shape[0] > 1 else np.inf
+        if radius > min(pitch, size):
+            what = (
+                f"the distance of neighbouring bolts, {pitch / unit:.4g}" if pitch < size else f"the size of the model, {size / unit:.4g}"
+            )
+            raise self.campaign.error(
+                "this reaches beyond the neighbours of a bolt",
+                *keys,
+                "near_bolts",
+                expected=f"less than {what}",
+                found=f"{radius / unit:g}",
+                hint="it is in metres, or the length of `units`: about the radius of the washer",
+            )
         dofs, owner = near_points(table, component, self.bolts.xyz, radius)
         alone = [name for b, name in enumerate(self.bolts.name) if b not in owner]
         if alone:
@@ -312,8 +335,8 @@ class ModelReader:
                 f"no DOF {component} lies that near to {', '.join(alone[:8])}{' ...' if len(alone) > 8 else ''}",
                 *keys,
                 "near_bolts",
-                expected="a node for each bolt",
-                found=f"{radius / self.unit.length:g}",
+                expected=f"a node for each of {len(self.bolts.name)} bolts",
+                found=f"{radius / unit:g}; none for {len(alone)}, and {_farthest(self.bolts, there, unit)}",
                 hint="enlarge it, or leave bolts without terms out of the bolts file",
             )
         return DofList(dofs, xyz=table.xyz[dofs], bolt=tuple(self.bolts.name[b] for b in owner))
@@ -369,6 +392,13 @@ class ModelReader:
         if self.dofs is None:
             return None, None
         return int(self.dofs.node[dof]), DIRECTIONS.get(str(self.dofs.component[dof]))
+
+
+def _farthest(bolts: PointTable, nodes: Floats, unit: float) -> str:
+    """The bolt that is farthest from all nodes, in words."""
+    away = cKDTree(nodes).query(bolts.xyz)[0]
+    worst = int(np.argmax(away))
+    return f"the nearest node to {bolts.name[worst]} is {away[worst] / unit:.4g} away"
 
 
 def _arrays(ref: MatrixRef) -> ArrayNames | None:

@@ -16,6 +16,7 @@ import platformdirs
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
@@ -191,8 +192,8 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         "summary": {name: getattr(reduction, name) for name in _SUMMARY} | {"sizes": list(reduction.sizes)},
     }
     try:
-        # Port FRFs of the model that is replaced.
-        for old in decision.path.parent.glob("ports-*.h5"):
+        # Port FRFs and basis of the model that is replaced.
+        for old in (*decision.path.parent.glob("ports-*.h5"), decision.path.with_name("rows.h5")):
             old.unlink(missing_ok=True)
         write_store(decision.path, tree)
         with atomic_write(decision.path.with_name("key.json")) as file:
@@ -310,6 +311,38 @@ def _held_out(line: dict[str, Any]) -> HeldOut:
     errors = dict(line["errors"])
     # HDF5 sorts names; a person reads from free to clamped.
     return HeldOut(float(line["frequency_hz"]), {kind: float(errors.pop(kind)) for kind in ERROR_KINDS if kind in errors} | errors)
+
+
+def _rows_stamp(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> dict[str, str]:
+    """What rows of a basis say about themselves: of which model, as it was built, and at which DOFs."""
+    return {"key": decision.key, "model": digest(reduction.model.K, reduction.model.B), "dofs": digest(dofs)}
+
+
+def store_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> None:
+    """Write the rows of a basis beside its model; without them there are no deflection shapes."""
+    assert reduction.rows is not None
+    try:
+        write_store(
+            decision.path.with_name("rows.h5"),
+            {"made_for": _rows_stamp(decision, reduction, dofs), "rows": reduction.rows.astype(np.float32)},
+        )
+    except OSError as error:
+        log.warning("the basis at the drawn nodes was not kept (%s)", error)
+
+
+def load_rows(decision: CacheDecision, reduction: Reduction, dofs: Integers) -> tuple[Floats | None, str]:
+    """Read the rows of a basis; None, and why, where they are missing, damaged or those of something else."""
+    path = decision.path.with_name("rows.h5")
+    if not path.is_file():
+        return None, "nothing of the basis is kept beside the reduced model in the cache"
+    try:
+        tree = read_store(path)
+        if tree.get("made_for") != _rows_stamp(decision, reduction, dofs):
+            return None, "the basis in the cache is that of another model"
+        _require_arrays({"rows": tree.get("rows")}, {"rows": (dofs.size, reduction.model.size)})
+    except (DataError, ValueError) as error:
+        return None, f"the basis in the cache is damaged ({error.problem if isinstance(error, DataError) else error})"
+    return np.asarray(tree["rows"], dtype=np.float64), ""
 
 
 def ports_path(decision: CacheDecision, s: NDArray[np.complexfloating[Any, Any]], kind: str) -> Path:

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
+from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.method import formula
 from lrbc_cli.model.terms import Parameterisation
@@ -41,11 +42,23 @@ class ReductionStage:
     decision : CacheDecision
     seconds : float
         This time: reading the cache, or building.
+    rows : (k, r) float array or None
+        Of the basis, at ``drawn_dofs`` that are there.
     """
 
     reduction: Reduction
     decision: cache.CacheDecision
     seconds: float
+    rows: Floats | None = None
+
+
+def with_rows(inputs: Inputs, stage: ReductionStage) -> tuple[ReductionStage, str]:
+    """The stage with the basis at the drawn nodes, from its cache; and why it has none where something is drawn."""
+    dofs = drawn_dofs(inputs)
+    if not dofs.size:
+        return stage, ""
+    rows, reason = cache.load_rows(stage.decision, stage.reduction, dofs[dofs >= 0])
+    return replace(stage, rows=rows), reason
 
 
 def obtain_reduction(
@@ -100,8 +113,7 @@ def obtain_reduction(
     elif decision.path.is_file():
         log.warning("the cached reduced model is built anew (%s: %s)", decision.path, decision.reason)
     if reduction is None:
-        reduction = _built(inputs, decision, progress)
-        cache.store(decision, parts, reduction)
+        reduction = _built_and_kept(inputs, decision, parts, progress)
     require_baselines(inputs, reduction.model)
     stage = ReductionStage(reduction, decision, time.perf_counter() - start)
     if not reduction.reached and not accept:
@@ -149,11 +161,19 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     )
 
 
-def _built(inputs: Inputs, decision: cache.CacheDecision, progress: Callable[[str], None]) -> Reduction:
+def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[str, str], progress: Callable[[str], None]) -> Reduction:
     settings = inputs.campaign.reduction
     cache.require_writable(decision)
     require_memory(inputs)
-    reduction = reduce_model(inputs.model, inputs.input_of, options_of(inputs), backend=settings.backend, progress=progress)
+    dofs = drawn_dofs(inputs)
+    reduction = reduce_model(
+        inputs.model,
+        inputs.input_of,
+        options_of(inputs),
+        backend=settings.backend,
+        progress=progress,
+        rows=dofs[dofs >= 0] if dofs.size else None,
+    )
     if reduction.reached and reduction.unseen > FAR_ABOVE * reduction.options.tolerance:
         log.warning(
             "the reduced model holds its tolerance of %.1e at the held-out lines, but the bound for the other lines is %.1e: lower "
@@ -161,7 +181,11 @@ def _built(inputs: Inputs, decision: cache.CacheDecision, progress: Callable[[st
             reduction.options.tolerance,
             reduction.unseen,
         )
-    return replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+    reduction = replace(reduction, seconds=reduction.seconds | line_seconds(reduction.model, settings.band))
+    cache.store(decision, parts, reduction)
+    if reduction.rows is not None:
+        cache.store_rows(decision, reduction, dofs[dofs >= 0])
+    return replace(reduction, rows=None)
 
 
 def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:

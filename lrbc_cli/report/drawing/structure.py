@@ -174,7 +174,7 @@ def panel_of(scene: Scene, width: float, left: float, extra: list[Item]) -> tupl
     middle, half = 0.5 * (least + most), 0.5 * np.array([inner, height]) / scale
     (x0, y0), (x1, y1) = middle - half, middle + half
     items: list[Item] = [
-        Curve(role, *_broken(segments @ view), scene.labels.get(role, "") if above < 2 else "") for above, role, segments in layers(scene)
+        Curve(role, *broken(segments @ view), scene.labels.get(role, "") if above < 2 else "") for above, role, segments in layers(scene)
     ]
     items += [marks_at(role, dots @ view, scene.labels[role]) for role, dots in scene.dots.items() if not scene.plane or role != "air"]
     for role in dict.fromkeys(role for role, _ in scene.marks):
@@ -210,7 +210,7 @@ def layers(scene: Scene) -> list[tuple[int, str, Floats]]:
     return sorted(((order.get(role, 2), role, lines) for role, lines in scene.segments.items()), key=lambda entry: entry[0])
 
 
-def _broken(segments: Floats) -> tuple[Floats, Floats]:
+def broken(segments: Floats) -> tuple[Floats, Floats]:
     """(k, 2, 2) lines one after another, NaN between them."""
     gap = np.full((len(segments), 1, 2), np.nan)
     x, y = np.concatenate([segments, gap], axis=1).reshape(-1, 2).T

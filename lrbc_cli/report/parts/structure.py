@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.report.drawing.chart import Chart, Item
 from lrbc_cli.report.drawing.layout import Shape, Symbols, Text
+from lrbc_cli.report.drawing.shapes import DEFLECTION, points_of, shape_label
 from lrbc_cli.report.drawing.structure import Scene, layers, mark_names, marks_at, panel_of, scene_of
 from lrbc_cli.report.drawing.style import css
 from lrbc_cli.report.drawing.svg import legend, markup_of, own_size, svg
@@ -22,6 +23,7 @@ from lrbc_cli.report.html import Markup, tag
 from lrbc_cli.report.parts.strip import bolt_items, bolt_signs, letter_size, told, verdict_key
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.results.job import Bolt, JobRecord
+from lrbc_cli.results.shapes import DeflectionShape, ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.updating.clearance import sentence
 
@@ -29,6 +31,14 @@ _WIDTH = 640.0
 #: Coordinates on the page are whole numbers, of which so many make the size of the structure.
 _GRID = 10_000
 
+#: Shapes are put into the page up to about this many characters; those of further jobs are figures in their folders.
+_ROOM = 1_200_000
+
+_SHAPES = (
+    "Shapes are those of the updated model under the excitation, at the largest peaks of its mean spectrum: black dots are measured, "
+    "rings the model at the same sensors, in one scale; pressures stand upwards, in shares of the largest. The cosine compares both over "
+    "all responses: 1 is the same shape."
+)
 _ABOUT = "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view."
 
 
@@ -61,8 +71,10 @@ def _bolts(record: StructureRecord, job: JobRecord | None) -> list[Bolt | None]:
     return [found.get(place.name) for place in record.bolts]
 
 
-def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> list[Markup | None]:
-    """Return the turnable picture, with a chooser where there are several jobs; still where scripts do not run."""
+def structure_parts(
+    record: StructureRecord, jobs: Sequence[JobRecord] = (), shapes: Mapping[str, ShapesRecord] | None = None
+) -> list[Markup | None]:
+    """Return the turnable picture, with choosers of jobs and of deflection shapes; still where scripts do not run."""
     # That which has something to show.
     first = next((index for index, job in enumerate(jobs) if job.names("loose")), 0)
     shown = jobs[first] if jobs else None
@@ -79,7 +91,8 @@ def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> 
         tag("label", tag("input", type="checkbox", name=name, checked=name != "air" or not scene.plane), f" {text}")
         for name, text in switches
     ]
-    data = json.dumps(_data(record, scene, jobs, first), ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
+    shapes = shapes or {}
+    data = json.dumps(_data(record, scene, jobs, first, shapes), ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
     stage = tag(
         "div",
         tag("div", svg(chart), class_="still", style=own_size(chart)),
@@ -96,22 +109,40 @@ def structure_parts(record: StructureRecord, jobs: Sequence[JobRecord] = ()) -> 
         tag(
             "div",
             tag("div", choose, *boxes, *buttons, class_="controls", hidden=True),
+            _shape_controls() if shapes else None,
             tag("p", text, class_="told", aria_live="polite") if text else None,
             stage,
             tag("script", Markup(data), type="application/json"),
             class_="turnable",
         ),
         tag("p", _ABOUT + thinned, class_="about"),
+        tag("p", _SHAPES, class_="about") if shapes else None,
     ]
 
 
-def _data(record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], first: int) -> dict[str, Any]:
-    """What the script draws."""
+def _shape_controls() -> Markup:
+    """The chooser of a deflection shape; the script fills it with those of the job that is shown."""
+    size = tag("input", type="range", name="size", min="0.2", max="3", step="0.2", value="1")
+    return tag(
+        "div",
+        tag("label", "Shape ", tag("select", tag("option", "none", value=""), name="shape")),
+        tag("label", "Size ", size, class_="moves"),
+        tag("button", "Animate", type="button", data_do="play", aria_pressed="false", class_="moves"),
+        class_="controls",
+        hidden=True,
+    )
+
+
+def _data(
+    record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], first: int, shapes: Mapping[str, ShapesRecord]
+) -> dict[str, Any]:
+    """What the script draws; the mesh by the numbers of its nodes, which shapes move."""
     middle, size = 0.5 * (scene.low + scene.high), float((scene.high - scene.low).max())
 
     def whole(xyz: Floats) -> list[int]:
         return np.rint((xyz - middle) / size * _GRID).astype(int).ravel().tolist()
 
+    solid = [field for field in record.fields if field.field == "structure"]
     glyphs: dict[str, int] = {}
 
     def glyph(*shapes: Shape) -> int:
@@ -119,21 +150,26 @@ def _data(record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], firs
 
     at = np.zeros((1, 2))
     plain = glyph(Symbols("bolt", at))
-    states = []
+    states, room = [], _ROOM
     for job in jobs:
         bolts = [[plain, place.name] if bolt is None else [glyph(*_shapes(bolt, job)), told(bolt, job.explained)]
                  for place, bolt in zip(record.bolts, _bolts(record, job), strict=True)]  # fmt: skip
-        states.append({"text": f"{job.job}: {sentence(job.finding)}", "bolts": bolts})
+        moved = [_shape(record, shapes[job.job], shape, whole) for shape in shapes[job.job].shapes] if job.job in shapes else []
+        room -= sum(len(part) for shape in moved for part in shape[1:3])
+        states.append({"text": f"{job.job}: {sentence(job.finding)}", "bolts": bolts, "shapes": moved if room >= 0 else []})
     return {
         "camera": [scene.camera.azimuth, scene.camera.elevation],
         "low": whole(scene.low),
         "high": whole(scene.high),
-        "lines": [[role, whole(lines)] for _, role, lines in layers(scene)],
+        "nodes": whole(np.concatenate([np.zeros((0, 3)), *(field.xyz for field in solid)])),
+        "ends": [end for field in solid for end in field.lines],
+        "lines": [[role, whole(lines)] for _, role, lines in layers(scene) if role != "mesh"],
+        "deflection": DEFLECTION * _GRID,
         "dots": [[role, whole(dots)] for role, dots in scene.dots.items()],
         "marks": [
             *(
-                [point.name, whole(point.position), glyph(Symbols(role, at)), f"{point.name}: {scene.labels[role]}"]
-                for role, point in scene.marks
+                [p.name, whole(p.position), glyph(Symbols(role, at)), f"{p.name}: {scene.labels[role]}", p.quantity == "pressure"]
+                for role, p in scene.marks
             ),
             *([place.name, whole(place.position), plain, place.name] for place in record.bolts),
         ],
@@ -145,6 +181,16 @@ def _data(record: StructureRecord, scene: Scene, jobs: Sequence[JobRecord], firs
         "bolts": len(record.bolts),
         "glyphs": [*glyphs],
     }  # fmt: skip
+
+
+def _shape(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionShape, whole: Callable[[Floats], list[int]]) -> list[Any]:
+    """A shape as bytes, 127 of them the largest deflection, and the responses: place, direction, measured and modelled value."""
+    bytes_of = [base64.b64encode(np.rint(127.0 * part).astype(np.int8).tobytes()).decode() for part in (shape.real, shape.imag)]
+    points = [
+        [*whole(at), *way.round(3).tolist(), *np.round([measured.real, measured.imag, modelled.real, modelled.imag], 3).tolist()]
+        for at, way, measured, modelled in points_of(record, shapes, shape)
+    ]
+    return [shape_label(shape), *bytes_of, points]
 
 
 def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:

@@ -74,7 +74,8 @@ def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | No
     pictures = [made for _, made in frfs if made is not None]
     left = [entry for entry, made in frfs if made is None]
     richest = max((entry.chart for entry, _ in frfs), key=lambda chart: len(chart.legend()), default=None)
-    links = join([beside((name, "result.json")), back], " · ")
+    shapes = [beside((name, "shapes.png"), text="deflection shapes")] if name in content.shapes else []
+    links = join([beside((name, "result.json")), *shapes, back], " · ")
     return tag(
         "article",
         heading,
