@@ -123,7 +123,7 @@ def test_shapes_are_on_the_page_and_a_figure(output: Path) -> None:
     first, second = json.loads(page.scripts["application/json"])["jobs"][:2]
     # Those of other nodes than are drawn are left out.
     assert first["shapes"] == []
-    assert [shape[0] for shape in second["shapes"]] == ["96 Hz, cosine 0.97", "312 Hz"]
+    assert [shape[0] for shape in second["shapes"]] == ["96 Hz, FDAC 0.97", "312 Hz"]
     decoded = np.frombuffer(base64.b64decode(second["shapes"][0][1]), dtype=np.int8) / 127
     np.testing.assert_allclose(decoded, record.shapes[0].real, atol=0.5 / 127 + 1e-9)
     (point,) = second["shapes"][0][3]

@@ -33,6 +33,7 @@ from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
 
+BESIDE = "lay it over the model; coordinates are in the units of the campaign file"
 PINNED = "DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free"
 FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its rotations free"
 
@@ -282,7 +283,7 @@ class ModelReader:
                 problem = f"no DOF {component} lies within {select.tolerance:g} of this line"
                 expected, line = f"a line through nodes in {extent}", np.array(select.along)
                 beside = bool(np.any((line.max(axis=0) + select.tolerance < low) | (line.min(axis=0) - select.tolerance > high)))
-                raise self.campaign.error(problem, *keys, "along", expected=expected, hint=None if beside else PINNED)
+                raise self.campaign.error(problem, *keys, "along", expected=expected, hint=BESIDE if beside else PINNED)
             return dofs
         if select.box is not None:
             dofs = in_box(table, component, [(a * unit, b * unit) for a, b in select.box])
@@ -292,7 +293,7 @@ class ModelReader:
             problem = f"no DOF {component} lies in this box"
             assert select.box is not None
             beside = any(b < lower or a > upper for (a, b), lower, upper in zip(select.box, low, high, strict=True))
-            raise self.campaign.error(problem, *keys, "box", expected=f"a box that overlaps {extent}", hint=None if beside else PINNED)
+            raise self.campaign.error(problem, *keys, "box", expected=f"a box that overlaps {extent}", hint=BESIDE if beside else PINNED)
         if select.boundary is None:
             return dofs
         try:

@@ -20,8 +20,8 @@ _WIDTH, _LEFT = 640.0, 12.0
 
 def shape_label(shape: DeflectionShape) -> str:
     """Return the name of a shape."""
-    cosine = "" if np.isnan(shape.cosine) else f", cosine {fmt.fixed(shape.cosine, 2)}"
-    return f"{fmt.figures(shape.frequency_hz, 4)} Hz{cosine}"
+    correlation = "" if np.isnan(shape.cosine) else f", FDAC {fmt.fixed(shape.cosine, 2)}"
+    return f"{fmt.figures(shape.frequency_hz, 4)} Hz{correlation}"
 
 
 def points_of(record: StructureRecord, shapes: ShapesRecord, shape: DeflectionShape) -> Iterator[tuple[Floats, Floats, complex, complex]]:
