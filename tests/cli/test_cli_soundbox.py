@@ -76,7 +76,8 @@ def test_all_jobs_are_done(run: Run) -> None:
 
 def test_every_file_is_there(run: Run) -> None:
     figures = {f"frf-{mic}.png" for mic in MICS}
-    files = {"result.json", "evidence.json", "profile.csv", "profile.png", "frf.csv", "fdac.csv", "fdac.png", "map.png", "structure.png"}
+    tables = {"result.json", "evidence.json", "profile.csv", "frf.csv", "fdac.csv", "shapes.json"}
+    files = tables | {"profile.png", "fdac.png", "map.png", "structure.png", "shapes.png"}
     for job in REMOVED:
         assert {p.name for p in (run.out / job).iterdir()} == files | figures
         for png in (run.out / job).glob("*.png"):
