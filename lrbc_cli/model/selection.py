@@ -162,11 +162,8 @@ def _pieces(xyz: Floats) -> Integers:
     m = xyz.shape[0]
     if m < 3:
         return np.zeros(m, dtype=np.int64)
-    away, index = cKDTree(xyz).query(xyz, k=min(m, NEIGHBOURS + 1))
+    away, tree = _spanned(xyz)
     nearest = away[:, 1]
-    rows = np.repeat(np.arange(m), away.shape[1] - 1)
-    graph = sp.coo_array((away[:, 1:].ravel(), (rows, index[:, 1:].ravel())), shape=(m, m)).tocsr()
-    tree = minimum_spanning_tree(graph).tocoo()
     ratio = tree.data / np.maximum(nearest[tree.row], nearest[tree.col])
     neighbours: list[list[int]] = [[] for _ in range(m)]
 
@@ -183,7 +180,7 @@ def _pieces(xyz: Floats) -> Integers:
             neighbours[a].append(b)
             neighbours[b].append(a)
     pairs = [(a, b) for a, others in enumerate(neighbours) for b in others]
-    joined = sp.coo_array((np.ones(len(pairs)), tuple(np.array(pairs, dtype=np.int64).reshape(-1, 2).T)), shape=(m, m))
+    joined = sp.coo_array((np.ones(len(pairs)), tuple(np.array(pairs, dtype=np.int32).reshape(-1, 2).T)), shape=(m, m))
     label: Integers = connected_components(joined.tocsr(), directed=False)[1].astype(np.int64)
     return label
 
@@ -196,15 +193,24 @@ def is_line(xyz: Floats) -> bool:
     xyz : (k, 3) float array
         Points of one edge.
     """
-    places = np.unique(np.round(xyz / ONE_PLACE).astype(np.int64), axis=0) * ONE_PLACE
+    places: Floats = np.asarray(np.unique(np.round(xyz / ONE_PLACE).astype(np.int64), axis=0) * ONE_PLACE, dtype=float)
     m = places.shape[0]
     if m < 4:
         return True
-    away, index = cKDTree(places).query(places, k=min(m, NEIGHBOURS + 1))
+    away, tree = _spanned(places)
     if np.median((away[:, 1:] <= BESIDE * away[:, [1]]).sum(axis=1)) > CROWD:
         return False
-    graph = sp.coo_array((away[:, 1:].ravel(), (np.repeat(np.arange(m), away.shape[1] - 1), index[:, 1:].ravel())), shape=(m, m))
-    return bool(arc_length(xyz)[-1] <= DETOUR * minimum_spanning_tree(graph.tocsr()).sum())
+    return bool(arc_length(xyz)[-1] <= DETOUR * tree.data.sum())
+
+
+def _spanned(xyz: Floats) -> tuple[Floats, sp.coo_array]:
+    """Distances of each point to its nearest, itself first, and the shortest tree that joins them."""
+    m = xyz.shape[0]
+    away, index = cKDTree(xyz).query(xyz, k=min(m, NEIGHBOURS + 1))
+    # Graphs of older SciPy take 32-bit indices only.
+    pairs = (np.repeat(np.arange(m, dtype=np.int32), away.shape[1] - 1), index[:, 1:].ravel().astype(np.int32))
+    tree = minimum_spanning_tree(sp.coo_array((away[:, 1:].ravel(), pairs), shape=(m, m)).tocsr())
+    return away, sp.coo_array(tree)
 
 
 def along(xyz: Floats) -> Integers:
