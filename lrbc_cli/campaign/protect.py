@@ -10,6 +10,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from lrbc_cli.config import Campaign
+from lrbc_cli.config.fields import RESULT_FILES
 from lrbc_cli.errors import ConfigError
 
 
@@ -19,18 +20,7 @@ def _figures(*names: str) -> tuple[str, ...]:
 
 #: What commands write under the output folder: ``update``, ``calibrate``, ``reduce``, ``plan`` and ``report``; into a job's folder; into
 #: that of the calibration. A test compares it with what they leave.
-IN_OUTPUT = (
-    "campaign.csv",
-    "campaign.json",
-    "reduction.json",
-    "calibration.json",
-    "plan.json",
-    "plan.csv",
-    "structure.json",
-    "structure.html",
-    "report.html",
-    *_figures("plan", "structure", "verdicts", "damping"),
-)
+IN_OUTPUT = RESULT_FILES
 IN_JOB = (
     "result.json",
     "result.previous.json",

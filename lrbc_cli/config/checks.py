@@ -7,9 +7,8 @@ from collections.abc import Iterable, Iterator
 from lrbc_cli.config.calibration import FACTOR_NAMES, FIELDS
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.explain import suggestion
-from lrbc_cli.config.fields import MatrixRef
+from lrbc_cli.config.fields import RESERVED_JOBS, MatrixRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
-from lrbc_cli.config.watch import RESERVED_JOBS
 
 
 def check_references(campaign: Campaign) -> None:

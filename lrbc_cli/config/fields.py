@@ -5,7 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import re
-from collections.abc import Mapping
+import unicodedata
+import zlib
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, TypeVar
 
@@ -31,6 +34,14 @@ T = TypeVar("T")
 
 NAME_PATTERN = r"[A-Za-z0-9_-][A-Za-z0-9._-]*"
 NAME_LENGTH = 100
+#: Files that commands write into the output folder, beside the folders of the jobs; temporary ones begin with a dot, as no name does.
+RESULT_FILES = (
+    *("campaign.csv", "campaign.json", "reduction.json", "calibration.json"),
+    *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
+    *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
+)
+#: What no job may be called.
+RESERVED_JOBS = (*RESULT_FILES, "calibration")
 _WINDOWS = {"con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))}
 
 
@@ -76,6 +87,31 @@ def check_name(name: str) -> str:
     if name.split(".")[0].lower() in _WINDOWS:
         raise problem("a name that Windows reserves for a device", found=f"'{name}'", hint="choose another name")
     return name
+
+
+def plain_name(text: str) -> str:
+    """A text as far as it can be a name: letters without accents, dashes for what else cannot stand there; it may be empty."""
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")[:NAME_LENGTH].rstrip(".")
+
+
+def job_name(texts: Sequence[str], taken: Collection[str], key: str) -> str:
+    """The first of some texts that can name one more job; where none can, the first with a digest of a key that is the job's alone.
+
+    Parameters
+    ----------
+    texts : sequence of str
+    taken : collection of str
+        Names of other jobs; capitals and small letters are alike.
+    key : str
+    """
+    others = {name.lower() for name in (*taken, *RESERVED_JOBS)}
+    names = [name for name in map(plain_name, texts) if name]
+    for name in names:
+        with suppress(PydanticCustomError):
+            if check_name(name).lower() not in others:
+                return name
+    return f"{(*names, 'job')[0][: NAME_LENGTH - 9]}-{zlib.crc32(key.encode()):08x}"
 
 
 #: A name given in the campaign file: it becomes the name of files and columns.

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import re
-import unicodedata
-import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
-from pydantic_core import PydanticCustomError
 
-from lrbc_cli.config.fields import NAME_LENGTH, FilePath, FrozenDict, Name, Strict, check_name, check_unique, problem
+from lrbc_cli.config.fields import FilePath, FrozenDict, Name, Strict, check_unique, job_name, plain_name, problem
 from lrbc_cli.config.settings import JobConfig
 
 if TYPE_CHECKING:
     from lrbc_cli.config.campaign import Campaign
-
-#: What stands beside the jobs' folders under the output folder; temporary files begin with a dot, as no name does.
-RESERVED_JOBS = (
-    *("campaign.csv", "campaign.json", "reduction.json", "calibration.json", "calibration"),
-    *("plan.json", "plan.csv", "structure.json", "structure.html", "report.html"),
-    *(f"{stem}.{kind}" for stem in ("plan", "structure", "verdicts", "damping") for kind in ("png", "pdf", "svg")),
-)
 
 #: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
 OWN = {"frf", "coherence", "repeats", "removed"}
@@ -66,6 +55,15 @@ class WatchConfig(Strict):
         """As a list."""
         return (self.pattern,) if isinstance(self.pattern, str) else self.pattern
 
+    @property
+    def in_reach(self) -> bool:
+        """Whether the folder can be looked into."""
+        try:
+            next(self.folder.iterdir(), None)
+        except OSError:
+            return False
+        return True
+
     def files(self) -> Iterator[Path]:
         """Files of the folder that match, by name; those that are hidden or out of reach are none."""
         try:
@@ -101,7 +99,8 @@ def with_folder(campaign: Campaign) -> Campaign:
         if known is not None and any(file.exists() for file in jobs[known].all_files):
             known = None
         with suppress(ValidationError):  # it has just gone
-            name = known or _job_name(path, taken)
+            stem = plain_name(path.stem) or "job"
+            name = known or job_name([stem, f"{stem}-{path.suffix.lstrip('.')}"], taken, path.name)
             jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
             taken[name.lower()] = name
     suffix = Path(watch.patterns[0]).suffix
@@ -119,14 +118,3 @@ def _texts(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(map(_texts, value))
     return str(value) if isinstance(value, Path) else value
-
-
-def _job_name(path: Path, taken: Collection[str]) -> str:
-    """What a file's job is called: its name, as far as a job may be; where that is taken, with its ending or a digest of it."""
-    plain = unicodedata.normalize("NFKD", path.stem).encode("ascii", "ignore").decode()
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).strip("-._")[: NAME_LENGTH - 9] or "job"
-    for name in (stem, f"{stem}-{path.suffix.lstrip('.')}", f"{stem}-{zlib.crc32(path.name.encode()):08x}"):
-        with suppress(PydanticCustomError):
-            if check_name(name).lower() not in (*taken, *RESERVED_JOBS):
-                return name
-    return f"job-{zlib.crc32(path.name.encode()):08x}"

@@ -24,10 +24,9 @@ from lrbc_cli.campaign.drafting.roles import (
     table_of,
     tight_states,
     units_of,
-    without_accents,
 )
 from lrbc_cli.config.document import resolve_scalar
-from lrbc_cli.config.fields import is_name
+from lrbc_cli.config.fields import job_name, plain_name
 from lrbc_cli.config.skeleton import SCHEMA_LINE
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import listing
@@ -364,16 +363,16 @@ class Draft:
             states.setdefault((path.parent, _state_of(path, frf.records)), []).append(path)
         jobs: dict[str, list[Path]] = {}
         for (parent, state), paths in states.items():
-            name = _name(state if len(paths) > 1 else paths[0].stem, "job")
-            if name.lower() in (other.lower() for other in jobs):
-                name = _name(f"{parent.name}-{name}", f"job-{len(jobs) + 1}")
-            if name.lower() not in (other.lower() for other in jobs):
-                jobs[name] = paths
+            name = state if len(paths) > 1 else paths[0].stem
+            jobs[job_name([name, f"{parent.name}-{name}"], jobs, self.found.called(paths[0]))] = paths
         self.recognised += [f"{len(jobs)} jobs: {', '.join(jobs)}"] if jobs else []
         return jobs
 
     def _job(self, paths: Sequence[Path]) -> str:
-        own = [c for c in self.found.coherences if any(path.stem.lower() in c.stem.lower() for path in paths)]
+        # `tight-2-coherence` is of `tight-2`, not of `tight`.
+        stems = {path.stem.lower() for path in self.found.measurements}
+        of = {c: max((stem for stem in stems if stem in c.stem.lower()), key=len, default="") for c in self.found.coherences}
+        own = [c for c, stem in of.items() if stem in (path.stem.lower() for path in paths)]
         keys = {"frf": paths, **({"coherence": own} if own else {})}
         lists = {key: [self.path(path) for path in several] for key, several in keys.items()}
         return (
@@ -395,8 +394,7 @@ def quoted(text: str) -> str:
 
 def _name(text: str, otherwise: str) -> str:
     """A text as a name of the campaign file; letters lose their accents."""
-    name = re.sub(r"[^A-Za-z0-9._-]+", "-", without_accents(text.strip())).strip("-._")[:60]
-    return name if name and is_name(name) else otherwise
+    return plain_name(text) or otherwise
 
 
 def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:

@@ -240,12 +240,8 @@ def names_loose(text: str, bolts: Collection[str] = ()) -> bool:
 
 def words_of(text: str) -> list[str]:
     """Words and numbers of a name, small and without accents."""
-    return [word for word in re.split(r"[_\W]+", without_accents(text.lower())) if word]
-
-
-def without_accents(text: str) -> str:
-    """The letters alone."""
-    return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    letters = "".join(c for c in unicodedata.normalize("NFKD", text.lower()) if not unicodedata.combining(c))
+    return [word for word in re.split(r"[_\W]+", letters) if word]
 
 
 def _letters(words: Sequence[str]) -> list[str]:
