@@ -16,7 +16,7 @@ from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.report import summary_text
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.clearance import once_more, sentence
 
 FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
 tight in every job, or nothing was compared; so 0 is an all-clear."""
@@ -105,6 +105,10 @@ def tell_troubles(outcome: Outcome) -> None:
         for name, record in outcome.results.items():
             for warning in record.warnings:
                 remark(f"job {name}: {warning}", kind="warning")
+        for name, problem in once_more(outcome.findings).items():
+            remark(f"job {name}: {problem}", kind="warning")
+        if outcome.unseen:
+            remark(outcome.unseen, kind="warning")
 
 
 def finished(inputs: Inputs, outcome: Outcome) -> list[str]:

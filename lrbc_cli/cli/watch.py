@@ -79,5 +79,6 @@ def watch(
         return 5
     if not fail_on_loose:
         return 0
-    loose = any(found.assumed is None and found.named("loose") for found in run.findings.values())
-    return 6 if loose else 7 if not_clear(run.findings) else 0
+    if any(found.assumed is None and found.named("loose") for found in run.findings.values()):
+        return 6
+    return 7 if not_clear(run.findings) or not (watched is None or watched.in_reach) else 0

@@ -53,6 +53,7 @@ def write_report(
     draw: bool = True,
     figures: Sequence[str] = (),
     live: bool = False,
+    halt: Callable[[], bool] = lambda: False,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Draw all figures and write ``report.html``; reads result files only.
@@ -73,6 +74,8 @@ def write_report(
         Draw the image files; False leaves them as they are, and takes a fraction of the time.
     live
         The page loads itself anew every few seconds.
+    halt
+        From the moment on that it is true, image files are left as they are.
     progress
         Called with one line of text now and then.
 
@@ -92,8 +95,8 @@ def write_report(
     content, tasks = _contents(output, jobs)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
-        drawn = _draw_all(tasks, workers, say)
-        say(f"{drawn} figures drawn, {len(tasks) - drawn} unchanged")
+        drawn, unchanged = _draw_all(tasks, workers, halt, say)
+        say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
     text = render(content, live=live)
     with replace(page) as sink:
@@ -274,7 +277,8 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     return campaign, [job for job in results if job is not None]
 
 
-def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) -> int:
+def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> tuple[int, int]:
+    """Draw those that changed; how many were drawn, and how many had not changed."""
     # matplotlib takes a second to import; `update` comes by here for the summary only.
     from lrbc_cli.report.drawing.png import is_current
 
@@ -289,9 +293,11 @@ def _draw_all(tasks: Sequence[_Task], workers: int, say: Callable[[str], None]) 
             for _ in drawn:
                 pass
     else:
-        for task in todo:
+        for done, task in enumerate(todo):
+            if halt():
+                return done, len(tasks) - len(todo)
             _draw_one(task)
-    return len(todo)
+    return len(todo), len(tasks) - len(todo)
 
 
 @contextmanager

@@ -418,6 +418,7 @@ class JobRecord(_JobBase):
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
+            measurement=(self.provenance.parts or {}).get("measurement", ""),
         )
 
 

@@ -42,6 +42,8 @@ class JobFinding:
         Bolts of a baseline that come out loose all the same.
     missing : sequence of str
         Responses that the job should have been identified from, and does not hold.
+    measurement : str
+        Digest of the content of its files; empty where it is not known.
     """
 
     status: str
@@ -51,6 +53,7 @@ class JobFinding:
     assumed: str | None = None
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
+    measurement: str = ""
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -91,12 +94,28 @@ def open_points(job: JobFinding) -> list[str]:
     return points
 
 
+def once_more(jobs: Mapping[str, JobFinding]) -> dict[str, str]:
+    """What is wrong with jobs that hold the measurement of another; one that holds that of the reference job is not validated anyway."""
+    holders: dict[str, list[str]] = {}
+    for name, job in jobs.items():
+        if job.measurement and job.assumed != "reference":
+            holders.setdefault(job.measurement, []).append(name)
+    return {
+        name: f"the measurement of {_names([other for other in names if other != name])} once more; was another file meant?"
+        for names in holders.values()
+        if len(names) > 1
+        for name in names
+    }
+
+
 def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:
     """What keeps jobs from being an all-clear, by job; under an empty name where none was compared with the tight state.
 
     Empty exactly where every bolt that can be seen is tight in every job, and at least one job was there to show it.
     """
     found = {name: points for name, job in jobs.items() if (points := open_points(job))}
+    for name, problem in once_more(jobs).items():
+        found.setdefault(name, []).append(problem)
     if not any(job.assumed is None for job in jobs.values()):
         found[""] = ["no job was compared with the reference job"]
     return found

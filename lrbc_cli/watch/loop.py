@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.clearance import JobFinding
+from lrbc_cli.updating.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature
 from lrbc_cli.watch.lock import Lock
 from lrbc_cli.watch.session import Session, disk_is_full, unwritten
@@ -55,6 +55,10 @@ class Wake:
         """Until something changed, or so long."""
         self._changed.wait(seconds)
         self._changed.clear()
+
+    def due(self) -> bool:
+        """Whether something changed since the last wait."""
+        return self._changed.is_set()
 
     def stop(self) -> None:
         """No more events."""
@@ -227,7 +231,9 @@ class Watch:
         for other in new:
             record = outcome.results.get(other) or read_job(session.output, other)
             if record is not None:
-                self._out(verdict_of(record))
+                self._out(verdict_of(record, self.findings))
+        for other, problem in once_more(self.findings).items():
+            self._once(f"{other}: {problem}")
         if name in session.tight:
             self._cold = True
             # What changed for the others is found where they are planned; those that nothing concerns are kept.
@@ -256,8 +262,10 @@ class Watch:
         if time.monotonic() < self._page_again:
             return
         try:
-            self.session.report(live=live, figures=figures)
-            self._undrawn = not figures
+            # Image files are drawn while nobody waits for a verdict.
+            halt = self.wake.due if live else lambda: False
+            self.session.report(live=live, figures=figures, halt=halt)
+            self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
             self._once(f"the page is not written: {error}")

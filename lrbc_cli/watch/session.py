@@ -162,9 +162,9 @@ class Session:
         parameters, _ = parameterise(self.inputs, source, s)
         source.model(s + 2j * np.pi * SLOPE_STEP * found.frequency_hz[-1], parameters)
 
-    def report(self, *, live: bool, figures: bool) -> Path:
+    def report(self, *, live: bool, figures: bool, halt: Callable[[], bool]) -> Path:
         """Write the page anew; raises as ``write_report`` does."""
-        return write_report(self.output, workers=1, live=live, draw=figures)
+        return write_report(self.output, workers=1, live=live, draw=figures, halt=halt)
 
     def _read(self, campaign: Campaign) -> Inputs:
         require_own_output(campaign)

@@ -13,7 +13,7 @@ from pathlib import Path
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.job import Job
 from lrbc_cli.results.sentence import job_sentence
-from lrbc_cli.updating.clearance import FINISHED, not_clear
+from lrbc_cli.updating.clearance import FINISHED, JobFinding, not_clear, once_more
 
 #: Seconds that a hook may take.
 PATIENCE = 30.0
@@ -43,15 +43,15 @@ class Verdict:
         return asdict(self)
 
 
-def verdict_of(record: Job) -> Verdict:
-    """Of a job that was identified, or failed at that."""
+def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
+    """Of a job that was identified, or failed at that, beside what is known of the others."""
     found = record.finding
     if found.status not in FINISHED:
         word, code = found.status, 5 if found.status == "failed" else 7
     elif found.named("loose") and found.assumed is None:
         word, code = "loose", 6
     else:
-        clear = not not_clear({record.job: found})
+        clear = not not_clear({record.job: found}) and record.job not in once_more({**known, record.job: found})
         word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
     return Verdict(record.job, word, code, job_sentence(record))
 

@@ -201,7 +201,7 @@ def test_jobs_may_have_responses_of_their_own(output):
 
 
 def test_a_hundred_jobs_are_folded_and_linked(tmp_path, monkeypatch):
-    monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, say: 0)
+    monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, halt, say: (0, 0))
     monkeypatch.setattr(jobs, "_BUDGET", 400_000)
     write_campaign(tmp_path, [4] * 100, responses=("mic01", "mic/2"), used=("mic01",), lines=40, bolts=False)
     write_report(tmp_path)
@@ -319,7 +319,7 @@ def test_each_job_has_a_part_that_its_name_leads_to(finished):
 
 
 def test_a_page_of_seven_jobs_is_no_large_mail(tmp_path, monkeypatch):
-    monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, say: 0)
+    monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, halt, say: (0, 0))
     write_campaign(tmp_path, evidence=True, coherence=True, calibration=True)
     write_report(tmp_path)
     found = parsed(tmp_path)

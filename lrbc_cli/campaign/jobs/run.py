@@ -22,7 +22,7 @@ from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, write
-from lrbc_cli.updating.clearance import not_clear
+from lrbc_cli.updating.clearance import JobFinding, not_clear
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +39,8 @@ class Outcome:
         Kept as they were, judged anew, failed.
     errors : dict
         The error of each failed job.
+    unseen : str
+        Why there may be measurements that this call knows nothing of.
     """
 
     results: dict[str, JobRecord] = field(default_factory=dict)
@@ -46,6 +48,7 @@ class Outcome:
     judged: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     errors: dict[str, LrbcError] = field(default_factory=dict)
+    unseen: str = ""
 
     @property
     def loose(self) -> bool:
@@ -53,9 +56,17 @@ class Outcome:
         return any(record.names("loose") for record in self.results.values())
 
     @property
+    def findings(self) -> dict[str, JobFinding]:
+        """What each job says of the bolts."""
+        return findings_of(self.results, [*self.results, *self.failed])
+
+    @property
     def not_clear(self) -> dict[str, list[str]]:
         """What keeps these jobs from being an all-clear, by job; empty where they are one."""
-        return not_clear(findings_of(self.results, [*self.results, *self.failed]))
+        found = not_clear(self.findings)
+        if self.unseen:
+            found.setdefault("", []).append(self.unseen)
+        return found
 
     def exit_code(self, fail_on_loose: bool) -> int:
         """The exit code of ``interface.md``."""
@@ -110,7 +121,11 @@ def run_jobs(
     """
     names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
-    return _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
+    outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
+    watched = inputs.campaign.watch
+    if not wanted and watched is not None and not watched.in_reach:
+        outcome.unseen = f"{watched.folder}, the watched folder, is not there"
+    return outcome, stage
 
 
 class _Run:
