@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from lrbc_cli.campaign.identification.records import layout_of
 from lrbc_cli.config import Campaign, MatrixRef
-from lrbc_cli.config.fields import files_of
+from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import require_file
-from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
+from lrbc_cli.io.frf import read_coherence, read_frf
 from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.text.bushings import read_bushings
@@ -74,9 +76,16 @@ def _of_model(campaign: Campaign) -> Iterator[Reading]:
 
 def _of_jobs(campaign: Campaign) -> Iterator[Reading]:
     for name, job in campaign.jobs.items():
-        layout = None if job.format is None else TextLayout(**job.format.model_dump())
-        yield from ((name, partial(read_frf, file, layout)) for files in job.measurements for file in files)
-        yield from ((name, partial(read_coherence, file)) for file in (() if job.coherence is None else files_of(job.coherence)))
+        yield from ((name, partial(_frf, job, file)) for files in job.measurements for file in files)
+        yield from ((name, partial(_coherence, job, file)) for file in files_of(job.coherence))
+
+
+def _frf(job: JobConfig, file: Path) -> object:
+    return read_frf(file, layout_of(job, file))
+
+
+def _coherence(job: JobConfig, file: Path) -> object:
+    return read_coherence(file, layout_of(job, file, of_coherence=True))
 
 
 def _matrix(read: Callable[..., object], ref: Any, format: str | None = None) -> Callable[[], object]:

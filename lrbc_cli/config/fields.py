@@ -145,10 +145,6 @@ def _to_path(value: object, info: ValidationInfo) -> object:
 FilePath = Annotated[Path, BeforeValidator(_to_path), WithJsonSchema({"type": "string", "minLength": 1})]
 
 
-def _files_form(value: object) -> str:
-    return "form:list" if isinstance(value, list | tuple) else "form:file"
-
-
 def _number_or_auto(value: object) -> str:
     return "form:auto" if isinstance(value, str) else "form:number"
 
@@ -192,19 +188,6 @@ def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
         if value in values[:index]:
             raise problem("an entry stands twice", index, expected="each entry once", found=f"'{value}'", hint="remove one of them")
     return values
-
-
-#: One file or several.
-Files = Annotated[
-    Annotated[FilePath, Tag("form:file")]
-    | Annotated[tuple[FilePath, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
-    Discriminator(_files_form),
-]
-
-
-def files_of(value: Path | tuple[Path, ...]) -> tuple[Path, ...]:
-    """The files, one or several."""
-    return value if isinstance(value, tuple) else (value,)
 
 
 def _number_or_pair(value: object) -> str:

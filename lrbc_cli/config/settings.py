@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from lrbc_cli.config.fields import (
-    Files,
+    FilePath,
     FrozenDict,
     Name,
     NameMap,
@@ -18,7 +19,6 @@ from lrbc_cli.config.fields import (
     Range,
     Strict,
     check_unique,
-    files_of,
     problem,
 )
 from lrbc_cli.config.structure import Record
@@ -235,7 +235,9 @@ class TextFormat(Strict):
     frequency: Column | None = Field(default=None, description="Name or number (from 1) of the column of frequencies; absent: recognised.")
     frequency_unit: Literal["Hz", "kHz", "rad/s"] | None = Field(default=None, description="Hz, kHz or rad/s; absent: from the heading.")
     representation: Literal["real-imag", "magnitude-phase", "db-phase"] | None = Field(
-        default=None, description="What the two columns of a response hold; absent: recognised from the heading."
+        default=None,
+        description="What the two columns of a response hold; absent: recognised from the heading. Of HDF5 and MATLAB files: what the last "
+        "dimension of a real array (lines, responses, 2) holds; absent: such arrays are no FRFs.",
     )
     phase: Literal["deg", "rad"] | None = Field(default=None, description="Unit of the phase; absent: recognised.")
     unit: str | None = Field(
@@ -244,10 +246,10 @@ class TextFormat(Strict):
     quantity: Quantity | None = Field(
         default=None, description="pressure, displacement, velocity or acceleration; it takes precedence over what the file says."
     )
-    coherence: str | None = Field(
+    coherence: Column | None = Field(
         default=None,
-        min_length=1,
-        description="Variable of a MATLAB or HDF5 file that holds the coherence; absent: coherence, coh and the like beside the FRFs.",
+        description="Variable of a MATLAB or HDF5 file that holds the coherence, or column (name, or number from 1) of a text file with "
+        "one FRF; absent: coherence, coh and the like beside the FRFs.",
     )
     columns: Annotated[dict[str, tuple[Column, Column]], AfterValidator(FrozenDict)] = Field(
         default={},
@@ -262,18 +264,55 @@ class TextFormat(Strict):
         return self
 
 
+class MeasuredFile(Strict):
+    """A file with a layout of its own: ``{file:, format:}``."""
+
+    file: FilePath = Field(description="The file, relative to the campaign file.")
+    format: TextFormat = Field(
+        default=TextFormat(), description="Layout of this file; a key that stands here holds in place of that of the job's `format`."
+    )
+
+
+def _file_form(value: object) -> str:
+    return "form:own" if isinstance(value, Mapping | MeasuredFile) else "form:file"
+
+
+def _files_form(value: object) -> str:
+    return "form:list" if isinstance(value, list | tuple) else _file_form(value)
+
+
+OneFile = Annotated[Annotated[FilePath, Tag("form:file")] | Annotated[MeasuredFile, Tag("form:own")], Discriminator(_file_form)]
+#: One file or several, each with a layout of its own where it needs one.
+Files = Annotated[
+    Annotated[FilePath, Tag("form:file")]
+    | Annotated[MeasuredFile, Tag("form:own")]
+    | Annotated[tuple[OneFile, ...], Field(min_length=1), AfterValidator(check_unique), Tag("form:list")],
+    Discriminator(_files_form),
+]
+
+
+def entries_of(value: Path | MeasuredFile | tuple[Path | MeasuredFile, ...] | None) -> tuple[Path | MeasuredFile, ...]:
+    """The files as the campaign gives them: none, one or several."""
+    return value if isinstance(value, tuple) else () if value is None else (value,)
+
+
+def files_of(value: Path | MeasuredFile | tuple[Path | MeasuredFile, ...] | None) -> tuple[Path, ...]:
+    """Paths of the files: none, one or several."""
+    return tuple(entry.file if isinstance(entry, MeasuredFile) else entry for entry in entries_of(value))
+
+
 class JobConfig(Strict):
     """One measurement to identify."""
 
     frf: Files = Field(
         description="File with the measured FRFs (UFF 58, CSV and other text, MATLAB, HDF5), recognised by its content; or a list of files "
-        "on the same lines, for instance of one response or one hammer point each."
+        "on the same lines, for instance of one response or one hammer point each; {file:, format:} is one with a layout of its own."
     )
     removed: Annotated[tuple[str, ...], AfterValidator(check_unique)] = Field(
         default=(), description="Names of the bolts known to be removed; for the report only, the identification never sees them."
     )
     format: TextFormat | None = Field(
-        default=None, description="Layout of a text file, and unit and quantity of any file; absent: recognised."
+        default=None, description="Layout of text files, and unit and quantity of files of any format; absent: recognised."
     )
     records: NameMap[Record] = Field(
         default={},
@@ -304,6 +343,25 @@ class JobConfig(Strict):
         return (files_of(self.frf), *map(files_of, self.repeats))
 
     @property
+    def entries(self) -> tuple[Path | MeasuredFile, ...]:
+        """Every file as the campaign gives it: FRFs, repeats, coherence."""
+        return tuple(entry for value in (self.frf, *self.repeats, self.coherence) for entry in entries_of(value))
+
+    def format_of(self, file: Path, of_coherence: bool = False) -> TextFormat | None:
+        """Layout of one of its files: the job's, with what the file's own says instead; of a file of coherence its own alone."""
+        entries = entries_of(self.coherence) if of_coherence else self.entries
+        own = next((entry.format for entry in entries if isinstance(entry, MeasuredFile) and entry.file == file), None)
+        common = self.format
+        if of_coherence and common is not None:
+            common = TextFormat(coherence=common.coherence)
+        elif common is not None and self.coherence is not None:
+            # It names a variable of the coherence's own file.
+            common = common.model_copy(update={"coherence": None})
+        if own is None or common is None:
+            return own or common
+        return common.model_copy(update={key: getattr(own, key) for key in own.model_fields_set})
+
+    @property
     def first(self) -> Path:
         """The file that a message on the whole measurement names."""
         return self.measurements[0][0]
@@ -311,16 +369,15 @@ class JobConfig(Strict):
     @property
     def all_files(self) -> tuple[Path, ...]:
         """Every file that is read for it."""
-        coherence = () if self.coherence is None else files_of(self.coherence)
-        return (*self.measurements[0], *coherence, *(file for files in self.measurements[1:] for file in files))
+        return (*self.measurements[0], *files_of(self.coherence), *(file for files in self.measurements[1:] for file in files))
 
     @model_validator(mode="after")
     def _other_files(self) -> JobConfig:
         first, *further = self.measurements
         for index, files in enumerate(further):
-            if set(first) & set(files):
+            if set(files) & {*first, *(file for other in further[:index] for file in other)}:
                 raise problem(
-                    "the measurement itself as its own repeat",
+                    "a measurement as its own repeat",
                     *("repeats", index),
                     expected="further files",
                     hint="remove it: repeats are added to frf",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
 
 from lrbc_cli.config.fields import FilePath, FrozenDict, Name, Strict, check_unique, job_name, plain_name, problem
-from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.settings import JobConfig, MeasuredFile
 
 if TYPE_CHECKING:
     from lrbc_cli.config.campaign import Campaign
@@ -88,6 +88,8 @@ def with_folder(campaign: Campaign) -> Campaign:
 
     def job(path: Path, settings: JobConfig | None, without: set[str]) -> JobConfig:
         given = {} if settings is None else settings.model_dump(by_alias=True, exclude_unset=True, exclude=without)
+        if settings is not None and isinstance(settings.frf, MeasuredFile) and (own := settings.format_of(settings.frf.file)) is not None:
+            given["format"] = own.model_dump(exclude_unset=True)
         return JobConfig.model_validate(_texts(given | {"frf": path}), context={"folder": campaign.path.parent})
 
     named = {path for config in jobs.values() for path in config.all_files}

@@ -94,6 +94,16 @@ def not_finite(path: Path, place: str, value: object) -> DataError:
     )
 
 
+def combined(first: NDArray[np.float64], second: NDArray[np.float64], representation: str, phase: str) -> NDArray[np.complex128]:
+    """Complex values of two parts: real and imaginary, magnitude (``db-phase``: 20 lg of it) and phase in ``deg`` or ``rad``."""
+    if representation == "real-imag":
+        values = np.empty(first.shape, dtype=np.complex128)
+        values.real, values.imag = first, second
+        return values
+    magnitude = 10.0 ** (np.clip(first, -6000.0, 6000.0) / 20.0) if representation == "db-phase" else first
+    return np.asarray(magnitude * np.exp(1j * (np.deg2rad(second) if phase == "deg" else second)), dtype=np.complex128)
+
+
 def scaled(values: NDArray[Any], factor: float, path: Path, place: str) -> NDArray[np.complex128]:
     """Values times a factor.
 

@@ -38,8 +38,8 @@ class TextLayout:
         Unit of the FRFs, such as ``Pa/N`` or ``g/N``; of the response alone, the force is in newtons.
     quantity : str or None
         pressure, displacement, velocity or acceleration.
-    coherence : str or None
-        Variable (MATLAB, HDF5) that holds the coherence.
+    coherence : str, int or None
+        Variable (MATLAB, HDF5) that holds the coherence; column of a text file, by its name or number (from 1), of the only FRF in it.
     columns : mapping
         Record name to the name or number (from 1) of its two columns; all other columns are left out.
     """
@@ -53,7 +53,7 @@ class TextLayout:
     phase: str | None = None
     unit: str | None = None
     quantity: str | None = None
-    coherence: str | None = None
+    coherence: str | int | None = None
     columns: Mapping[str, tuple[str | int, str | int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ from lrbc_cli.io.frf_common import (
     Notes,
     check_frequencies,
     clean_coherence,
+    combined,
     conversion,
     first_bad,
     frequency_unit,
@@ -97,7 +98,8 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
     """All FRFs among named arrays, with their coherences.
 
     Frequencies are an array called ``f``, ``freq``, ``frequency`` and the like (or as ``layout.frequency`` says), FRFs complex
-    arrays with as many rows (or columns, or pages), or pairs of real arrays ``NAME_real`` and ``NAME_imag``, in the same structure.
+    arrays with as many rows (or columns, or pages), or pairs of real arrays ``NAME_real`` and ``NAME_imag``, in the same structure, or,
+    where ``layout.representation`` says what they hold, real arrays with both parts in the last dimension.
     ``names`` and ``units`` beside them tell of the columns; ``coh`` or ``coherence`` (or what ``layout.coherence`` names) of the
     same shape is their coherence. A complex matrix on its own has the frequency in its first column. Structures of Simcenter
     Testlab (``x_values``, ``y_values``) are known.
@@ -111,13 +113,16 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
     for name, (array, axis) in reader.found().items():
         reader.read(name, array, axis)
     if not reader.records:
+        pairs = [name for name, array in named.arrays.items() if array.ndim > 2 and array.shape[-1] == 2 and array.dtype.kind == "f"]
         raise DataError(
             "the file holds no FRF that is understood",
             file=path,
             expected="a variable 'f' and complex arrays with as many rows, as variables or fields of one structure, or a complex "
             "matrix with the frequency in its first column",
             found=listing([f"{name} {array.shape} {array.dtype.kind}" for name, array in named.arrays.items()]),
-            hint="name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
+            hint=f"if the last dimension of {pairs[0]} holds real and imaginary part: 'format: {{representation: real-imag}}' of the job"
+            if pairs
+            else "name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
         )
     return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
 
@@ -217,6 +222,8 @@ class _NamedFrfs:
                 continue
             if array.dtype.kind == "c":
                 found[name] = (array, axis)
+            elif self._holds_parts(name, array):
+                found[name] = (self._of_parts(array, name), axis)
             elif heading(_last(name)).part == "real":
                 partner = next((key for key in arrays if _group(key) == _group(name) and _are_parts(_last(name), _last(key))), None)
                 if partner is not None and arrays[partner].shape == array.shape:
@@ -225,6 +232,23 @@ class _NamedFrfs:
                     found[".".join(part for part in (_group(name), base) if part)] = (array + 1j * arrays[partner], axis)
         self._used |= found.keys()
         return found
+
+    def _holds_parts(self, name: str, array: NDArray[Any]) -> bool:
+        """Whether the last dimension of a real array is said to hold the two parts of complex numbers."""
+        return self.layout.representation is not None and array.shape[-1] == 2 and array.ndim > 1 and not self.is_coherence(name)
+
+    def _of_parts(self, array: NDArray[Any], name: str) -> NDArray[np.complex128]:
+        representation, phase = self.layout.representation or "", self.layout.phase
+        if phase is None and representation != "real-imag":
+            raise DataError(
+                "the unit of the phase is not known",
+                file=self.path,
+                place=f"variable {name}",
+                expected="deg or rad",
+                found="an array of numbers",
+                hint="say which under the job: 'format: {phase: ...}'",
+            )
+        return combined(array[..., 0], array[..., 1], representation, phase or "rad")
 
     def _not_there(self, key: str, what: str, wanted: str) -> DataError:
         return DataError(
@@ -238,7 +262,7 @@ class _NamedFrfs:
     def require_coherence(self) -> None:
         """Refuse a name of the coherence that no array has."""
         if self.layout.coherence is not None and not any(map(self.is_coherence, self.named.arrays)):
-            raise self._not_there("coherence", "the coherence", self.layout.coherence)
+            raise self._not_there("coherence", "the coherence", str(self.layout.coherence))
 
     def labels(self, name: str, columns: list[NDArray[Any]]) -> list[str]:
         """Names of the columns of an array."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
-from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef, RecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -245,4 +245,7 @@ def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) ->
     for response, record in job.records.items():
         if isinstance(record, FileRecordRef) and record.file in files:
             found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
+    own = [entry.format.model_dump(mode="json", exclude_unset=True) if isinstance(entry, MeasuredFile) else {} for entry in job.entries]
+    if any(own):
+        found["formats"] = own
     return found

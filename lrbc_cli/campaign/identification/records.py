@@ -10,8 +10,7 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.matching import describe, matched, reciprocal
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.config.fields import files_of
-from lrbc_cli.config.settings import JobConfig
+from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
@@ -79,15 +78,14 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     DataError
         Where a file is unusable, a response that enters the cost has no record, no line lies in the band, or a repeat has other lines.
     """
-    layout = TextLayout(**job.format.model_dump()) if job.format is not None else None
-    if layout is not None and job.coherence is not None:
-        # It names a variable of the coherence's own file.
-        layout = replace(layout, coherence=None)
-    first = _read(inputs, job, name, layout)
+    first = _read(inputs, job, name)
     if not job.repeats:
         return first
-    # A coherence in a file of its own belongs to the first measurement.
-    further = [_read(inputs, job.model_copy(update={"frf": files, "coherence": None}), name, layout) for files in job.repeats]
+    # A coherence in a file of its own belongs to the first measurement, and so does the name of its variable.
+    alone: dict[str, object] = {"coherence": None, "repeats": ()}
+    if job.format is not None and job.coherence is not None:
+        alone["format"] = job.format.model_copy(update={"coherence": None})
+    further = [_read(inputs, job.model_copy(update={"frf": files, **alone}), name) for files in job.repeats]
     for files, other in zip(job.measurements[1:], further, strict=True):
         if not _same_lines(other.frequency_hz, first.frequency_hz):
             raise DataError(
@@ -144,26 +142,31 @@ def _mean_of(parts: list[Measurement]) -> Measurement:
     )
 
 
-def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) -> Measurement:
-    frf, hashes = _records_of(job, name, layout)
+def layout_of(job: JobConfig, file: Path, of_coherence: bool = False) -> TextLayout | None:
+    """Layout that the campaign states for one of a job's files."""
+    given = job.format_of(file, of_coherence)
+    return None if given is None else TextLayout(**given.model_dump())
+
+
+def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
+    frf, hashes = _records_of(job, name)
     coherences = _coherences(job, hashes)
     records = matched(inputs, job, name, frf)
     notes = list(frf.notes)
     warnings = [*frf.warnings, *_missing(inputs, job, records)]
-    unstated = [r.name for r, record in zip(inputs.responses, records, strict=True) if record is not None and record.quantity is None]
-    if unstated:
+    pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
+    if unstated := [r.name for r, record in pairs if record.quantity is None]:
         notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
-    exchanged = [r.name for r, record in zip(inputs.responses, records, strict=True) if record and reciprocal(record, r, inputs)]
-    if exchanged:
+    if exchanged := [r.name for r, record in pairs if reciprocal(record, r, inputs)]:
         notes.append(f"hammer and sensor exchanged, by reciprocity: {', '.join(exchanged)}")
-    unused = len(frf.records) - len({id(record) for record in records if record is not None})
-    if unused:
+    if unused := len(frf.records) - len({id(record) for _, record in pairs}):
         notes.append(f"{unused} of {len(frf.records)} records belong to no response; left out")
     _require_one_axis(records, job, name, inputs)
-    axis, low, high = _axis([r for r in records if r is not None], job, name, inputs)
+    axis, low, high = _axis([record for _, record in pairs], job, name, inputs)
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
     thin: dict[str, list[str]] = {}
+    taken: set[int] = set()
     for i, record in enumerate(records):
         if record is None:
             continue
@@ -171,7 +174,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) 
         values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
         own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
         keys = (inputs.responses[i].name, record.name, (record.response_node, record.response_direction))
-        own += [coherences[key] for key in keys if key in coherences][:1]
+        given = [coherences[key] for key in keys if key in coherences][:1]
+        own, taken = own + given, taken | {id(table) for _, table in given}
         for lines, table in own:
             at, here = _indices(lines, axis)
             coherence[here, i] = table[at[here]]
@@ -181,6 +185,9 @@ def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) 
     warnings += [
         f"{_called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
     ]
+    idle = ", ".join(str(key) for key, (_, table) in coherences.items() if id(table) not in taken)
+    if idle and not taken:
+        warnings.append(f"{_called(job)}: the coherence given for it ({idle}) is of no response by name or node; left out")
     for i in inputs.used:
         if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(
@@ -189,15 +196,13 @@ def _read(inputs: Inputs, job: JobConfig, name: str, layout: TextLayout | None) 
                 expected="measured values",
             )
     warnings += _gaps(axis, values, job, inputs)
-    several = len(job.measurements[0]) > 1
-    mapping = (f"{r.name}: {describe(record, several)}" for r, record in zip(inputs.responses, records, strict=True) if record is not None)
     return Measurement(
         frequency_hz=axis,
         values=values,
         coherence=coherence,
         notes=tuple(notes),
         warnings=tuple(warnings),
-        records=tuple(mapping),
+        records=tuple(f"{r.name}: {describe(record, len(job.measurements[0]) > 1)}" for r, record in pairs),
         hashes=hashes,
         left_out=(low, high),
     )
@@ -209,7 +214,7 @@ def _called(job: JobConfig) -> str:
     return first.name + (f" and {len(others)} more" if others else "")
 
 
-def _records_of(job: JobConfig, name: str, layout: TextLayout | None) -> tuple[FrfSet, dict[str, str]]:
+def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
     """All records of a job's files, and the hashes of these.
 
     Raises
@@ -236,7 +241,7 @@ def _records_of(job: JobConfig, name: str, layout: TextLayout | None) -> tuple[F
                 hint="was another file meant?",
             )
         hashes[file.as_posix()] = digest
-        found = read_frf(file, layout)
+        found = read_frf(file, layout_of(job, file))
         only = found.records[0]
         if len(found.records) == 1 and not only.name and only.response_node is None:
             named.append(file.stem)
@@ -255,8 +260,8 @@ def _records_of(job: JobConfig, name: str, layout: TextLayout | None) -> tuple[F
 def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tuple[Floats, Floats]]:
     """Coherences from files of their own, whose hashes are added."""
     found: dict[CoherenceKey, tuple[Floats, Floats]] = {}
-    for file in () if job.coherence is None else files_of(job.coherence):
-        own = read_coherence(file, TextLayout(coherence=None if job.format is None else job.format.coherence))
+    for file in files_of(job.coherence):
+        own = read_coherence(file, layout_of(job, file, of_coherence=True))
         if len(own) == 1 and "" in own:
             own = {file.stem: own[""]}
         for key, pair in own.items():

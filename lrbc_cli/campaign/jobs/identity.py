@@ -11,7 +11,7 @@ from lrbc_cli.campaign.identification.matching import about_measurement
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
-from lrbc_cli.config.fields import files_of
+from lrbc_cli.config.settings import files_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 

@@ -138,19 +138,25 @@ def _named(file: h5py.File, path: Path) -> Named:
             if found and all(isinstance(one, str) for one in found):
                 texts.setdefault(f"{above}{attribute}", found)
 
+    def put(node: Any, name: str, depth: int) -> None:
+        if isinstance(node, h5py.Group):
+            attributes(node, f"{name}.")
+            if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
+                walk(node, f"{name}.", depth + 1)
+        elif h5py.check_ref_dtype(node.dtype) and text_attribute(node, "MATLAB_class") != "cell":
+            # A field of an array of structures, which MATLAB 7.3 keeps field by field.
+            owner, _, field = name.rpartition(".")
+            for at, one in enumerate(np.asarray(load(node, path)).ravel().tolist()[:_MOST_OBJECTS]):
+                put(file[one], f"{owner}({at + 1}).{field}", depth)
+        elif "MATLAB_empty" not in node.attrs:
+            _put(node, name, path, arrays, texts)
+            attributes(node, f"{name}.", "name", "names")
+
     def walk(group: h5py.Group, above: str, depth: int) -> None:
         for key in group:
             # What MATLAB keeps for itself begins with a hash.
-            if key.startswith("#") or len(arrays) + len(texts) >= _MOST_OBJECTS:
-                continue
-            node, name = lookup(group, key, path), f"{above}{key}"
-            if isinstance(node, h5py.Group):
-                attributes(node, f"{name}.")
-                if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
-                    walk(node, f"{name}.", depth + 1)
-                continue
-            _put(node, name, path, arrays, texts)
-            attributes(node, f"{name}.", "name", "names")
+            if not key.startswith("#") and len(arrays) + len(texts) < _MOST_OBJECTS:
+                put(lookup(group, key, path), f"{above}{key}", depth)
 
     attributes(file, "")
     walk(file, "", 0)

@@ -82,7 +82,9 @@ def _parse(path: Path) -> dict[str, _Entries]:
     for number, raw in enumerate(whole(path).decode("latin-1").splitlines(), start=1):
         line = raw.rstrip()
         try:
-            if line.startswith("DMIG*"):
+            if line.startswith("DMIG*") and line[24:40].strip() == "0":
+                found[line[8:24].strip().upper()], current = _Entries(int(line[40:56]), int(line[56:72])), None
+            elif line.startswith("DMIG*"):
                 name = line[8:24].strip().upper()
                 current, column = found[name], (int(line[24:40]), int(line[40:56] or 0))
             elif line.startswith("DMIG"):

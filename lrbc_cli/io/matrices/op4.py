@@ -125,8 +125,10 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
 def _strings(matrix: _Op4Matrix, column: int, row: int, words: int, take: Any, integers: Any, big: bool) -> None:
     """Strings of one column, until its words are used up; ``take`` gives the data of so many values, ``integers`` so many whole numbers."""
     if row > 0:
-        matrix.strings.append((column, row, words // matrix.words))
-        matrix.data.append(take(words // matrix.words))
+        # Dense columns of ASCII files count numbers, all others words.
+        count = words // (matrix.parts if matrix.cell else matrix.words)
+        matrix.strings.append((column, row, count))
+        matrix.data.append(take(count))
         return
     while words > 0:
         if big:

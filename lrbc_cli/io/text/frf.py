@@ -13,9 +13,20 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.encoding import unfinished
-from lrbc_cli.io.frf_common import HERTZ, check_frequencies, clean_coherence, conversion, frequency_unit, not_finite, scaled
+from lrbc_cli.io.encoding import read_lines, unfinished
+from lrbc_cli.io.frf_common import (
+    HERTZ,
+    Notes,
+    check_frequencies,
+    clean_coherence,
+    combined,
+    conversion,
+    frequency_unit,
+    not_finite,
+    scaled,
+)
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.blocks import Block, blocks
 from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import decibel, parse_unit
@@ -58,33 +69,94 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If there is no such table, columns do not pair up, or a value is not finite.
     """
     layout = layout or TextLayout()
-    table = read_table(path, layout)
+    lines = read_lines(path)
+    several = blocks(lines, path)
+    found = _of_blocks(several, path, layout) if several else _of_table(read_table(path, layout, lines), path, layout)
+    if unfinished(path.read_bytes()):
+        found = replace(found, warnings=(*found.warnings, "the last line has no end; if the file was cut there, its last number is wrong"))
+    return found
+
+
+def _of_table(table: TextTable, path: Path, layout: TextLayout) -> FrfSet:
+    """All FRFs of one table."""
     notes = list(table.notes)
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
-    columns = _by_angles([_classify(table, index, layout) for index in _data_columns(table, at, path)])
+    named = None if layout.coherence is None else _find(table, layout.coherence, path, "format.coherence")
+    columns = _by_angles([_classify(table, index, layout) for index in _data_columns(table, at, path) if index != named])
     units = {column.at: column.unit for column in columns}
-    pairs = _chosen_pairs(table, columns, layout, path)
-    coherences: dict[str, _Column] = {}
-    if not pairs:
-        pairs = _pairs(columns, layout, path, notes)
-        coherences = {column.name: column for column in columns if column.part == "coherence"}
+    pairs = _chosen_pairs(table, columns, layout, path) or _pairs(columns, layout, path, notes)
+    coherences = {column.name: column.at for column in columns if column.part == "coherence"}
+    if named is not None:
+        coherences = {_only(pairs, table.called(named), path).name: named}
     records = []
     warnings: list[str] = []
     for pair in pairs:
         name, about = pair.name, f"column {table.called(pair.first)}"
-        values = _combine(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
+        values = combined(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
         scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = None
         if name in coherences:
-            at = coherences[name].at
-            coherence, undefined = clean_coherence(table.values[:, at], path, f"column {table.called(at)}")
-            if undefined:
-                notes.append(f"coherence of {name} undefined at some lines; 0 taken there")
+            coherence = _coherence(table, coherences[name], path, name, notes)
         records.append(FrfRecord(name, frequency, scaled(values, scale, path, about), quantity, coherence=coherence, place=about))
-    if unfinished(path.read_bytes()):
-        warnings.append("the last line has no end; if the file was cut there, its last number is wrong")
     return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings)))
+
+
+def _coherence(table: TextTable, at: int, path: Path, name: str, notes: list[str]) -> NDArray[np.float64]:
+    coherence, undefined = clean_coherence(table.values[:, at], path, f"column {table.called(at)}")
+    if undefined:
+        notes.append(f"coherence of {name} undefined at some lines; 0 taken there")
+    return coherence
+
+
+def _only(pairs: list[_Pair], column: str, path: Path) -> _Pair:
+    """The only FRF of a table, that the one column of a coherence belongs to."""
+    if len(pairs) != 1:
+        raise DataError(
+            "it is not clear which FRF the coherence belongs to",
+            file=path,
+            place="format.coherence",
+            expected="one FRF in the file",
+            found=listing([pair.name or "(no name)" for pair in pairs]),
+            hint=f"call the columns NAME_coherence instead of {column}, or give a file of coherences under `coherence` of the job",
+        )
+    return pairs[0]
+
+
+def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
+    """The FRFs of a file with one function below the other, with the coherences of the same signals."""
+    records: list[tuple[Block, FrfRecord]] = []
+    coherences: list[tuple[Block, NDArray[np.float64], NDArray[np.float64]]] = []
+    notes, told, warnings = Notes(), list[str](), list[str]()
+    for number, block in enumerate(several, start=1):
+        table = read_table(path, layout if number == 1 else replace(layout, skip=None), list(block.lines), block.before)
+        if block.is_coherence and len(table.headings) > 2:
+            # Index, frequency, value.
+            frequency = _frequencies(table, len(table.headings) - 2, layout, path, told)
+            coherences.append((block, frequency, _coherence(table, len(table.headings) - 1, path, block.title, told)))
+        elif block.is_real:
+            notes.leave_out(block.title or "real values", number)
+        else:
+            found = _of_table(table, path, layout)
+            told += [note for note in found.notes if not note.startswith("numbers from line")]
+            warnings += found.warnings
+            records += [(block, replace(record, number=number, place=block.place)) for record in found.records]
+    if not records:
+        hint = "export FRFs (H1, response over hammer force), complex"
+        raise DataError("the file holds no FRF", file=path, expected="complex values", found=notes.left_out or "coherence only", hint=hint)
+    result = []
+    for block, record in records:
+        fitting = [values for other, lines, values in coherences if other.signals == block.signals and _same(lines, record)]
+        # The one FRF of a file is called by the file.
+        name = record.name or ((block.signals[0] or block.title) if len(records) > 1 else "")
+        coherence = fitting[0] if len(fitting) == 1 and block.signals[0] else record.coherence
+        result.append(replace(record, name=name, coherence=coherence))
+    told.append(f"{len(several)} functions one below the other")
+    return FrfSet(str(path), tuple(result), (*dict.fromkeys(told), *notes.lines()), tuple(dict.fromkeys(warnings)))
+
+
+def _same(lines: NDArray[np.float64], record: FrfRecord) -> bool:
+    return np.array_equal(lines, record.frequency_hz)
 
 
 def _unit(table: TextTable, pair: _Pair, units: dict[int, str], layout: TextLayout, path: Path) -> str:
@@ -150,9 +222,13 @@ def read_text_coherence(path: Path, layout: TextLayout | None = None) -> dict[st
         If there is no such table or a value is no coherence.
     """
     layout = layout or TextLayout()
-    table = read_table(path, layout)
+    table = read_table(path, layout, read_lines(path))
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, [])
+    if layout.coherence is not None:
+        named = _find(table, layout.coherence, path, "format.coherence")
+        column = _classify(table, named, layout)
+        return {column.name if column.part == "coherence" else "": (frequency, _coherence(table, named, path, column.name, []))}
     columns = [_classify(table, index, layout) for index in _data_columns(table, at, path)]
     chosen = [column for column in columns if column.part == "coherence"] or [column for column in columns if column.part is None]
     if not chosen:
@@ -357,12 +433,3 @@ def _phase(table: TextTable, pair: _Pair, layout: TextLayout, notes: list[str]) 
     found = "deg" if float(np.max(np.abs(table.values[:, at]))) > 2.0 * np.pi * 1.01 else "rad"
     notes.append(f"phase taken in {found}, by its range; say 'phase:' in the format if that is wrong")
     return found
-
-
-def _combine(first: NDArray[np.float64], second: NDArray[np.float64], representation: str, phase: str) -> NDArray[np.complex128]:
-    if representation == "real-imag":
-        values = np.empty(first.size, dtype=np.complex128)
-        values.real, values.imag = first, second
-        return values
-    magnitude = 10.0 ** (np.clip(first, -6000.0, 6000.0) / 20.0) if representation == "db-phase" else first
-    return np.asarray(magnitude * np.exp(1j * (np.deg2rad(second) if phase == "deg" else second)), dtype=np.complex128)

@@ -63,15 +63,25 @@ class TextTable:
         return (cells[at] if at < len(cells) else "") or "nothing (an empty cell)"
 
 
-def read_table(path: Path, layout: TextLayout) -> TextTable:
-    """Find the block of numbers of a text file and its header.
+def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0) -> TextTable:
+    """Find the block of numbers of a text and its header.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    layout
+        What is known of it.
+    lines
+        The file's, or a part of them.
+    before
+        Lines of the file before that part.
 
     Raises
     ------
     DataError
         If there is no such block, or a line in it does not fit.
     """
-    lines = read_lines(path)
     skip = layout.skip or 0
     candidates = [(d, p) for d, p in _CANDIDATES if layout.delimiter in (None, d) and layout.decimal in (None, p)]
     best, parts = _best(lines[skip:], candidates), None
@@ -90,7 +100,7 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
         )
     width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
-    rows, numbers = _rows(lines, start, delimiter, decimal, width, path)
+    rows, numbers = _rows(lines, start, before, delimiter, decimal, width, path)
     unusable = _unusable(lines, skip, start, delimiter, decimal, width)
     above = lines[skip : start - unusable]
     headings = read_headings(above, delimiter, width if parts is None else len(parts))
@@ -100,7 +110,9 @@ def read_table(path: Path, layout: TextLayout) -> TextTable:
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
     if layout.delimiter is None or layout.decimal is None:
         notes.append(f"columns divided by {_NAMES[delimiter]}, decimal {'point' if decimal == '.' else 'comma'}")
-    notes.append(f"numbers from line {start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}")
+    notes.append(
+        f"numbers from line {before + start + 1} on, {'header found' if any(one != Heading() for one in headings) else 'no header'}"
+    )
     usable = np.isfinite(rows).all(axis=1)
     first = int(np.argmax(usable)) if usable.any() else 0
     if first or unusable:
@@ -206,7 +218,7 @@ def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
 
 
 def _rows(
-    lines: list[str], start: int, delimiter: str, decimal: str, width: int, path: Path
+    lines: list[str], start: int, before: int, delimiter: str, decimal: str, width: int, path: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     cells: list[str] = []
     numbers: list[int] = []
@@ -218,13 +230,13 @@ def _rows(
             raise DataError(
                 "a line does not fit the table",
                 file=path,
-                place=f"line {index + 1}",
+                place=f"line {before + index + 1}",
                 expected=f"{width} numbers",
                 found=_misfit(line, delimiter, decimal, width),
                 hint="mend the line, or say under 'format: {skip: ...}' how many lines stand before the table",
             )
         cells += _split(line, delimiter)[:width]
-        numbers.append(index + 1)
+        numbers.append(before + index + 1)
     texts = [(cell.replace(",", ".") if decimal == "," else cell).upper().replace("D", "E") or "nan" for cell in cells]
     values = np.array(texts, dtype=np.str_).astype(np.float64)
     return values.reshape(len(numbers), width), np.asarray(numbers, dtype=np.int64)

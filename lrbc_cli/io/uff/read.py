@@ -79,6 +79,15 @@ def read_uff(path: Path, layout: TextLayout | None = None) -> FrfSet:
         If the file holds no FRF, or a record cannot be read or is no FRF over force.
     """
     layout = layout or TextLayout()
+    if layout.coherence is not None:
+        raise DataError(
+            "a universal file says itself which functions are coherences",
+            file=path,
+            place="format.coherence",
+            expected="no such key, and functions of type 6 with the DOFs of their FRFs",
+            found=layout.coherence,
+            hint="remove it, or give it to another file of the job: {file:, format: {coherence: ...}}",
+        )
     functions, units, warnings = read_datasets(path)
     notes = Notes()
     for warning in warnings:

@@ -1,0 +1,89 @@
+"""Text files of B&K PULSE with several functions, one below the other, each under keys such as ``Data Type:`` and ``Title1:``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.text.header import fold
+
+_KEY = re.compile(r"\s*\"?([A-Za-z][^:\t]{1,39}?)\s*:\s*(.*?)[\"\s]*")
+_NUMBERS = re.compile(r"\s*[-+]?[\d.,]+(?:[eE][-+]?\d+)?\t.*")
+#: What a title says of a function: its kind, and the signals that it is made of.
+_TITLE = re.compile(r"(.*?)\(([^(),]+),([^(),]+)\).*")
+#: Lines at the start of a file in which its first key stands.
+_FIRST_LINES = 5
+
+
+@dataclass(frozen=True)
+class Block:
+    """One function: its lines, those before them in the file, and its keys, in lower case."""
+
+    lines: tuple[str, ...]
+    before: int
+    keys: dict[str, str]
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+        return self.keys.get("title1", "")
+
+    @property
+    def signals(self) -> tuple[str, str]:
+        """Response and reference by its title ``Frequency Response H1(acc1,hammer)``; empty where it does not say."""
+        match = _TITLE.fullmatch(self.title)
+        return (match[2].strip(), match[3].strip()) if match else ("", "")
+
+    @property
+    def is_real(self) -> bool:
+        """Whether its values are no complex numbers."""
+        return fold(self.keys.get("data type", "")) == "real"
+
+    @property
+    def is_coherence(self) -> bool:
+        """Whether it is called a coherence."""
+        return self.is_real and fold(self.title).startswith(("coherence", "koharenz", "kohaerenz"))
+
+    @property
+    def place(self) -> str:
+        """Where it stands."""
+        return f"lines {self.before + 1} to {self.before + len(self.lines)}"
+
+
+def blocks(lines: list[str], path: Path) -> list[Block]:
+    """The functions of a file of PULSE, where it holds several; nothing of any other file.
+
+    Raises
+    ------
+    DataError
+        If a function has not as many lines as its ``X-Axis size`` says.
+    """
+    if not any(fold(line).lstrip('"\ufeff ').startswith("header size:") for line in lines[:_FIRST_LINES]):
+        return []
+    starts = [0]
+    numbers = 0
+    found: list[Block] = []
+    sizes: list[int] = []
+    for index, line in enumerate(lines):
+        if _NUMBERS.fullmatch(line):
+            numbers += 1
+        elif numbers and _KEY.fullmatch(line):
+            starts.append(index)
+            sizes.append(numbers)
+            numbers = 0
+    sizes.append(numbers)
+    if len(starts) == 1:
+        return []
+    for start, end, size in zip(starts, [*starts[1:], len(lines)], sizes, strict=True):
+        part = tuple(lines[start:end])
+        keys = {fold(match[1]): match[2] for line in part if (match := _KEY.fullmatch(line))}
+        block = Block(part, start, keys)
+        stated = keys.get("x-axis size", "")
+        if stated.isdecimal() and int(stated) != size:
+            raise DataError(
+                "a function is not complete", file=path, place=block.place, expected=f"{stated} lines, as its X-Axis size says", found=size
+            )
+        found.append(block)
+    return found
