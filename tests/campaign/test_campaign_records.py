@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
+from lrbc_cli.campaign.identification.matching import about_measurement
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
@@ -159,6 +160,48 @@ def test_a_file_that_does_not_say_its_quantity(box: Folder) -> None:
         "responses={acc1: {node: 7, component: UZ, quantity: acceleration}}",
     )
     np.testing.assert_allclose(found.values[:, 0], 9.80665 * read_frf(box.data / "loose.uff").records[3].values, rtol=1e-9)
+
+
+def test_a_layout_for_one_of_several_files(box: Folder) -> None:
+    """Microphones in SI from a table that says nothing, an accelerometer in g, dB and degrees from another, its coherence in a third."""
+    records = read_frf(box.data / "loose.uff").records
+    expected = np.stack([record.values for record in records], axis=1)
+    write_frf(box.data / "mics.csv", FrfSet("", records[:3]))
+    acc, hz = records[3].values / 9.80665, records[3].frequency_hz
+    np.savetxt(box.data / "acc1.txt", np.column_stack([hz, 20 * np.log10(np.abs(acc)), np.angle(acc, deg=True)]), delimiter=";")
+    np.savetxt(box.data / "c.txt", np.column_stack([np.full(hz.size, 0.75), hz]), delimiter=";", header="gamma2;axis", comments="")
+    stated = "{file: data/acc1.txt, format: {representation: db-phase, phase: deg, unit: g/N}}"
+    files = f"jobs.loose.frf=[data/mics.csv, {stated}]"
+    quality = "jobs.loose.coherence={file: data/c.txt, format: {frequency: axis, coherence: gamma2}}"
+    found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
+    np.testing.assert_allclose(found.values, expected, rtol=1e-9)
+    assert any("the coherence given for it (c) is of no response" in text for text in found.warnings)
+    (box.data / "c.txt").rename(box.data / "acc1.coh")
+    quality = quality.replace("c.txt", "acc1.coh")
+    found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
+    np.testing.assert_allclose(found.coherence[:, 3], 0.75)
+    assert found.warnings == ()
+    # A result that was made with another layout is made anew.
+    one, other = (box.inputs(files.replace("g/N", unit)) for unit in ("g/N", "m/s^2/N"))
+    told = [about_measurement(i.campaign.resolved(), i.campaign.jobs["loose"], "loose") for i in (one, other)]
+    assert told[0] != told[1]
+
+
+def test_keys_of_the_job_hold_where_the_file_says_nothing(box: Folder) -> None:
+    job = box.inputs(
+        "jobs.loose.frf=[data/a.csv, {file: data/b.csv, format: {unit: g/N, phase: null}}]",
+        "jobs.loose.format={unit: Pa/N, decimal: ',', phase: deg, coherence: c}",
+        "jobs.loose.repeats=[{file: data/c.csv, format: {decimal: '.'}}]",
+    ).campaign.jobs["loose"]
+    a, b, c = (job.format_of(file) for files in job.measurements for file in files)
+    assert a == job.format
+    assert b is not None
+    assert c is not None
+    assert (b.unit, b.decimal, b.phase, b.coherence) == ("g/N", ",", None, "c")
+    assert (c.unit, c.decimal, c.phase) == ("Pa/N", ".", "deg")
+    assert [path.name for path in job.all_files] == ["a.csv", "b.csv", "c.csv"]
+    with pytest.raises(ConfigError, match="a measurement as its own repeat"):
+        box.inputs("jobs.loose.frf=data/a.csv", "jobs.loose.repeats=[data/c.csv, {file: data/c.csv, format: {unit: g/N}}]")
 
 
 def test_coherence_in_the_file_and_beside_it(box: Folder) -> None:

@@ -74,6 +74,80 @@ def test_pulse_like_text(tmp_path: Path) -> None:
     assert (found.name, found.quantity) == ("", "acceleration")
 
 
+def block(title: str, unit: str, kind: str, *columns: np.ndarray, size: int = HZ.size) -> list[str]:
+    """One function of a PULSE file."""
+    return [
+        f"Data Type:\t{kind}",
+        f"X-Axis size:\t{size}",
+        "X-Axis type:\tFrequency",
+        "X-Axis unit:\tHz",
+        f"AmplitudeUnit:\t{unit}",
+        f"Title1:\t{title}",
+        "Title2:\tWorking : Input : Input : FFT Analyzer",
+        "",
+        *rows(np.arange(1.0, 5.0), HZ, *columns, delimiter="\t", decimal="."),
+    ]
+
+
+PULSE = ["Header Size:\t8", "Version:\t10", "Decimal Symbol:\t."]
+OTHER_DB = np.linspace(-20.0, -10.0, 4)
+
+
+@pytest.mark.parametrize("again", [[], PULSE], ids=["one head", "a head each"])
+def test_several_functions_in_one_pulse_file(tmp_path: Path, again: list[str]) -> None:
+    """One below the other, each with its own unit and axis; coherences belong to the FRF of the same signals."""
+    gamma2 = np.linspace(0.4, 1.0, 4)
+    lines = [
+        *PULSE,
+        *block("Frequency Response H1(acc1,hammer) - Input", "g/N", "Complex", H.real, H.imag),
+        *again,
+        *block("Autospectrum(acc1) - Input", "g^2/Hz", "Real", OTHER_DB),
+        *again,
+        *block("Coherence(mic01,hammer) - Input", "", "Real", gamma2),
+        *again,
+        *block("Frequency Response H1(mic01,hammer) - Input", "Pa/N", "Complex", G.real, G.imag),
+    ]
+    result = read_frf(write(tmp_path, lines))
+    acc, mic = result.records
+    assert [(r.name, r.quantity, r.number) for r in result.records] == [("acc1", "acceleration", 1), ("mic01", "pressure", 4)]
+    np.testing.assert_allclose(acc.values, STANDARD_GRAVITY * H, rtol=1e-11)
+    np.testing.assert_allclose(mic.values, G, rtol=1e-11)
+    np.testing.assert_array_equal(mic.frequency_hz, HZ)
+    np.testing.assert_allclose(mic.coherence, gamma2, rtol=1e-11)
+    assert acc.coherence is None
+    assert "left out: record 2 (Autospectrum(acc1) - Input)" in result.notes
+    assert "4 functions one below the other" in result.notes
+    # A lone FRF with its coherence is called by its file, as one without.
+    frf, quality = (
+        ("Frequency Response H1(mic01,hammer)", "Pa/N", "Complex", G.real, G.imag),
+        ("Coherence(mic01,hammer)", "", "Real", gamma2),
+    )
+    (lone,) = read_frf(write(tmp_path, [*PULSE, *block(*frf), *again, *block(*quality)])).records
+    assert lone.name == ""
+    np.testing.assert_allclose(lone.coherence, gamma2, rtol=1e-11)
+
+
+def test_pulse_files_that_cannot_be_trusted(tmp_path: Path) -> None:
+    first = block("Frequency Response H1(acc1,hammer) - Input", "g/N", "Complex", H.real, H.imag)
+    second = block("Frequency Response H1(acc2,hammer) - Input", "g/N", "Complex", G.real, G.imag)
+    with pytest.raises(DataError, match="a function is not complete") as caught:
+        read_frf(write(tmp_path, [*PULSE, *first[:-1], *second]))
+    assert (caught.value.place, caught.value.found) == ("lines 1 to 14", 3)
+    broken = [*PULSE, *first, *second]
+    broken[-2] = broken[-2].replace("\t", "\t****", 1)
+    with pytest.raises(DataError, match=f"line {len(broken) - 1}: a line does not fit"):
+        read_frf(write(tmp_path, broken))
+    spectra = block("Autospectrum(acc1) - Input", "g^2/Hz", "Real", OTHER_DB)
+    with pytest.raises(DataError, match="holds no FRF") as caught:
+        read_frf(write(tmp_path, [*PULSE, *spectra, *spectra]))
+    assert caught.value.found == "records 1-2 (Autospectrum(acc1) - Input)"
+    # Cross spectra are complex too.
+    cross = block("Cross Spectrum(acc1,hammer) - Input", "g*N", "Complex", H.real, H.imag)
+    result = read_frf(write(tmp_path, [*PULSE, *cross, *second]))
+    assert [record.number for record in result.records] == [2]
+    np.testing.assert_allclose(result.records[0].values, STANDARD_GRAVITY * G, rtol=1e-11)
+
+
 def test_french_module_and_phase(tmp_path: Path) -> None:
     db = 20 * np.log10(np.abs(H))
     lines = [

@@ -13,6 +13,7 @@ import scipy.io
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
 
+BLOCK = Path(__file__).parents[1] / "data" / "block"
 HZ = np.array([10.0, 10.5, 11.0, 11.5, 12.0])
 H = np.array([1 - 2j, 3 + 4j, 5e-6 - 6e-6j, 1j, -2 + 0.5j])
 COHERENCE = np.linspace(0.5, 1.0, HZ.size)
@@ -135,6 +136,57 @@ def test_matlab_73(tmp_path: Path) -> None:
     records = read_frf(tmp_path / "frf.mat").records
     assert [record.name for record in records] == ["mic01", "acc1"]
     np.testing.assert_array_equal(records[1].values, 2 * H)
+
+
+@pytest.mark.parametrize("file", ["matio_v73.mat", "hdf5storage.mat", "matio_v5.mat"])
+def test_arrays_of_structures_of_other_programs(file: str) -> None:
+    """One structure a response, beside matrices; MATLAB 7.3 keeps each field as references."""
+    result = read_frf(BLOCK / file)
+    mic, acc = result.records
+    assert [(r.name, r.quantity, r.number) for r in result.records] == [("mic01", "pressure", 1), ("acc1", "acceleration", 2)]
+    np.testing.assert_allclose(mic.values, H, rtol=1e-15)
+    np.testing.assert_allclose(acc.values, 2 * GRAVITY * H, rtol=1e-15)
+    np.testing.assert_array_equal(acc.frequency_hz, HZ)
+    if file == "hdf5storage.mat":
+        np.testing.assert_allclose(acc.coherence, COHERENCE**2)
+        assert "left out: K, M (no FRF)" in result.notes
+
+
+def test_references_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
+    path = tmp_path / "frf.mat"
+    with h5py.File(path, "w") as file:
+        group = file.create_group("FRF")
+        group["f"] = np.array([[h5py.Reference()]], dtype=h5py.ref_dtype)
+    with pytest.raises(DataError, match="cannot be read"):
+        read_frf(path)
+    with h5py.File(path, "w") as file:
+        group = file.create_group("FRF")
+        group["next"] = np.array([[group.ref], [group.ref]], dtype=h5py.ref_dtype)
+        group["f"], group["H"] = HZ, H
+    assert any(record.name == "FRF" for record in read_frf(path).records)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_parts_in_the_last_dimension(tmp_path: Path, count: int) -> None:
+    """Real arrays (lines, responses, 2) are FRFs where the campaign says what they hold, and nothing is guessed where it does not."""
+    path, values = tmp_path / "frf.h5", TWO[:, :count]
+    names = ["mic01", "mic02"][:count]
+    arrays = {"real-imag": (values.real, values.imag), "magnitude-phase": (np.abs(values), np.angle(values, deg=True))}
+    arrays["db-phase"] = (20 * np.log10(np.abs(values)), np.angle(values, deg=True))
+    for representation, parts in arrays.items():
+        with h5py.File(path, "w") as file:
+            file["run/freq"], file["run/H"], file["run/names"] = HZ, np.stack(parts, axis=-1), names
+            file["run/coh"] = np.tile(COHERENCE[:, None], (1, count))
+        found = read_frf(path, TextLayout(representation=representation, phase="deg")).records
+        assert [record.name for record in found] == names
+        for k, record in enumerate(found):
+            np.testing.assert_allclose(record.values, values[:, k], rtol=1e-12)
+            np.testing.assert_allclose(record.coherence, COHERENCE)
+    with pytest.raises(DataError, match="no FRF that is understood") as caught:
+        read_frf(path)
+    assert "if the last dimension of run.H holds real and imaginary part" in str(caught.value.hint)
+    with pytest.raises(DataError, match="unit of the phase is not known"):
+        read_frf(path, TextLayout(representation="magnitude-phase"))
 
 
 def test_hdf5_of_any_origin(tmp_path: Path) -> None:

@@ -149,6 +149,26 @@ def test_several_records_and_leftovers(tmp_path):
     assert any("temperature, c" in note for note in result.notes)
 
 
+@pytest.mark.parametrize("column", ["gamma2", 4])
+def test_a_named_coherence(tmp_path, column):
+    path = tmp_path / "frf.csv"
+    quality = [0.1, 0.2, 0.3, 1.0]
+    np.savetxt(path, np.column_stack([*REAL_IMAG, quality]), delimiter=",", header="f,a_real,a_imag,gamma2", comments="")
+    found = read_frf(path, TextLayout(coherence=column)).records[0]
+    np.testing.assert_allclose(found.values, H, rtol=1e-15)
+    np.testing.assert_array_equal(found.coherence, quality)
+    assert read_frf(path).records[0].coherence is None
+    (key, (frequency, values)) = next(iter(read_coherence(path, TextLayout(coherence=column)).items()))
+    assert key == ""
+    np.testing.assert_array_equal([frequency, values], [FREQUENCY, quality])
+    with pytest.raises(DataError, match="no such column"):
+        read_frf(path, TextLayout(coherence="gama2"))
+    two = table(["f,a_real,a_imag,b_real,b_imag,gamma2"], (*REAL_IMAG, *REAL_IMAG[1:], quality))
+    with pytest.raises(DataError, match="not clear which FRF") as caught:
+        read(tmp_path, two, TextLayout(coherence="gamma2"))
+    assert caught.value.found == "a, b"
+
+
 def test_coherence_of_text(tmp_path):
     path = tmp_path / "coherence.csv"
     path.write_text("f;a;b\n1;0.5;0.6\n2;0.7;1\n")

@@ -516,6 +516,33 @@ def test_files_written_by_pyuff_are_read(tmp_path):
             assert (found.name, found.quantity, found.response_node) == ("mic01", "acceleration", 3)
 
 
+@careless
+def test_units_and_coherence_written_by_pyuff(tmp_path):
+    """Header, units in inches and pounds force, an FRF on uneven lines and its coherence."""
+    path = tmp_path / "pyuff.uff"
+    hz, gamma2 = np.array([10.0, 12.5, 20.0, 41.0]), np.array([0.25, 0.5, 0.75, 1.0])
+    H = np.array([1 - 2j, 0.3 + 0.4j, -5 + 1e-3j, 2e-6 - 1e-6j])
+    inch, pound = 0.0254, 4.4482216152605
+    dofs = {"rsp_ent_name": "acc1", "rsp_node": 12, "rsp_dir": 3, "ref_ent_name": "hammer", "ref_node": 5, "ref_dir": -3}
+    axis = {"x": hz, "abscissa_spacing": 0, "abscissa_spec_data_type": 18, "abscissa_axis_units_lab": "Hz", "binary": 0}
+    empty = dict.fromkeys(("id1", "id2", "id3", "id4", "id5"), "NONE") | {"ver_num": 0, "load_case_id": 0}
+    sets = [
+        pyuff.prepare_151(model_name="plate", description="", db_app="", program="acquisition"),
+        pyuff.prepare_164(7, "Inch (pound f)", 2, 1 / inch, 1 / pound, 1.0, 0.0),
+        pyuff.prepare_58(func_type=4, ordinate_spec_data_type=12, orddenom_spec_data_type=13, data=H, **axis, **dofs, **empty),
+        pyuff.prepare_58(func_type=6, ordinate_spec_data_type=0, orddenom_spec_data_type=0, data=gamma2, **axis, **dofs, **empty),
+    ]
+    pyuff.UFF(str(path)).write_sets(sets, mode="add")
+    (found,) = read_frf(path).records
+    np.testing.assert_allclose(found.values, -H * inch / pound, rtol=1e-9)
+    np.testing.assert_allclose(found.frequency_hz, hz, rtol=1e-12)
+    np.testing.assert_allclose(found.coherence, gamma2, rtol=1e-9)
+    assert (found.name, found.quantity, found.response_node, found.reference_node) == ("acc1", "acceleration", 12, 5)
+    # A file that says itself what its coherence is takes no other word for it.
+    with pytest.raises(DataError, match="says itself"):
+        read_frf(path, TextLayout(coherence="gamma2"))
+
+
 def test_frequencies_beyond_six_digits(tmp_path, caplog):
     # A command that was run before may have made the log quiet.
     caplog.set_level("WARNING", logger="lrbc_cli")

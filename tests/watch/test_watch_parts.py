@@ -109,6 +109,10 @@ def test_settings_of_the_reference_job_hold_for_new_files(tmp_path: Path) -> Non
     assert (new.scale, new.averages, new.removed) == ({"acc1": 2.0}, 9, ())
     assert new.format is not None
     assert new.format.decimal == ","
+    alone = ["jobs.tight.frf={file: ../data_samples/frame/frf/tight.csv, format: {unit: g/N}}"]
+    layout = load_campaign(CAMPAIGN, [watch, *own, *alone]).jobs["new"].format
+    assert layout is not None
+    assert (layout.decimal, layout.unit) == (",", "g/N")
     other = load_campaign(CAMPAIGN, [watch, *own, "watch.like=loose-2"]).jobs["new"]
     assert (other.scale, other.averages, other.format) == ({}, 5, None)
     with pytest.raises(ConfigError, match=r"watch\.like"):

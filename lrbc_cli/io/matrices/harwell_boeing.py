@@ -116,6 +116,11 @@ def _numbers(lines: list[bytes], count: int, layout: tuple[int, int], path: Path
     text = b"".join(line.ljust(a_line * width)[: a_line * width] for line in lines)
     numbers = read_fixed(text[: count * width], width)
     if numbers is None or numbers.size != count:
+        # SciPy writes cells narrower than the format that it states, with a blank between them.
+        words = [line.split() for line in lines]
+        spaced = all(len(row) <= a_line for row in words) and sum(map(len, words)) == count
+        numbers = read_fixed(b"".join(word.ljust(width)[:width] for row in words for word in row), width) if spaced else None
+    if numbers is None or numbers.size != count:
         raise DataError(
             "the numbers cannot be read",
             file=path,

@@ -37,14 +37,14 @@ class Block:
         return (match[2].strip(), match[3].strip()) if match else ("", "")
 
     @property
-    def is_real(self) -> bool:
-        """Whether its values are no complex numbers."""
-        return fold(self.keys.get("data type", "")) == "real"
+    def is_frf(self) -> bool:
+        """Whether it may be an FRF: neither of real numbers nor called a spectrum or correlation, such as the complex cross spectrum."""
+        return fold(self.keys.get("data type", "")) != "real" and not re.search("spe[ck]tr|[ck]orrelation", fold(self.title))
 
     @property
     def is_coherence(self) -> bool:
         """Whether it is called a coherence."""
-        return self.is_real and fold(self.title).startswith(("coherence", "koharenz", "kohaerenz"))
+        return not self.is_frf and fold(self.title).startswith(("coherence", "koharenz", "kohaerenz"))
 
     @property
     def place(self) -> str:

@@ -134,7 +134,7 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
             # Index, frequency, value.
             frequency = _frequencies(table, len(table.headings) - 2, layout, path, told)
             coherences.append((block, frequency, _coherence(table, len(table.headings) - 1, path, block.title, told)))
-        elif block.is_real:
+        elif not block.is_frf:
             notes.leave_out(block.title or "real values", number)
         else:
             found = _of_table(table, path, layout)
