@@ -68,6 +68,9 @@ def explain(error: ValidationError, document: Document, model: type[BaseModel]) 
     details = sorted(error.errors(include_url=False), key=lambda detail: _rank(detail, document))
     misspelt = {_keys(detail, document)[:-1] for detail in details if detail["type"] == "extra_forbidden"}
     details = [detail for detail in details if detail["type"] != "missing" or _keys(detail, document)[:-1] not in misspelt]
+    # A list is short of the entries that are wrong.
+    above = {_keys(detail, document)[:-1][:depth] for detail in details for depth in range(1, len(detail["loc"]))}
+    details = [detail for detail in details if detail["type"] != "too_short" or _keys(detail, document) not in above]
     found = [_explain_one(detail, document, model) for detail in details]
     first, others = found[0], list(dict.fromkeys(f"{other.place} ({other.problem})" for other in found[1:]))
     if others:
@@ -172,6 +175,7 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
     known = [key_name(name, field) for owner in _models(model, parents) for name, field in owner.model_fields.items()]
     hint = suggestion(key, known)
     elsewhere = [path for path in key_paths(model) if path.rsplit(".", 1)[-1] == key]
+    elsewhere = [path for path in elsewhere if path.count(".") == min(other.count(".") for other in elsewhere)]
     if elsewhere and (hint is None or len(elsewhere) == 1):
         hint = f"it is known as {' and '.join(elsewhere[:3])}"
     return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")

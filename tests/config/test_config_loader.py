@@ -200,6 +200,8 @@ CASES = [
     (swap("lines: resonances", "lines: {every: 0}"), "update.lines.every", ["at least 1"]),
     (swap("lines: resonances", "lines: {list: []}"), "update.lines.list", ["at least 1"]),
     (swap("initial: 4.0", "initial: automatic"), "parameters.left_edge.initial", ["auto", "'automatic'"]),
+    (swap("frf/bolts-00.uff", "{file: a.csv, unit: g/N}"), "jobs.bolts-00.frf.unit", ["it is known as jobs.NAME.format.unit"]),
+    (swap("frf/bolts-00.uff", "[{file: a.csv, format: {unit: 3}}]"), "jobs.bolts-00.frf[0].format.unit", ["put it in quotes"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {delimiter: comma}"), "jobs.bolts-00.format.delimiter", ["';'", "the text 'comma'"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [0, 1]}}"), "jobs.bolts-00.format.columns.a[0]", ["at least 1"]),
     (swap("frf/bolts-00.uff", "a.csv, format: {columns: {a: [1]}}"), "jobs.bolts-00.format.columns.a", ["exactly 2"]),
