@@ -101,15 +101,19 @@ def markup_of(shape: Shape) -> str:
 
 def path(points: Floats) -> str:
     """Return SVG path data: absolute starts, relative steps, a new start after every NaN."""
+    if len(points) == 2 and np.isfinite(points).all():
+        # Most lines are those of axes.
+        x, y, end_x, end_y = (round(value * _SCALE) for value in points.ravel().tolist())
+        return f"M{x} {y}l{end_x - x} {end_y - y}".replace(" -", "-")
     whole = np.asarray(np.isfinite(points).all(axis=1))
     rounded = np.rint(np.where(whole[:, None], points, 0.0) * _SCALE).astype(int)
+    steps = np.diff(rounded, axis=0).ravel().tolist()
     starts = np.flatnonzero(whole & ~np.concatenate([[False], whole[:-1]]))
     ends = np.flatnonzero(whole & ~np.concatenate([whole[1:], [False]])) + 1
     parts = []
-    for start, end in zip(starts, ends, strict=True):
-        piece = rounded[start:end]
-        steps = np.diff(piece, axis=0).tolist()
-        parts.append(f"M{piece[0, 0]} {piece[0, 1]}" + ("l" + " ".join(f"{dx} {dy}" for dx, dy in steps) if steps else "h0"))
+    for start, end, (x, y) in zip(starts.tolist(), ends.tolist(), rounded[starts].tolist(), strict=True):
+        way = " ".join(map(str, steps[2 * start : 2 * (end - 1)]))
+        parts.append(f"M{x} {y}" + (f"l{way}" if way else "h0"))
     return "".join(parts).replace(" -", "-")
 
 
