@@ -115,7 +115,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[
     structure = _structure(output)
     shapes = {} if structure is None else _shapes(output, done, structure)
     profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
-    frfs, l_curves = list[FrfFigure](), list[Chart]()
+    frfs, l_curves = list[FrfFigure](), dict[str, Chart]()
     content = Content(
         campaign=campaign,
         jobs=results,
@@ -141,7 +141,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[
     pictured = structure if draw else None
     for job in done:
         folder, table = output / job.job, read_fdac(output / job.job / "fdac.csv")
-        curve, bars = l_curve_chart(job), channel_chart(job)
+        bars = channel_chart(job)
         if bars is not None:
             channels[job.job] = bars
         charts = {
@@ -150,13 +150,12 @@ def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[
             "structure.png": (None if pictured is None else structure_chart(pictured, job, done), {}),
             "shapes.png": (None if pictured is None or job.job not in shapes else shapes_chart(pictured, shapes[job.job]), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
-            "l-curve.png": (curve, {}),
+            "l-curve.png": (l_curve_chart(job), l_curves),
         }
         for file, (chart, shown) in charts.items():
             if chart is not None:
                 shown[job.job] = chart
                 tasks.append((chart, folder / file))
-        l_curves += [] if curve is None else [curve]
         frf = read_frf(folder / "frf.csv")
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)
