@@ -96,9 +96,9 @@ def test_no_measurement_is_dropped_whose_name_is_taken(tmp_path: Path) -> None:
         (tmp_path / name).write_text("frequency_hz,acc1_real,acc1_imag\n" + rows.replace("1.5", str(k + 0.25)))
     (tmp_path / "tight-2 coherence.csv").write_text("frequency_hz,acc1\n" + "".join(f"{f},0.99\n" for f in range(20, 90)))
     jobs = yaml.safe_load(draft(tmp_path / "new", recognise(tmp_path)).text())["jobs"]
-    assert sorted(path for job in jobs.values() for path in job["frf"]) == sorted(f"../{name}" for name in names)
+    assert sorted(job["frf"] for job in jobs.values()) == sorted(f"../{name}" for name in names)
     assert len({name.lower() for name in jobs}) == len(names)
-    assert {name: job["coherence"] for name, job in jobs.items() if "coherence" in job} == {"tight-2": ["../tight-2 coherence.csv"]}
+    assert {name: job["coherence"] for name, job in jobs.items() if "coherence" in job} == {"tight-2": "../tight-2 coherence.csv"}
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
