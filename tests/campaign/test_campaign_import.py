@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 from pathlib import Path
 from typing import Any
 
@@ -427,3 +428,61 @@ def test_a_loosened_spring_of_that_plate_is_found(tmp_path: Path) -> None:
     found = outcome.json["results"]["loose-B1"]
     assert found["parameters"]["springs"]["bounds"][0] <= -3.0
     assert {bolt["name"]: bolt["verdict"] for bolt in found["bolts"]} == {"B0": "tight", "B1": "loose", "B2": "tight", "B3": "tight"}
+
+
+MODELS_OF_OTHERS: dict[str, tuple[dict[str, Any], list[float], tuple[int, int, int]]] = {
+    "speaker_box": (
+        {
+            "stiffness": f"{DATA}/nlevp/speaker_box.mat#C",
+            "mass": f"{DATA}/nlevp/speaker_box.mat#A",
+            "damping": f"{DATA}/nlevp/speaker_box.mat#B",
+        },
+        [20.0, 700.0],
+        (10, 0, 3),
+    ),
+    "foundation": (
+        {
+            "stiffness": {"file": f"{DATA}/nlevp/foundation.mat", "group": "K", "scale": -1},
+            "mass": f"{DATA}/nlevp/foundation.mat#M",
+            "damping": {"file": f"{DATA}/nlevp/foundation.mat", "group": "D", "scale": [0, 1]},
+        },
+        [5.0, 60.0],
+        (1801, 0, 900),
+    ),
+    "superelement": ({"stiffness": "se.op4#KAA", "mass": "se.op4#MAA"}, [50.0, 300.0], (10, 5, 20)),
+    "punch": ({"stiffness": f"{DATA}/nastran/dmig.pch#KAAX", "mass": f"{DATA}/nastran/dmig.pch#MAAX"}, [0.5, 10.0], (10, 5, 2)),
+    "full": ({"stiffness": "file.full#K", "mass": "file.full#M"}, [500.0, 3000.0], (500, 600, 300)),
+}
+
+
+@pytest.mark.parametrize("name", MODELS_OF_OTHERS)
+def test_models_of_others_need_a_campaign_file_only(tmp_path: Path, name: str) -> None:
+    """Every model that others wrote, by keys of the campaign: `check` says nothing against it, and the matrices are theirs."""
+    model, band, (load, output, term) = MODELS_OF_OTHERS[name]
+    if name == "full":
+        pytest.importorskip("ansys.mapdl.reader", exc_type=ImportError)
+    for target, source in (("se.op4", "nastran/se_test_n11.op4.gz"), ("file.full", "ansys/file.full.gz")):
+        (tmp_path / target).write_bytes(gzip.decompress((DATA / source).read_bytes()))
+    (tmp_path / "terms.csv").write_text(f"dof\n{term}\n")
+    folder = Folder(tmp_path)
+    folder.write(
+        {
+            "campaign": name,
+            "output": "out",
+            "model": model,
+            "excitation": {"hammer": {"dof": load}},
+            "responses": {"r1": {"dof": output, "quantity": "displacement"}},
+            "parameters": {"springs": {"select": {"dofs": "terms.csv"}, "initial": 4.0, "bounds": [1.0, 7.0]}},
+            "reduction": {"band": band},
+        }
+    )
+    outcome = folder.run("check")
+    assert (outcome.code, outcome.stderr) == (0, "")
+    inputs = read_as_exported(load_campaign(folder.config))
+    if name == "foundation":
+        theirs = scipy.io.loadmat(DATA / "nlevp" / "foundation.mat", spmatrix=False)
+        assert abs(inputs.model.K + theirs["K"]).max() == 0.0
+        assert abs(inputs.model.C - (1j * theirs["D"]).real).max() == 0.0
+        # A spring consumes energy.
+        assert inputs.model.K.diagonal().imag.min() > 0.0
+    assert inputs.model.size == {"speaker_box": 107, "foundation": 3627, "superelement": 90, "punch": 15, "full": 900}[name]
