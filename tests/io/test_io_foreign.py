@@ -174,6 +174,8 @@ def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
         ("1,1, 1,1, nan\n", "not a finite number"),
         ("Kaa = [\n1 1 2.0\n1 2\n];\n", "line 3"),
         (f"DMIG    K              0       6       2       0\nDMIG*   K{'x':>31}{1:16d}\n", "line 2"),
+        ("DMIG    K              0       6       4       0       1               2\n", "POLAR 0"),
+        (f"DMIG*   {'K':16}{0:16d}{6:16d}{4:16d}\n*       {0:16d}{1:16d}{'':16}{2:16d}\n", "line 2(.|\\n)*POLAR 0"),
         ("title\n 1 1 1 1 0\nRSA 2 2 99999999999 0\n(1I14) (1I14) (3E25.17)\n1\n", "more data than the file holds"),
         (f"title\n 3 1 1 1 0\nRSA {'9' * 5000} 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "cannot be read"),
         ("title\n 3 1 1 1 0\nRSE 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "not assembled"),

@@ -12,6 +12,7 @@ import scipy.io
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf
+from lrbc_cli.io.hdf5 import frf
 
 BLOCK = Path(__file__).parents[1] / "data" / "block"
 HZ = np.array([10.0, 10.5, 11.0, 11.5, 12.0])
@@ -150,6 +151,15 @@ def test_arrays_of_structures_of_other_programs(file: str) -> None:
     if file == "hdf5storage.mat":
         np.testing.assert_allclose(acc.coherence, COHERENCE**2)
         assert "left out: K, M (no FRF)" in result.notes
+
+
+def test_more_data_sets_than_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None is passed over: it might be the unit."""
+    monkeypatch.setattr(frf, "_MOST_OBJECTS", 3)
+    with h5py.File(tmp_path / "frf.h5", "w") as file:
+        file["H"], file["f"], file["names"], file["units"] = H, HZ, ["mic01"], ["g/N"]
+    with pytest.raises(DataError, match="more data sets than are read"):
+        frf._read(tmp_path / "frf.h5", TextLayout())
 
 
 def test_references_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:

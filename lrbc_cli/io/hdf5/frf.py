@@ -28,7 +28,7 @@ from lrbc_cli.model.frf import QUANTITIES, FrfRecord, FrfSet
 ENCODING = "lrbc-frf"
 VERSION = "0.1.0"
 #: Of a file of unknown origin: objects and groups in groups, at most.
-_MOST_OBJECTS, _DEEPEST = 2000, 5
+_MOST_OBJECTS, _DEEPEST = 20_000, 5
 _UNITS = {"pressure": "Pa/N", "displacement": "m/N", "velocity": "m/s/N", "acceleration": "m/s^2/N", "": ""}
 
 
@@ -139,6 +139,16 @@ def _named(file: h5py.File, path: Path) -> Named:
                 texts.setdefault(f"{above}{attribute}", found)
 
     def put(node: Any, name: str, depth: int) -> None:
+        if len(arrays) + len(texts) >= _MOST_OBJECTS:
+            # A unit or a coherence beyond the limit would be missed.
+            raise DataError(
+                "the file holds more data sets than are read",
+                file=path,
+                place=name,
+                expected=f"at most {_MOST_OBJECTS}",
+                found="more",
+                hint="export the FRFs alone, the responses as columns of one array",
+            )
         if isinstance(node, h5py.Group):
             attributes(node, f"{name}.")
             if depth < _DEEPEST and "MATLAB_sparse" not in node.attrs:
@@ -146,7 +156,7 @@ def _named(file: h5py.File, path: Path) -> Named:
         elif h5py.check_ref_dtype(node.dtype) and text_attribute(node, "MATLAB_class") != "cell":
             # A field of an array of structures, which MATLAB 7.3 keeps field by field.
             owner, _, field = name.rpartition(".")
-            for at, one in enumerate(np.asarray(load(node, path)).ravel().tolist()[:_MOST_OBJECTS]):
+            for at, one in enumerate(np.asarray(load(node, path)).ravel().tolist()):
                 put(file[one], f"{owner}({at + 1}).{field}", depth)
         elif "MATLAB_empty" not in node.attrs:
             _put(node, name, path, arrays, texts)
@@ -155,7 +165,7 @@ def _named(file: h5py.File, path: Path) -> Named:
     def walk(group: h5py.Group, above: str, depth: int) -> None:
         for key in group:
             # What MATLAB keeps for itself begins with a hash.
-            if not key.startswith("#") and len(arrays) + len(texts) < _MOST_OBJECTS:
+            if not key.startswith("#"):
                 put(lookup(group, key, path), f"{above}{key}", depth)
 
     attributes(file, "")

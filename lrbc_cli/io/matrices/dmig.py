@@ -78,12 +78,13 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
 def _parse(path: Path) -> dict[str, _Entries]:
     """All matrices of a file: lines of 8 and four times 16 characters, as Nastran punches them."""
     found: dict[str, _Entries] = {}
-    current, column = None, (0, 0)
+    current, column, begun = None, (0, 0), -1
     for number, raw in enumerate(whole(path).decode("latin-1").splitlines(), start=1):
         line = raw.rstrip()
         try:
             if line.startswith("DMIG*") and line[24:40].strip() == "0":
                 found[line[8:24].strip().upper()], current = _Entries(int(line[40:56]), int(line[56:72])), None
+                begun = number
             elif line.startswith("DMIG*"):
                 name = line[8:24].strip().upper()
                 current, column = found[name], (int(line[24:40]), int(line[40:56] or 0))
@@ -92,6 +93,9 @@ def _parse(path: Path) -> dict[str, _Entries]:
                 if rest[0] != "0":
                     raise ValueError("entries in small fields")
                 found[name], current = _Entries(int(rest[1]), int(rest[2])), None
+                _require_parts(rest[4])
+            elif line.startswith("*") and begun == number - 1:
+                _require_parts(line[24:40])
             elif line.startswith("*") and current is not None:
                 current.rows.append((int(line[8:24]), int(line[24:40])))
                 current.columns.append(column)
@@ -106,6 +110,12 @@ def _parse(path: Path) -> dict[str, _Entries]:
                 hint=f"export them again ({error})",
             ) from None
     return found
+
+
+def _require_parts(polar: str) -> None:
+    """Refuse complex numbers as magnitude and phase."""
+    if polar.strip() not in ("", "0"):
+        raise ValueError("complex numbers as real and imaginary part, POLAR 0")
 
 
 def _real(text: str) -> float:
