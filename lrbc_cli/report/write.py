@@ -75,7 +75,7 @@ def write_report(
     live
         The page loads itself anew every few seconds.
     halt
-        From the moment on that it is true, image files are left as they are.
+        From the moment on that it is true, image files and the page are left as they are.
     progress
         Called with one line of text now and then.
 
@@ -98,6 +98,8 @@ def write_report(
         drawn, unchanged = _draw_all(tasks, workers, halt, say)
         say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
+    if halt():
+        return page
     text = render(content, live=live)
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
