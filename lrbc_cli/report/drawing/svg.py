@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import pickle
 from collections.abc import Iterable
 from html import escape
 
@@ -19,11 +21,19 @@ _SCALE = 10.0
 #: Height of letters in pixels, at least.
 _LEAST = 9.05
 
+#: Charts that were drawn, by a digest: whoever watches a campaign writes its page again for each new job. So many are kept.
+_drawn: dict[bytes, Markup] = {}
+_MOST = 2000
+
 
 def svg(chart: Chart) -> Markup:
     """Return the chart as one ``svg`` element with its alternative text."""
-    drawing = lay_out(chart, header=False)
-    return _element(drawing, label=chart.alt)
+    key = hashlib.sha256(pickle.dumps(chart)).digest()
+    if key not in _drawn:
+        if len(_drawn) >= _MOST:
+            _drawn.clear()
+        _drawn[key] = _element(lay_out(chart, header=False), label=chart.alt)
+    return _drawn[key]
 
 
 def drawn(chart: Chart, files: Markup | None = None, *, title: str | None = None, **attributes: str | bool | None) -> Markup:
