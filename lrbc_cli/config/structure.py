@@ -421,7 +421,7 @@ class GroupConfig(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> GroupConfig:
         for key, value in (("initial", self.initial), *(("bounds", bound) for bound in self.bounds if self.bounds != "auto")):
-            if value != "auto" and value > LARGEST_LOG10:
+            if not isinstance(value, str) and value > LARGEST_LOG10:
                 raise problem(
                     "a logarithm beyond every stiffness",
                     key,

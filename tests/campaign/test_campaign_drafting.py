@@ -235,6 +235,17 @@ def test_a_loose_measurement_is_never_the_reference(tmp_path: Path) -> None:
     assert loose(tmp_path / "c", "loose/ref.csv", "run/first.csv")["update"]["reference"] == "first"
 
 
+def test_bolts_are_those_that_terms_name_too(tmp_path: Path) -> None:
+    """A state that is called after one of them is no tight one."""
+    files = box(tmp_path / "box").data
+    (files / "bolts.csv").unlink()
+    (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},north {i}\n" for i in range(6)))
+    (files / "tight.uff").rename(files / "north-2-tight.uff")
+    (files / "loose.uff").rename(files / "zero.uff")
+    folder, _ = drafted(files, tmp_path / "new")
+    assert load_campaign(folder.config).update.reference == "zero"
+
+
 def test_files_of_two_models_are_refused(tmp_path: Path) -> None:
     for size in (12, 20):
         K, M = (csc(matrix) for matrix in chain(size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.scale import MOST_REACH
+from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, Offset
 
 #: Lines of a job that are looked at.
 LINES = 200
@@ -94,10 +94,7 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
     offsets = factors_of(inputs, few, (model,))
     exchanged = _exchanged(inputs, few.values, model)
     involved = {i for pair in exchanged for i in pair}
-    # At start values a wide interval, or much that is left, is an error of the model.
-    offsets = tuple(
-        replace(o, named=o.named and o.half <= MOST_REACH and o.after <= MOST_LEFT) for o in offsets if o.response not in involved
-    )
+    offsets = tuple(replace(o, named=o.named and _trusted(o, offsets)) for o in offsets if o.response not in involved)
     told: dict[tuple[object, ...], str] = {}
     for text in offset_texts(inputs, offsets, name):
         # The words up to the numbers: the same of several jobs is said once.
@@ -109,6 +106,17 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
             f"responses.{one} and responses.{two}, or jobs.{name}.records: {{{one}: {two}, {two}: {one}}}"
         )
     return told
+
+
+def _trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
+    """Whether a factor is none of the errors that a model has at its start values.
+
+    Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
+    """
+    if offset.half > MOST_REACH or offset.after > MOST_LEFT:
+        return False
+    alike = sum(other.named and other.power == offset.power for other in offsets)
+    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 3)
 
 
 def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:

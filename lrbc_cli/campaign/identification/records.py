@@ -370,7 +370,7 @@ def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job:
             own = axis[finite]
             found.append(
                 f"{called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
-                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete? Measure again, or take the response out of update.responses"
+                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete? Else measure it again, or take the response out"
             )
     return found
 
