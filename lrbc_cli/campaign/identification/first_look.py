@@ -116,7 +116,7 @@ def _trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
     if offset.half > MOST_REACH or offset.after > MOST_LEFT:
         return False
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 3)
+    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
 
 
 def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:
