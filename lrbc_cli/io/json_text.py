@@ -20,6 +20,9 @@ MOST_DIGITS = 19
 #: Half of a surrogate pair, possibly: no text, and not writable.
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
+_NESTED = frozenset({list, dict})
+_WITH_TEXTS = _NESTED | {str}
+
 
 def read_json_text(path: Path) -> str:
     """Text of a document.
@@ -47,7 +50,7 @@ def parse_json(text: str) -> Any:
         Where it is no JSON (a JSONDecodeError, which knows the place), nested too deeply, or holds a number or a text that no result has.
     """
     try:
-        value = json.loads(text, parse_constant=_refuse, parse_int=_integer, parse_float=_float)
+        value = json.loads(text, parse_constant=_refuse, parse_int=_integer)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     _check(value, bool(_SURROGATE.search(text)))
@@ -64,31 +67,24 @@ def _integer(text: str) -> int:
     return int(text)
 
 
-def _float(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:30]} is beyond the range of numbers")
-    return value
-
-
 def _check(value: Any, texts: bool) -> None:
     """Walk through all levels without recursion, which a deep document would exhaust later."""
-    level = [value]
-    for _ in range(DEEPEST + 1):
+    level: list[Any] = [[value]]
+    for _ in range(DEEPEST + 2):
         below: list[Any] = []
         for item in level:
-            if isinstance(item, dict):
-                below += item.values()
-                if texts:
-                    below += item
-            elif isinstance(item, list):
-                # Rows of numbers, most of a document, need no look at each.
-                below += item if texts else [part for part in item if isinstance(part, list | dict)]
-            elif texts and isinstance(item, str):
+            if isinstance(item, str):
                 try:
                     item.encode("utf-8")
                 except UnicodeEncodeError:
                     raise ValueError("a text that is no Unicode") from None
+                continue
+            inside = [*item.values(), *item] if isinstance(item, dict) else item
+            if math.inf in inside or -math.inf in inside:
+                raise ValueError("a number is beyond the range of numbers")
+            # Rows of numbers, most of a document, need no look at each.
+            kinds = _WITH_TEXTS if texts else _NESTED
+            below += [part for part in inside if type(part) in kinds]
         if not below:
             return
         level = below

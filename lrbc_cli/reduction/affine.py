@@ -15,8 +15,8 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import FIELDS, OPERATORS, Recipe, parted
 from lrbc_cli.reduction.condense import air_is_diagonal, condensed_solve, plain, with_diagonal_air
-from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.threads import in_chunks
 
 #: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
 SYMMETRY = 1e-9

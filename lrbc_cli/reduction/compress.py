@@ -11,9 +11,9 @@ import scipy.linalg as la
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.estimate import Estimator, Sweep
-from lrbc_cli.reduction.ports import in_chunks
 from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.sweep import ReducedSolver
+from lrbc_cli.reduction.threads import in_chunks
 from lrbc_cli.reduction.unseen import distance
 
 #: Lines at which a smaller basis is compared with the rich one: so many spread over the band, and as many with the worst estimates.

@@ -12,9 +12,10 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.basis import Projection
 from lrbc_cli.reduction.certify import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.grid import Grid
-from lrbc_cli.reduction.ports import PortFrf, in_chunks
+from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.sweep import ReducedSolver
+from lrbc_cli.reduction.threads import in_chunks
 from lrbc_cli.reduction.vectors import certificate_vectors
 
 #: Lines of the grid; fewer where each costs more, by the number of terms.

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import cache
-from threading import Thread
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.reduction.threads import solved
 
 #: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
 SYMMETRY = 1e-9
@@ -27,52 +21,6 @@ DRIVEN = 1e-9
 
 #: Roundings of a complex product and a sum: a pivot that is no more has lost all its digits.
 LOST = 4.0
-
-#: Cubes of the terms, summed over the lines, from which two threads solve: less is done before a thread has begun; and terms up to which
-#: LAPACK does not use threads of its own.
-THREADED, MOST_TERMS = 2e6, 128
-
-
-def solved(A: Complexes, B: Complexes) -> Complexes:
-    """``A⁻¹ B`` line by line, the lines shared by two threads where that pays.
-
-    Parameters
-    ----------
-    A : (F, n, n) complex array
-    B : (F, n, k) complex array
-
-    Returns
-    -------
-    (F, n, k) complex array
-        The same whatever the threads.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where a line is singular.
-    """
-    lines, n = A.shape[:2]
-    if lines * float(n) ** 3 < THREADED or n > MOST_TERMS or (os.cpu_count() or 1) < 2:
-        return np.asarray(np.linalg.solve(A, B))
-    found = np.empty(B.shape, dtype=np.result_type(A, B))
-    middle = lines // 2
-    failed: list[BaseException] = []
-
-    def first() -> None:
-        try:
-            found[:middle] = np.linalg.solve(A[:middle], B[:middle])
-        except Exception as error:
-            failed.append(error)
-
-    helper = Thread(target=first, daemon=True)
-    helper.start()
-    try:
-        found[middle:] = np.linalg.solve(A[middle:], B[middle:])
-    finally:
-        helper.join()
-    if failed:
-        raise failed[0]
-    return found
 
 
 @dataclass(frozen=True)
@@ -138,12 +86,12 @@ class PortFrf:
 
         Parameters
         ----------
-        D : (F, nt) complex array
-            D_j(s); infinite entries clamp.
+        D : (..., F, nt) complex array
+            D_j(s), of one state or of several; infinite entries clamp.
 
         Returns
         -------
-        (F, R) complex array
+        (..., F, R) complex array
         """
         E, F = self._split(D)
         w = self._solved(self.Hpp, E, F, self.Hp0)
@@ -230,30 +178,30 @@ class PortFrf:
     @staticmethod
     def _solved(Hpp: Complexes, E: Floats, F: Complexes, B: Complexes) -> Complexes:
         """``(E + Hpp F)⁻¹ B``."""
-        A = Hpp * F[:, None, :]
-        index = np.arange(E.shape[1])
-        A[:, index, index] += E
+        A = Hpp * F[..., None, :]
+        index = np.arange(E.shape[-1])
+        A[..., index, index] += E
         # A term that alone holds a motion, set free: E + Hpp F is zero or its rounding, by chance. Where nothing drives the motion, any
         # number but zero gives the rest; this one is within the rounding of E. A motion that is driven has no answer.
         least = np.finfo(float).eps * E
-        lost = np.abs(A[:, index, index]) <= LOST * least
+        lost = np.abs(A[..., index, index]) <= LOST * least
         within = np.where(lost, least, 0.0)
-        A[:, index, index] = np.where(lost, least, A[:, index, index])
+        A[..., index, index] = np.where(lost, least, A[..., index, index])
         try:
             found = solved(A, B)
         except np.linalg.LinAlgError:
             # The same of several terms together.
-            A[:, index, index] += least
+            A[..., index, index] += least
             within += least
             found = solved(A, B)
-        if within.any() and np.any(np.abs(within[:, :, None] * found).max(axis=2) > DRIVEN * np.abs(Hpp[:, index, index])):
+        if within.any() and np.any(np.abs(within[..., None] * found).max(axis=-1) > DRIVEN * np.abs(Hpp[..., index, index])):
             raise np.linalg.LinAlgError("a motion that nothing holds is driven")
         return found
 
     def _respond(self, F: Complexes, w: Complexes) -> Complexes:
-        y = (self.H0p * F[:, None, :]) @ w
+        y = (self.H0p * F[..., None, :]) @ w
         rows = np.arange(self.input_of.size)
-        return np.asarray(self.H00 - y[:, rows, self.input_of])
+        return np.asarray(self.H00 - y[..., rows, self.input_of])
 
 
 def port_frf(
@@ -300,27 +248,3 @@ def port_frf(
         input_of=input_of,
         symmetric=symmetric,
     )
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """The BLAS libraries of NumPy and SciPy; looking for them takes longer than a small chunk."""
-    return ThreadpoolController().select(user_api="blas")
-
-
-def single_threaded() -> AbstractContextManager[object]:
-    """BLAS with one thread, for work on small matrices: its threads would cost more than they do."""
-    limit: AbstractContextManager[object] = _blas().limit(limits=1)
-    return limit
-
-
-def in_chunks(count: int, work: Callable[[slice], None], *, chunk: int = 16, workers: int = 2) -> None:
-    """Run ``work`` on slices of lines, in threads with BLAS limited to one thread each (small dense solves release the GIL)."""
-    slices = [slice(at, min(at + chunk, count)) for at in range(0, count, chunk)]
-    with single_threaded():
-        if len(slices) < 2 or workers < 2:
-            for part in slices:
-                work(part)
-            return
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, slices))

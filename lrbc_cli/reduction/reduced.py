@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.reduction.ports import CLAMPED, PortFrf, in_chunks, port_frf
+from lrbc_cli.reduction.ports import CLAMPED, PortFrf, port_frf
+from lrbc_cli.reduction.threads import in_chunks
 
 
 @dataclass(frozen=True)

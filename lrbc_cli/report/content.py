@@ -40,7 +40,7 @@ class Content:
     damping: Chart | None = None
     calibration: CalibrationRecord | None = None
     calibration_frf: Frf | None = None
-    l_curves: Sequence[Chart] = ()
+    l_curves: Mapping[str, Chart] = field(default_factory=dict)
     plan: PlanRecord | None = None
     structure: StructureRecord | None = None
     shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)

@@ -86,7 +86,7 @@ def table(
             _cell("td", entry, scope=None, kind=None if index < text_columns else "n") for index, entry in enumerate(row[1:], start=1)
         ]
         lines.append(tag("tr", *cells))
-    body = tag("table", tag("caption", caption), tag("thead", tag("tr", *headers)), tag("tbody", *lines), class_=class_)
+    body = tag("table", tag("caption", tag("span", caption)), tag("thead", tag("tr", *headers)), tag("tbody", *lines), class_=class_)
     return tag("div", body, class_="scroll", tabindex="0", role="region", aria_label=caption)
 
 

@@ -150,8 +150,8 @@ def _l_curves(content: Content) -> _Section | None:
         "departures upwards. Beyond the corner a smaller weight lets the parameters run and fits little better, a larger one costs fit. "
         "A curve without such a corner chooses nothing, and the default weight was used."
     )
-    figures = [drawn(chart) for chart in content.l_curves]
-    return "l-curves", "Regularisation", [tag("p", text), *_small_multiples(list(content.l_curves), figures, "L-curves")]
+    figures = [drawn(chart, beside((job, "l-curve.png"))) for job, chart in content.l_curves.items()]
+    return "l-curves", "Regularisation", [tag("p", text), *_small_multiples(list(content.l_curves.values()), figures, "L-curves")]
 
 
 def _cost(content: Content, *, paper: bool) -> _Section | None:

@@ -15,7 +15,7 @@
     const stage = holder.querySelector(".stage"), bars = [...holder.querySelectorAll(".controls")], told = holder.querySelector(".told");
     const control = (name) => holder.querySelector(`.controls [name=${name}]`);
     const svg = make("svg", { "aria-hidden": "true" });
-    let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false;
+    let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false, placed = "";
 
     const airBox = control("air");
     let air = !airBox || airBox.checked;
@@ -50,26 +50,33 @@
     };
     const follow = (item) => (item.near ||= Array.from({ length: item.xyz.length / 3 }, (_, i) => nearest(item.xyz, 3 * i)));
     const bytes = (text) => new Int8Array([...atob(text)].map((c) => c.charCodeAt(0)));
-    let shape = null, phase = 0, size = 1, moving = 0;
+    let shape = null, phase = 0, size = 1, moving = 0, wanted = false, seen = true, last = 0;
     const bent = (item, still) => {
       if (!shape || still) return item.xyz;
       const near = follow(item), c = (size * scene.deflection * Math.cos(phase)) / 127, s = (size * scene.deflection * Math.sin(phase)) / 127;
       return item.xyz.map((value, i) => value + c * shape.real[near[(i / 3) | 0] + (i % 3)] - s * shape.imag[near[(i / 3) | 0] + (i % 3)]);
     };
-    const play = (on) => {
-      const button = holder.querySelector("[data-do=play]");
-      if (!button) return;
-      cancelAnimationFrame(moving);
-      moving = 0;
-      button.setAttribute("aria-pressed", String(on));
-      if (!on) return;
-      const begin = performance.now() - (phase / (2 * Math.PI)) * 2000;
-      const step = (now) => {
-        phase = (((now - begin) / 2000) * 2 * Math.PI) % (2 * Math.PI);
-        draw();
-        moving = requestAnimationFrame(step);
-      };
+    // Two seconds a period, as long as the picture is in sight.
+    const step = (now) => {
+      phase = (phase + (Math.max(0, now - last) / 2000) * 2 * Math.PI) % (2 * Math.PI);
+      last = now;
+      draw();
       moving = requestAnimationFrame(step);
+    };
+    const go = () => {
+      cancelAnimationFrame(moving);
+      last = performance.now();
+      moving = wanted && seen ? requestAnimationFrame(step) : 0;
+    };
+    const player = holder.querySelector("[data-do=play]");
+    const calm = matchMedia("(prefers-reduced-motion: reduce)");
+    const play = (on) => {
+      if (!player) return;
+      wanted = on;
+      player.textContent = calm.matches ? "Step" : "Animate";
+      if (calm.matches) player.removeAttribute("aria-pressed");
+      else player.setAttribute("aria-pressed", String(on));
+      go();
     };
     const deform = (own) => {
       play(false);
@@ -115,7 +122,9 @@
       // The height is that of the first view: what stands below the picture must not move while it turns.
       if (!draw.height) draw.height = Math.round(Math.min(Math.max((space * high) / wide + 2 * RULER + 20, 190), Math.max(0.72 * width, 300), 520));
       const height = draw.height, scale = zoom * Math.min(space / wide, (height - 2 * RULER - 20) / high);
-      const cx = (bounds[0] + bounds[1]) / 2, cy = (bounds[2] + bounds[3]) / 2;
+      // Nearer, the structure is in the middle, however far microphones stand from it.
+      const near = Math.min(1, Math.max(0, zoom - 1));
+      const [cx, cy] = [[right, 0], [up, 2]].map(([axis, k]) => ((1 - near) * (bounds[k] + bounds[k + 1])) / 2 + near * dot(axis, scene.middle, 0));
       const px = (xyz, i) => width / 2 + (dot(right, xyz, i) - cx) * scale, py = (xyz, i) => height / 2 - (dot(up, xyz, i) - cy) * scale;
       svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
 
@@ -166,16 +175,19 @@
       frame.setAttribute("d", strokes.join(""));
 
       // Names where there is room: first those of loose bolts.
-      const seen = marks.map((mark) => {
-        const at = bent(mark, mark.still);
-        return (mark.seen = [px(at, 0), py(at, 0)]);
+      const at = marks.map((mark) => {
+        const xyz = bent(mark, mark.still);
+        return (mark.seen = [px(xyz, 0), py(xyz, 0)]);
       });
-      const bolts = seen.slice(marks.length - scene.bolts);
+      const bolts = at.slice(marks.length - scene.bolts);
       const apart = bolts.slice(1).map(([x, y], i) => Math.hypot(x - bolts[i][0], y - bolts[i][1])).filter((d) => d > 1);
       // Symbols shrink where bolts stand close to one another.
-      const grown = Math.min(1, Math.max(0.6, Math.min(...apart, 24) / 19)), near = 8 * grown;
-      const taken = seen.map(([x, y]) => [x - near, x + near, y - near, y + near]);
-      for (const { xyz } of shape ? [] : paths.filter(({ role }) => role === "term")) {
+      const grown = Math.min(1, Math.max(0.6, Math.min(...apart, 24) / 19)), half = 8 * grown;
+      // While it moves, names keep their places.
+      const view = [azimuth, elevation, zoom, width, names].join(), steady = moving && view === placed;
+      placed = view;
+      const taken = steady ? [] : at.map(([x, y]) => [x - half, x + half, y - half, y + half]);
+      for (const { xyz } of shape || steady ? [] : paths.filter(({ role }) => role === "term")) {
         for (let i = 0; i < xyz.length; i += 6) {
           const [x, y, dx, dy] = [px(xyz, i), py(xyz, i), px(xyz, i + 3) - px(xyz, i), py(xyz, i + 3) - py(xyz, i)];
           for (let k = 0; k < 8; k++) taken.push([x + (k * dx) / 8 - 2, x + (k * dx) / 8 + 2, y + (k * dy) / 8 - 2, y + (k * dy) / 8 + 2]);
@@ -188,16 +200,17 @@
         const close = [[15 * grown, 4, "start"], [-15 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
         // Those of loose bolts may stand farther away, at the end of a line.
         const far = mark.first ? [-1, 1].flatMap((v) => [-1, 1].map((h) => [34 * h, 26 * v + 4, h < 0 ? "end" : "start"])) : [];
-        const found = names && [...close, ...far].find(([dx, dy, anchor]) => {
+        const found = steady ? mark.place : names && [...close, ...far].find(([dx, dy, anchor]) => {
           const left = x + dx - { start: 0, middle: 0.5, end: 1 }[anchor] * long, box = [left, left + long, y + dy - 10, y + dy + 2];
           const free = box[0] > 0 && box[1] < width && box[2] > 0 && box[3] < height;
           if (!free || taken.some((t) => box[0] < t[1] && t[0] < box[1] && box[2] < t[3] && t[2] < box[3])) return false;
           taken.push(box);
           return true;
         });
+        mark.place = found;
         mark.label.style.display = found ? "" : "none";
         if (!found) continue;
-        if (far.includes(found)) lines.push(`M${x} ${y}L${x + 0.94 * found[0]} ${y + found[1] - 4}`);
+        if (Math.abs(found[0]) > 20) lines.push(`M${x} ${y}L${x + 0.94 * found[0]} ${y + found[1] - 4}`);
         for (const [key, value] of Object.entries({ x: x + found[0], y: y + found[1], "text-anchor": found[2], "font-size": FONT })) mark.label.setAttribute(key, value);
       }
       leaders.setAttribute("d", lines.join(""));
@@ -233,8 +246,8 @@
     for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, () => (held = null));
     act.play = () => {
       // Where motion is not wanted, step by step.
-      if (matchMedia("(prefers-reduced-motion: reduce)").matches) phase += Math.PI / 4;
-      else play(!moving);
+      if (calm.matches) phase += Math.PI / 4;
+      else play(!wanted);
     };
     holder.addEventListener("click", (event) => {
       const does = event.target.dataset && act[event.target.dataset.do];
@@ -264,6 +277,7 @@
       later();
     };
     // In a frame of its own: drawing sets the height that is observed.
+    new IntersectionObserver((entries) => ((seen = entries.at(-1).isIntersecting), go())).observe(stage);
     new ResizeObserver(() => requestAnimationFrame(resized)).observe(stage);
   };
   for (const holder of document.querySelectorAll(".turnable")) start(holder);

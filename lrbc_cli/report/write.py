@@ -75,7 +75,7 @@ def write_report(
     live
         The page loads itself anew every few seconds.
     halt
-        From the moment on that it is true, image files are left as they are.
+        From the moment on that it is true, image files and the page are left as they are.
     progress
         Called with one line of text now and then.
 
@@ -92,12 +92,14 @@ def write_report(
         Where a result file is missing or damaged, or nothing can be written.
     """
     say = progress or (lambda line: None)
-    content, tasks = _contents(output, jobs)
+    content, tasks = _contents(output, jobs, draw=draw)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
         drawn, unchanged = _draw_all(tasks, workers, halt, say)
         say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
+    if halt():
+        return page
     text = render(content, live=live)
     with replace(page) as sink:
         sink.write(text.encode("utf-8", errors="replace"))
@@ -105,8 +107,8 @@ def write_report(
     return page
 
 
-def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_Task]]:
-    """What the page shows, and the figures with their files."""
+def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[Content, list[_Task]]:
+    """What the page shows, and the figures with their files: those that are files only are left out where nothing is drawn."""
     campaign, results = read_results(output, jobs)
     done = [job for job in results if isinstance(job, JobRecord)]
     _require_tables(output, done)
@@ -115,7 +117,7 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     structure = _structure(output)
     shapes = {} if structure is None else _shapes(output, done, structure)
     profiles, maps, channels, fdac = dict[str, Chart](), dict[str, Chart](), dict[str, Chart](), dict[str, Chart]()
-    frfs, l_curves = list[FrfFigure](), list[Chart]()
+    frfs, l_curves = list[FrfFigure](), dict[str, Chart]()
     content = Content(
         campaign=campaign,
         jobs=results,
@@ -138,24 +140,24 @@ def _contents(output: Path, jobs: Sequence[str] | None) -> tuple[Content, list[_
     tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
     scales = profile_scales(done)
     tight = _reference(output, campaign, done)
+    pictured = structure if draw else None
     for job in done:
         folder, table = output / job.job, read_fdac(output / job.job / "fdac.csv")
-        curve, bars = l_curve_chart(job), channel_chart(job)
+        bars = channel_chart(job)
         if bars is not None:
             channels[job.job] = bars
         charts = {
             "profile.png": (profile_chart(job, scales), profiles),
             "map.png": (map_chart(job, done), maps),
-            "structure.png": (None if structure is None else structure_chart(structure, job, done), {}),
-            "shapes.png": (None if structure is None or job.job not in shapes else shapes_chart(structure, shapes[job.job]), {}),
+            "structure.png": (None if pictured is None else structure_chart(pictured, job, done), {}),
+            "shapes.png": (None if pictured is None or job.job not in shapes else shapes_chart(pictured, shapes[job.job]), {}),
             "fdac.png": (None if table is None else fdac_chart(job, table), fdac),
-            "l-curve.png": (curve, {}),
+            "l-curve.png": (l_curve_chart(job), l_curves),
         }
         for file, (chart, shown) in charts.items():
             if chart is not None:
                 shown[job.job] = chart
                 tasks.append((chart, folder / file))
-        l_curves += [] if curve is None else [curve]
         frf = read_frf(folder / "frf.csv")
         for name in frf.responses:
             response, misfit = campaign.response(name), job.misfit_db.responses.get(name)

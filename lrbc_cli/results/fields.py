@@ -64,12 +64,19 @@ class StoredRecord(Record):
         return super().checked({"format": cls.form(), "version": 1, **tree})
 
 
+_AS_THEY_ARE = {str, int, bool, type(None)}
+
+
 def plain(value: Any) -> Any:
     """JSON-able copy; numbers that are not finite become null."""
+    if type(value) in _AS_THEY_ARE:
+        return value
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return (
+            value.tolist() if value.dtype.kind in "biu" or (value.dtype.kind == "f" and np.isfinite(value).all()) else plain(value.tolist())
+        )
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, np.generic):

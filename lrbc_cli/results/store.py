@@ -52,13 +52,17 @@ def write(path: Path, record: StoredRecord, *, compact: bool = False) -> str:
     ConfigError
         Where the output folder cannot be written.
     """
-    return write_json(path, record.tree(), compact=compact)
+    return write_bytes(path, _document(record.tree(), compact))
 
 
 def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
     """Write one JSON document atomically, as ``write``; numbers that are not finite become null."""
+    return write_bytes(path, _document(plain(tree), compact))
+
+
+def _document(tree: Mapping[str, Any], compact: bool) -> bytes:
     layout: dict[str, Any] = {"separators": (",", ":")} if compact else {"indent": 1}
-    return write_bytes(path, (json.dumps(plain(tree), ensure_ascii=False, allow_nan=False, **layout) + "\n").encode())
+    return (json.dumps(tree, ensure_ascii=False, allow_nan=False, **layout) + "\n").encode()
 
 
 def write_bytes(path: Path, content: bytes) -> str:

@@ -7,6 +7,7 @@ import hashlib
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,19 +162,29 @@ def _read(file: Path) -> dict[str, Floats]:
     header = [name.strip() for name in lines[0].split(",")] if lines else []
     if len(set(header)) != len(header) or not all(header):
         raise _damaged(file, "line 1", "distinct column names")
+    values = np.empty((0, 0))
+    with suppress(ValueError):
+        if any(line.strip() for line in lines[1:]):
+            values = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
+    if values.shape[1] != len(header):
+        values = _with_gaps(file, lines, len(header))
+    return {name: np.ascontiguousarray(values[:, column]) for column, name in enumerate(header)}
+
+
+def _with_gaps(file: Path, lines: Sequence[str], columns: int) -> Floats:
+    """Rows of which some cells may be empty, or wrong: named by their line."""
     rows = []
     for count, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
         cells = line.split(",")
-        if len(cells) != len(header):
-            raise _damaged(file, f"line {count}", f"{len(header)} cells", len(cells))
+        if len(cells) != columns:
+            raise _damaged(file, f"line {count}", f"{columns} cells", len(cells))
         try:
             rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
         except ValueError as error:
             raise _damaged(file, f"line {count}", "numbers", str(error)[:80]) from None
-    values = np.array(rows, dtype=float).reshape(len(rows), len(header))
-    return {name: np.ascontiguousarray(values[:, column]) for column, name in enumerate(header)}
+    return np.array(rows, dtype=float).reshape(len(rows), columns)
 
 
 def _damaged(file: Path, place: str | None = None, expected: object = None, found: object = None) -> DataError:

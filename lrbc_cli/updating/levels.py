@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
 from lrbc_cli.updating.starts import basins, group_levels, hops, moved_values, single_values, uniform_changes, uniform_values, zoom
@@ -118,28 +119,66 @@ class Race:
         self.note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
         totals.append(value.total if np.isfinite(value.total) else np.inf)
 
-    def begin(self, description: str, theta: Floats, limit: int | None = None) -> None:
-        """Descend from a further place, so many iterations at the most."""
+    def begin(self, places: Iterable[tuple[str, Floats]], limit: int | None = None) -> None:
+        """Descend from further places, described, so many iterations at the most."""
         most = self._most if limit is None else min(limit, self._most)
-        end = descend(self._misfit, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=most)
-        self.note(end.history)
-        self.iterations += end.iterations
-        self.ends.append((description, end))
+        described = list(places)
+        for (text, _), end in zip(described, self._descents([(theta, most) for _, theta in described]), strict=True):
+            self.ends.append((text, end))
 
-    def go_on(self, at: int, limit: int | None = None) -> None:
-        """Continue one of the descents where its limit stopped it."""
-        description, end = self.ends[at]
+    def go_on(self, which: Iterable[int], limit: int | None = None) -> None:
+        """Continue those of the descents that their limit stopped."""
         most = self._most if limit is None else min(limit, self._most)
-        if end.status == "stopped" and end.iterations < most:
-            self.begin(description, end.theta, most - end.iterations)
-            last = self.ends.pop()[1]
-            self.ends[at] = description, replace(last, iterations=end.iterations + last.iterations)
+        stopped = [at for at in which if self.ends[at][1].status == "stopped" and self.ends[at][1].iterations < most]
+        before = [self.ends[at][1] for at in stopped]
+        further = self._descents([(end.theta, most - end.iterations) for end in before])
+        for at, end, last in zip(stopped, before, further, strict=True):
+            self.ends[at] = self.ends[at][0], replace(last, iterations=end.iterations + last.iterations)
 
     def halve(self, first: int, limit: int) -> None:
         """Continue the better half of the descents from the ``first`` on."""
         order = sorted(range(first, len(self.ends)), key=lambda at: self.ends[at][1].evaluation.total)
-        for at in order[: (len(order) + 1) // 2]:
-            self.go_on(at, limit)
+        self.go_on(order[: (len(order) + 1) // 2], limit)
+
+    def _descents(self, begun: Sequence[tuple[Floats, int]]) -> list[Solution]:
+        """From each place with its limit."""
+
+        def one(begin: tuple[Floats, int]) -> Solution:
+            theta, most = begin
+            return descend(self._misfit, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=most)
+
+        ends = side_by_side(one, begun)
+        for end in ends:
+            self.note(end.history)
+            self.iterations += end.iterations
+        return ends
+
+    def coarse(self, places: Sequence[Floats], knots: Sequence[int], tolerance: float, iterations: int) -> list[Floats]:
+        """Where descents on coarse profiles lead from each place, each profile with more knots than the one before."""
+        parameters, bounds = self._misfit.model.parameters, self._bounds
+        unknowns = parameters.size if self._span is None else self._span.shape[1]
+
+        def one(theta: Floats) -> tuple[Floats, Best, list[Solution]]:
+            seen, found = self.seen.another(), list[Solution]()
+            for count in knots:
+                T = level_matrix(parameters, count, damping=True)
+                if T.shape[1] >= unknowns:
+                    break
+                level = Level(seen, theta, T)
+                found.append(
+                    gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=tolerance, max_iterations=iterations)
+                )
+                theta = np.clip(level.theta(found[-1].theta), bounds[:, 0], bounds[:, 1])
+            return theta, seen, found
+
+        ends = []
+        for theta, seen, found in side_by_side(one, places):
+            ends.append(theta)
+            self.seen.take(seen)
+            for end in found:
+                self.note(end.history)
+                self.iterations += end.iterations
+        return ends
 
     @property
     def best(self) -> int:
@@ -221,23 +260,21 @@ def gauss_newton_by_levels(
         apart = group_levels(misfit, nearest, bounds)
         places = {"the uniform value found by smaller steps": nearest} | places
         places |= {f"levels of the groups, {k + 1}": place for k, place in enumerate(apart)}
-    for at in begun:
-        theta = _coarse(race, misfit, trials[at], bounds, span, knots, (coarse_tolerance, coarse_iterations))
-        race.begin(_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior), theta, few)
-    for description, theta in places.items():
-        race.begin(description, theta, few)
+    texts = [_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior) for at in begun]
+    coarse = race.coarse([trials[at] for at in begun], knots, coarse_tolerance, coarse_iterations)
+    race.begin([*zip(texts, coarse, strict=True), *places.items()], few)
     # A coarse level may pass a valley that its end has left.
     passed, least = race.seen, race.ends[race.best][1].evaluation.total
     if passed.theta is not None and passed.evaluation is not None and not passed.evaluation.total >= (1 - ROUND_OFF) * least:
-        race.begin("the best place seen on the way", passed.theta, few)
+        race.begin([("the best place seen on the way", passed.theta)], few)
     race.halve(0, more)
     found = race.ends[race.best][1]
     if span is None and found.evaluation.misfit_db > unexplained_db:
-        for place in (found.theta, *apart[:1]):
-            race.begin("single values moved by tables", single_values(misfit, place, bounds))
+        moved = side_by_side(lambda place: single_values(misfit, place, bounds), (found.theta, *apart[:1]))
+        race.begin([("single values moved by tables", place) for place in moved])
     if span is not None and more < max_iterations:
         _beside(race, misfit, bounds, span, (few, more), hop_rounds, tolerance)
-    race.go_on(race.best)
+    race.go_on([race.best])
     return race.solution()
 
 
@@ -250,33 +287,15 @@ def _nearest_uniform(race: Race, misfit: Misfit, theta: Floats, bounds: Floats, 
     return min(tried, key=lambda one: one[0] if np.isfinite(one[0]) else np.inf)[1]
 
 
-def _coarse(
-    race: Race, misfit: Misfit, theta: Floats, bounds: Floats, span: Floats | None, knots: Sequence[int], stop: tuple[float, int]
-) -> Floats:
-    """Theta after descents on coarse profiles, each with more knots than the one before."""
-    parameters = misfit.model.parameters
-    unknowns = parameters.size if span is None else span.shape[1]
-    for count in knots:
-        T = level_matrix(parameters, count, damping=True)
-        if T.shape[1] >= unknowns:
-            break
-        level = Level(race.seen, theta, T)
-        coarse = gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=stop[0], max_iterations=stop[1])
-        race.note(coarse.history)
-        race.iterations += coarse.iterations
-        theta = np.clip(level.theta(coarse.theta), bounds[:, 0], bounds[:, 1])
-    return theta
-
-
 def _beside(race: Race, misfit: Misfit, bounds: Floats, span: Floats, limits: tuple[int, int], rounds: int, tolerance: float) -> None:
     """Descents from places beside the best end, see ``hops``, until no round leads lower."""
     few, more = limits
     for _ in range(rounds):
-        race.go_on(race.best)
+        race.go_on([race.best])
         (description, end), before = race.ends[race.best], len(race.ends)
         reached = end.evaluation.total
-        for theta in hops(misfit, end, bounds, span) if np.isfinite(reached) else ():
-            race.begin(f"a hop beside '{description}'", theta, few)
+        beside = hops(misfit, end, bounds, span) if np.isfinite(reached) else []
+        race.begin([(f"a hop beside '{description}'", theta) for theta in beside], few)
         race.halve(before, more)
         if not race.ends[race.best][1].evaluation.total < (1.0 - tolerance) * reached:
             break

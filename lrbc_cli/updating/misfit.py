@@ -39,6 +39,11 @@ class Sensitive(Protocol):
         """See ``FrfModel.sensitivities``."""
 
 
+def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
+    """FRFs of one state, (F, R), or of several, (k, F, R), by a function of one state."""
+    return lambda theta: frf(theta) if theta.ndim == 1 else np.stack([frf(each) for each in theta])
+
+
 @dataclass(frozen=True)
 class FrfModel:
     """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
@@ -67,16 +72,19 @@ class FrfModel:
         return self.values(self.parameters.dynamic(theta, self.s))
 
     def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
-        """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for."""
+        """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for.
+
+        Of one state, (F, R), or of several at once, (k, F, R): those that differ in the same terms are best taken together.
+        """
         if self.ports is None:
-            return self.frf
+            return one_by_one(self.frf)
         P, D = self.parameters, self.parameters.dynamic(theta, self.s)
         there, kappa, c = self.ports.about(D), P.scales(theta), P.spectra(theta, self.s)
 
-        def frf(other: Floats) -> Complexes:
-            now = P.scales(other)
-            terms = np.flatnonzero(now != kappa)
-            return there.among(terms).evaluate(D[:, terms] + c[:, terms] * (now - kappa)[terms])
+        def frf(others: Floats) -> Complexes:
+            now = np.apply_along_axis(P.scales, -1, others)
+            terms = np.flatnonzero((now != kappa).reshape(-1, kappa.size).any(axis=0))
+            return there.among(terms).evaluate(D[:, terms] + c[:, terms] * (now - kappa)[..., None, terms])
 
         return frf
 

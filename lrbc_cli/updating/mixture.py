@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
@@ -187,8 +189,8 @@ class KindScore:
 
     Attributes
     ----------
-    covariance, mean : (b, b) and (b,) float arrays
-        Of the changes given the kinds.
+    loose : (b,) bool array
+        Kinds now; the other figures are those given them.
     """
 
     def __init__(
@@ -208,12 +210,27 @@ class KindScore:
         self._pairs = _Moves(list(neighbours), self._beside)
         self._precision, self._mean = prior.tables(joint)
         self.loose = loose.copy()
-        self._refresh()
+        self._moments: tuple[Floats, Floats] | None = None
+        # A chain comes back to few kinds, again and again.
+        self._flips: dict[bytes, tuple[Floats, Floats, Floats]] = {}
+        self._swaps: dict[bytes, Floats] = {}
 
-    def _refresh(self) -> None:
-        precision, mean = self._prior.of(self.loose, self._beside, self._joint)
-        self.covariance = np.asarray(np.linalg.inv(self._A + np.diag(precision)))
-        self.mean = self.covariance @ (self._b + precision * mean)
+    @property
+    def covariance(self) -> Floats:
+        """(b, b) covariance of the changes."""
+        return self._given_kinds()[0]
+
+    @property
+    def mean(self) -> Floats:
+        """(b,) means of the changes [decades]."""
+        return self._given_kinds()[1]
+
+    def _given_kinds(self) -> tuple[Floats, Floats]:
+        if self._moments is None:
+            precision, mean = self._prior.of(self.loose, self._beside, self._joint)
+            covariance = np.asarray(np.linalg.inv(self._A + np.diag(precision)))
+            self._moments = covariance, covariance @ (self._b + precision * mean)
+        return self._moments
 
     def _outcomes(self, moves: _Moves) -> _Outcome:
         """Changes of low rank: the touched bolts' precisions by D, their slopes by e."""
@@ -227,10 +244,11 @@ class KindScore:
         D = np.where(moves.real, new - old, 0.0)
         e = np.where(moves.real, new * last - old * first, 0.0)
         offset = 0.5 * (np.log(new / old) - new * last**2 + old * first**2) + (after - now) * self._odds[at]
-        C = self.covariance[at[:, :, None], at[:, None, :]]
+        covariance, mean = self._given_kinds()
+        C = covariance[at[:, :, None], at[:, None, :]]
         grown = np.eye(at.shape[1]) + D[:, :, None] * C
         M = np.linalg.solve(grown, D[:, :, None] * np.eye(at.shape[1]))
-        m, moved = self.mean[at], np.einsum("cij,cj->ci", C, e)
+        m, moved = mean[at], np.einsum("cij,cj->ci", C, e)
         Mu = np.einsum("cij,cj->ci", M, m + moved)
         gain = np.where(moves.real, offset, 0.0).sum(axis=1) - 0.5 * np.log(np.linalg.det(grown))
         gain += (e * (m + 0.5 * moved) - 0.5 * (m + moved) * Mu).sum(axis=1)
@@ -240,20 +258,24 @@ class KindScore:
 
     def flips(self) -> tuple[Floats, Floats, Floats]:
         """(b,) log evidence that each single flip adds; (b, 2) mean and standard deviation of each change, if tight and if loose."""
-        other = self._outcomes(self._singles)
-        std, loose = np.sqrt(np.diag(self.covariance)), self.loose
-        means = np.column_stack([np.where(loose, other.mean, self.mean), np.where(loose, self.mean, other.mean)])
-        return other.gain, means, np.column_stack([np.where(loose, other.std, std), np.where(loose, std, other.std)])
+        if (key := self.loose.tobytes()) not in self._flips:
+            other, (covariance, mean), loose = self._outcomes(self._singles), self._given_kinds(), self.loose
+            std = np.sqrt(np.diag(covariance))
+            means = np.column_stack([np.where(loose, other.mean, mean), np.where(loose, mean, other.mean)])
+            self._flips[key] = other.gain, means, np.column_stack([np.where(loose, other.std, std), np.where(loose, std, other.std)])
+        return self._flips[key]
 
     def swaps(self) -> Floats:
         """(p,) log evidence that flips of both of each pair of neighbours add."""
-        return self._outcomes(self._pairs).gain if self._pairs.flips else np.zeros(0)
+        if (key := self.loose.tobytes()) not in self._swaps:
+            self._swaps[key] = self._outcomes(self._pairs).gain if self._pairs.flips else np.zeros(0)
+        return self._swaps[key]
 
     def flip(self, *bolts: int) -> None:
         """Make bolts of the other kind."""
         for i in bolts:
             self.loose[i] = not self.loose[i]
-        self._refresh()
+        self._moments = None
 
 
 def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int, least_gain: float = 0.01) -> None:
@@ -342,6 +364,27 @@ def settle(
     return replace(state, evidence=state.evidence + offset)
 
 
+def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], stop: Stop, begin: tuple[Bools, Floats]) -> State:
+    """The best state on the way from kinds and a start, while the linearisation there promises more by a few flips; see ``best_states``."""
+    kinds, start = begin
+    rounds, moves = limits
+    end: State | None = None
+    seen: set[bytes] = set()
+    for _ in range(rounds):
+        state = settle(problem, prior, kinds, start, stop)
+        if end is None or state.evidence > end.evidence:
+            end = state
+        seen.add(kinds.tobytes())
+        score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
+        # Few moves at a time: a linearisation does not carry far.
+        improve(score, problem.neighbours, moves)
+        if score.loose.tobytes() in seen:
+            break
+        kinds, start = score.loose.copy(), state.z
+    assert end is not None
+    return end
+
+
 def best_states(
     problem: MixtureProblem,
     starts: Sequence[Floats],
@@ -381,24 +424,11 @@ def best_states(
     apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
     begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
     ends: dict[bytes, State] = {}
-    for kinds, start in begun:
-        end: State | None = None
-        seen: set[bytes] = set()
-        for _ in range(rounds):
-            state = settle(problem, prior, kinds, start, search)
-            if end is None or state.evidence > end.evidence:
-                end = state
-            seen.add(kinds.tobytes())
-            score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
-            # Few moves at a time: a linearisation does not carry far.
-            improve(score, problem.neighbours, moves)
-            if score.loose.tobytes() in seen:
-                break
-            kinds, start = score.loose.copy(), state.z
-        assert end is not None
+    for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
         key = end.kinds.tobytes()
         ends[key] = max(end, ends.get(key, end), key=lambda one: one.evidence)
     best = max(ends.values(), key=lambda one: one.evidence)
     found = sorted((end for end in ends.values() if end.evidence > best.evidence - near), key=lambda one: -one.evidence)
     # Told apart by descents of one kind: where errors follow the state, each further one changes the evidence of all.
-    return [replace(settle(problem, prior, end.kinds, end.z, last), evidence=end.evidence) for end in found]
+    settled = side_by_side(lambda end: settle(problem, prior, end.kinds, end.z, last), found)
+    return [replace(state, evidence=end.evidence) for state, end in zip(settled, found, strict=True)]

@@ -7,7 +7,6 @@ it accepted. See ``tests/benchmarks/optimisers.py``.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -123,6 +122,15 @@ class Best:
             self.theta, self.evaluation = theta.copy(), value
         return value
 
+    def another(self) -> Best:
+        """One of the same that has seen nothing."""
+        return Best(self._objective, self._counts)
+
+    def take(self, other: Best) -> None:
+        """What another has seen, as well."""
+        if other.evaluation is not None and (self.evaluation is None or other.evaluation.total < self.evaluation.total):
+            self.theta, self.evaluation = other.theta, other.evaluation
+
 
 class _Recorder:
     def __init__(self, objective: Objective) -> None:
@@ -169,10 +177,10 @@ def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
         free = held == 0
         x[held < 0], x[held > 0] = low[held < 0], high[held > 0]
         if free.any():
-            with warnings.catch_warnings():
-                # An ill-conditioned step is answered by the damping, not by a line on the console.
-                warnings.simplefilter("ignore", la.LinAlgWarning)
-                x[free] = -la.solve(A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free], assume_a="pos")
+            # An ill-conditioned step is answered by the damping, not by a line on the console.
+            own, slope = A[np.ix_(free, free)], gradient[free] + A[np.ix_(free, ~free)] @ x[~free]
+            _, found, failed = la.lapack.dposv(own, slope)
+            x[free] = -(np.linalg.lstsq(own, slope)[0] if failed else found)
         below, above = free & (x < low), free & (x > high)
         slope = gradient + A @ x
         release = ((held < 0) & (slope < 0)) | ((held > 0) & (slope > 0))

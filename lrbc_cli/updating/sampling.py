@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.special import expit, logsumexp
 
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
@@ -73,22 +75,37 @@ def beyond(
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
         found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
-        best = state
-        for i in np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist():
-            z, kinds = state.z.copy(), state.kinds.copy()
-            kinds[i] = not kinds[i]
-            z[problem.bolts[i]] = means[i, 1] if kinds[i] else 0.0
-            other = settle(problem, prior, kinds, z, stop)
-            best = max(best, other, key=lambda one: one.evidence)
-            tight, loose = (state, other) if kinds[i] else (other, state)
-            evidence = loose.evidence
-            if stds[i, 1] > wide and problem.bounds[problem.bolts[i], 0] < -wide:
-                evidence, *found.loose[i] = profile(problem, prior, loose, i, held, float(stds[i, 1]))
-            found.further[i] = evidence - tight.evidence - (gains[i] if kinds[i] else -gains[i])
+        doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
+        widths = np.where((stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide), stds[:, 1], np.nan)
+        joints = [(i, float(means[i, 1]), float(widths[i])) for i in doubted]
+        others = side_by_side(partial(_other_kind, problem, prior, state, (stop, held)), joints)
+        for i, (_, evidence, loose) in zip(doubted, others, strict=True):
+            found.further[i] = evidence - (gains[i] if not state.kinds[i] else -gains[i])
+            found.loose[i] = loose
+        best = max([state, *(other for other, _, _ in others)], key=lambda one: one.evidence)
         if best.evidence <= state.evidence + gain or turn == rounds - 1:
             break
         state = best
     return state, found
+
+
+def _other_kind(
+    problem: MixtureProblem, prior: BoltPrior, state: State, stops: tuple[Stop, Stop], joint: tuple[int, float, float]
+) -> tuple[State, float, tuple[float, float]]:
+    """A joint's state of the other kind, log evidence for loose over tight, and mean and standard deviation of its change if loose.
+
+    Of the joint its index, where its change begins, and the width of its profile; NaN where the linear problem holds.
+    """
+    i, change, width = joint
+    z, kinds = state.z.copy(), state.kinds.copy()
+    kinds[i] = not kinds[i]
+    z[problem.bolts[i]] = change if kinds[i] else 0.0
+    other = settle(problem, prior, kinds, z, stops[0])
+    tight, loose = (state, other) if kinds[i] else (other, state)
+    if np.isnan(width):
+        return other, loose.evidence - tight.evidence, (np.nan, np.nan)
+    evidence, mean, std = profile(problem, prior, loose, i, stops[1], width)
+    return other, evidence - tight.evidence, (mean, std)
 
 
 def profile(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.updating.misfit import FrfModel, Misfit
+from lrbc_cli.updating.misfit import FrfModel, Misfit, one_by_one
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
@@ -73,28 +73,28 @@ class Search:
             z[column] = change
         return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
 
-    def _score(self, frf: Callable[[Floats], Complexes], changes: Changes) -> Combination:
-        if changes not in self._known:
-            self.evaluations += 1
-            value = self._misfit.mean_db(frf(self.theta(changes)))
+    def _scores(self, frf: Callable[[Floats], Complexes], states: Sequence[Changes]) -> list[Combination]:
+        """Those of states that differ at the same bolts."""
+        new = [changes for changes in dict.fromkeys(states) if changes not in self._known]
+        for changes, y in zip(new, frf(np.stack([self.theta(changes) for changes in new])) if new else (), strict=True):
+            value = self._misfit.mean_db(y)
             self._known[changes] = Combination(value if np.isfinite(value) else np.inf, changes)
-        return self._known[changes]
+        self.evaluations += len(new)
+        return [self._known[changes] for changes in states]
 
     def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
         model = self._misfit.model
-        return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else model.frf
+        return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else one_by_one(model.frf)
 
     def start(self) -> Combination:
         """No change at all."""
-        return self._score(self._misfit.model.frf, ())
+        return self._scores(one_by_one(self._misfit.model.frf), [()])[0]
 
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
         frf, own = self._near(state.changes), dict(state.changes)
         for columns in [*((column,) for column in self.columns), *pairs]:
-            for level in (0.0, *self._levels):
-                changed = own | dict.fromkeys(columns, level)
-                yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
+            yield from self._scores(frf, [_changed(own, dict.fromkeys(columns, level)) for level in (0.0, *self._levels)])
 
     def pairs(self, state: Combination, most: int) -> Iterator[Combination]:
         """States that differ at two bolts, each at its own level: of those that singly come nearest, and of those that are changed."""
@@ -105,9 +105,9 @@ class Search:
                 singly[column] = min(found.misfit_db, singly.get(column, np.inf))
         nearest = sorted({*sorted(singly, key=lambda column: (singly[column], column))[:most], *own})
         levels = (0.0, *self._levels)
-        for columns, values in product(combinations(nearest, 2), product(levels, levels)):
-            changed = own | dict(zip(columns, values, strict=True))
-            yield self._score(frf, tuple(sorted((c, v) for c, v in changed.items() if v)))
+        for columns in combinations(nearest, 2):
+            each = product(levels, levels)
+            yield from self._scores(frf, [_changed(own, dict(zip(columns, values, strict=True))) for values in each])
 
 
 def search(
@@ -169,6 +169,10 @@ def search(
     ends = [state for first, last in ways for state in _climb(table, first, last, width, gain)]
     names = {int(column): i for i, column in enumerate(shapes.bolts)}
     return {_describe(state, names): table.theta(state.changes) for state in sorted(ends)[:kept]}, table.evaluations
+
+
+def _changed(own: dict[int, float], other: dict[int, float]) -> Changes:
+    return tuple(sorted((column, value) for column, value in (own | other).items() if value))
 
 
 def _climb(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, FrfModel, Misfit
 from lrbc_cli.updating.optimise import Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
@@ -226,7 +227,7 @@ def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 
     rng = np.random.default_rng(seed)
     std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
     thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
-    order = np.argsort([misfit.sum(theta) for theta in thetas], kind="stable")[:kept]
+    order = np.argsort(side_by_side(misfit.sum, thetas), kind="stable")[:kept]
     return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
 
 

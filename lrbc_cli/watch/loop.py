@@ -268,7 +268,7 @@ class Watch:
             return
         try:
             # Image files are drawn while nobody waits for a verdict.
-            halt = self.wake.due if live else lambda: False
+            halt = self.wake.due if live and figures else lambda: False
             self.session.report(live=live, figures=figures, halt=halt)
             self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:

@@ -88,6 +88,19 @@ def test_files_of_one_channel_each_are_a_job_together(tmp_path: Path, pattern: s
     assert tree["reduction"]["band"] == [20, 89]
 
 
+def test_no_measurement_is_dropped_whose_name_is_taken(tmp_path: Path) -> None:
+    rows = "".join(f"{f},1.5,0.5\n" for f in range(20, 90))
+    names = ["a/state 1.csv", "a/state-1.csv", "b/state_1.csv", "b/state-1.csv", "tight.csv", "tight-2.csv"]
+    for k, name in enumerate(names):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("frequency_hz,acc1_real,acc1_imag\n" + rows.replace("1.5", str(k + 0.25)))
+    (tmp_path / "tight-2 coherence.csv").write_text("frequency_hz,acc1\n" + "".join(f"{f},0.99\n" for f in range(20, 90)))
+    jobs = yaml.safe_load(draft(tmp_path / "new", recognise(tmp_path)).text())["jobs"]
+    assert sorted(job["frf"] for job in jobs.values()) == sorted(f"../{name}" for name in names)
+    assert len({name.lower() for name in jobs}) == len(names)
+    assert {name: job["coherence"] for name, job in jobs.items() if "coherence" in job} == {"tight-2": "../tight-2 coherence.csv"}
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     folder, _ = drafted(files, tmp_path / "new")

@@ -135,7 +135,7 @@ def test_from_end_to_end(fresh: Folder) -> None:
     report = fresh.run("report")
     assert report.code == 0, report.stderr
     page = (fresh.out / "report.html").read_text()
-    assert "The jobs rest on it." in page
+    assert "All jobs use this model." in page
     assert "after calibration" in page
 
     # Without it, the model is as exported, and the jobs run again.

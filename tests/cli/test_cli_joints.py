@@ -53,7 +53,7 @@ def test_values_name_their_bolts(folder: Folder) -> None:
         assert group["bolts"] == list(BOLTS)
         assert group["arc_length"] is None
         assert group["initial"] == [0.0] * 9
-        assert group["unit"] == ""
+        assert group["unit"] == "× nominal"
     rows = list(csv.DictReader((folder.out / "single" / "profile.csv").read_text().splitlines()))
     assert [(row["group"], row["bolt"]) for row in rows] == [(group, name) for group in GROUPS for name in BOLTS]
 

@@ -538,6 +538,28 @@ def test_an_all_clear(frame: Folder) -> None:
     assert folder.run("update").code == 0
 
 
+def test_measurements_that_nobody_took_are_no_all_clear(frame: Folder) -> None:
+    """A file copied under the name of another state, and a folder that is out of reach: neither shows that the bolts are tight."""
+    folder = with_a_tight_job(frame)
+    shutil.copy(folder.data / "frf" / "again.csv", folder.data / "frf" / "later.csv")
+    tree = folder.tree()
+    tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
+    folder.write(tree)
+    told = folder.run("update", "--fail-on-loose", "--json")
+    assert (told.code, list(told.json["not_clear"])) == (7, ["again", "later"])
+    assert "job later: the measurement of again once more; was another file meant?" in folder.run("update").stderr
+    assert folder.run("update", "--fail-on-loose", "--job", "again").code == 0
+
+    del tree["jobs"]["later"]
+    folder.write(tree | {"watch": {"folder": "measured"}})
+    told = folder.run("update", "--fail-on-loose", "--json")
+    assert told.code == 7
+    assert told.json["not_clear"] == {"": [f"{folder.path / 'measured'}, the watched folder, is not there"]}
+    assert "measured, the watched folder, is not there" in folder.run("update").stderr
+    (folder.path / "measured").mkdir()
+    assert folder.run("update", "--fail-on-loose").code == 0
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [

@@ -193,6 +193,17 @@ def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> Non
     assert "the campaign file has to name the folder" in found.stderr
 
 
+def test_a_folder_out_of_reach_is_no_all_clear(begun: Folder, tmp_path: Path) -> None:
+    folder = begun.copy(tmp_path / "new")
+    measure_again(folder.path / "waiting" / "tight.csv", folder.data / "frf" / "again.csv")
+    assert folder.run("watch", "--once", "--fail-on-loose").code == 0
+    tree = folder.tree()
+    tree["jobs"] = {name: {"frf": f"kept/{name}.csv"} for name in ("tight", "again")}
+    folder.write(tree)
+    (folder.data / "frf").rename(folder.path / "kept")
+    assert folder.run("watch", "--once", "--fail-on-loose").code == 7
+
+
 def test_wrong_calls(begun: Folder) -> None:
     assert "needs --once" in begun.run("watch", "--fail-on-loose").stderr
     none = begun.run("watch", "--hook", "no-such-program-anywhere --flag")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 from derivatives import check_derivative
@@ -9,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
-import lrbc_cli.reduction.ports as ports_module
-from lrbc_cli.reduction.ports import in_chunks, port_frf
+from lrbc_cli.reduction import threads
+from lrbc_cli.reduction.ports import port_frf
+from lrbc_cli.reduction.threads import in_chunks, in_turn, side_by_side, solved
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
 
@@ -322,13 +326,50 @@ class TestThreads:
         rng = np.random.default_rng(0)
         A, B = (rng.normal(size=(41, 9, k)) + 1j * rng.normal(size=(41, 9, k)) for k in (9, 3))
         expected = np.linalg.solve(A, B)
-        monkeypatch.setattr(ports_module, "THREADED", 0.0)
-        np.testing.assert_array_equal(ports_module.solved(A, B), expected)
+        monkeypatch.setattr(threads, "THREADED", 0.0)
+        np.testing.assert_array_equal(solved(A, B), expected)
 
     @pytest.mark.parametrize("line", [0, 40])
     def test_a_singular_line_is_told(self, line: int, monkeypatch: pytest.MonkeyPatch) -> None:
         A = np.tile(np.eye(5, dtype=complex), (41, 1, 1))
         A[line] = 0.0
-        monkeypatch.setattr(ports_module, "THREADED", 0.0)
+        monkeypatch.setattr(threads, "THREADED", 0.0)
         with pytest.raises(np.linalg.LinAlgError):
-            ports_module.solved(A, np.ones((41, 5, 1), dtype=complex))
+            solved(A, np.ones((41, 5, 1), dtype=complex))
+
+    def test_pieces_of_work_side_by_side(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(threads, "THREADED", 0.0)
+        rng = np.random.default_rng(1)
+        A = rng.normal(size=(7, 40, 6, 6)) + 0j
+        expected = np.linalg.solve(A, np.ones((7, 40, 6, 1)))
+        begun = threading.active_count()
+
+        def work(k: int) -> tuple[np.ndarray, int]:
+            with np.errstate(divide="raise"):
+                return solved(A[k], np.ones((40, 6, 1), dtype=complex)), threading.active_count()
+
+        found = side_by_side(work, range(7))
+        np.testing.assert_array_equal([x for x, _ in found], expected)
+        # What one of them solves does not begin threads of its own.
+        assert max(count for _, count in found) <= begun + 2
+
+    def test_the_caller_sets_what_is_an_error(self) -> None:
+        with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
+            side_by_side(lambda value: np.float64(1.0) / value, [np.float64(0.0)] * 3)
+
+    def test_a_failure_ends_what_has_not_begun(self) -> None:
+        done = []
+
+        def work(k: int) -> None:
+            done.append(k)
+            if k == 0:
+                raise KeyboardInterrupt
+            time.sleep(0.05)
+
+        with pytest.raises(KeyboardInterrupt):
+            side_by_side(work, range(100))
+        assert len(done) < 10
+
+    def test_in_turn_nothing_is_side_by_side(self) -> None:
+        with in_turn():
+            assert len(set(side_by_side(lambda _: threading.get_ident(), range(5)))) == 1

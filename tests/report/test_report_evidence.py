@@ -487,7 +487,7 @@ def test_the_page_shows_it_all(rich):
     for words in (
         "bolts-12: the model does not explain the measurement: no verdict", "NOT passed", "sound speed [%]",
         "−0.21 ± 0.03", "gain [dB]", "mic02: values on 300 of 381 lines only", "0.42 → 0.83", "13 → 15 of 15", "FDAC, initial and updated",
-        "stiffness.structure", "1.0105 … 1.0137", "open … 0.067", "undetermined", "3.31", "key 5e1b70aa", "The jobs rest on it",
+        "stiffness.structure", "1.0105 … 1.0137", "open … 0.067", "undetermined", "3.31", "key 5e1b70aa", "All jobs use this model",
         "after calibration", "Peaks of the mean spectrum",
     ):  # fmt: skip
         assert words in text, words
@@ -529,8 +529,8 @@ def test_names_in_new_places_cannot_become_markup(tmp_path):
     assert not parsed(tmp_path).all("img")
 
 
-@pytest.mark.parametrize(("value", "text"), [(0.0, "0"), (0.002, "<1"), (0.5, "50"), (0.994, "99"), (0.9999, ">99"), (1.0, "100")])
-def test_only_certainty_is_written_as_certain(value, text):
+@pytest.mark.parametrize(("value", "text"), [(0.0, "<1"), (0.002, "<1"), (0.5, "50"), (0.994, "99"), (0.9999, ">99"), (1.0, ">99")])
+def test_no_probability_is_written_as_certain(value, text):
     assert fmt.percent(value) == text
 
 

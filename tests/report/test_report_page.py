@@ -318,6 +318,29 @@ def test_each_job_has_a_part_that_its_name_leads_to(finished):
         assert 'data-name="coherence"' in article
 
 
+def test_the_rows_of_the_strip_keep_their_labels(finished):
+    """The labels are a drawing of their own, which stays where it is while that of the cells is scrolled."""
+    page = (finished / "report.html").read_text(encoding="utf-8")
+    names, cells = re.findall(r"<svg .*?</svg>", page.split('class="rows"')[1].split("</div>")[0], re.S)
+    jobs = ["bolts-00", "bolts-04", "bolts-15"]
+    assert re.findall(r">([\w-]+)</text>", names) == jobs
+    assert not set(re.findall(r">([\w-]+)</text>", cells)) & {*jobs}
+    assert cells.count("<title>") == 3 * 17
+    heights = [re.search(r'viewBox="\d+ 0 \d+ (\d+)"', drawing).group(1) for drawing in (names, cells)]
+    assert heights[0] == heights[1]
+    assert re.search(r"\.rows svg:first-child \{[^}]*position: sticky", page)
+
+
+def test_every_link_leads_somewhere(finished):
+    page = parsed(finished)
+    places = {entry["id"] for _, entry in page.elements if "id" in entry}
+    links = [str(entry["href"]) for entry in page.all("a")]
+    assert {link[1:] for link in links if link.startswith("#")} <= places
+    files = {unquote(link) for link in links if not link.startswith("#")}
+    assert {file for file in files if not (finished / file).is_file()} == set()
+    assert {"bolts-04/profile.png", "bolts-04/profile.csv", "bolts-04/frf.csv", "verdicts.png", "campaign.csv"} <= files
+
+
 def test_a_page_of_seven_jobs_is_no_large_mail(tmp_path, monkeypatch):
     monkeypatch.setattr(write, "_draw_all", lambda tasks, workers, halt, say: (0, 0))
     write_campaign(tmp_path, evidence=True, coherence=True, calibration=True)

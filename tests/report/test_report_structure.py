@@ -93,6 +93,11 @@ def test_every_job_has_its_picture_and_the_page_a_chooser(output: Path) -> None:
     assert job.names("loose")
     assert scene["jobs"][1]["text"].startswith("bolts-04: ")
     assert scene["marks"][1][0] == "acc</script>"
+    # Nearer, the structure is in the middle of the picture: not that of all that is placed on it.
+    middle = 0.5 * (np.array(scene["nodes"]).reshape(-1, 3).min(axis=0) + np.array(scene["nodes"]).reshape(-1, 3).max(axis=0))
+    np.testing.assert_allclose(scene["middle"], middle, atol=1.0)
+    assert scene["middle"][2] != 0
+    assert 'href="bolts-04/structure.png"' in (output / "report.html").read_text(encoding="utf-8")
 
 
 def with_shapes(output: Path, name: str, nodes: int = 30) -> ShapesRecord:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lrbc_cli.updating.clearance import BoltFinding, JobFinding, not_clear, open_points, sentence
+from lrbc_cli.updating.clearance import BoltFinding, JobFinding, not_clear, once_more, open_points, sentence
 
 
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
@@ -48,6 +48,16 @@ def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
     assert list(found) == ["other"]
     assert words in " ".join(found["other"])
     assert open_points(other) == found["other"]
+
+
+def test_one_measurement_under_two_names_shows_one_state() -> None:
+    once, again = job("tttttt", measurement="a"), job("tttttt", measurement="a")
+    jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement="b"), "unknown": job("tttttt")}
+    assert not_clear(jobs) == {name: [text] for name, text in once_more(jobs).items()}
+    assert list(not_clear(jobs)) == ["after", "later"]
+    assert once_more(jobs)["after"].startswith("the measurement of later once more")
+    # That of the reference job is told where it is identified: its numbers validate nothing.
+    assert once_more({"tight": replace(REFERENCE, measurement="a"), "after": once}) == {}
 
 
 @pytest.mark.parametrize("jobs", [{}, {"tight": REFERENCE}, {"tight": REFERENCE, "again": job("tttttt", assumed="baseline")}])

@@ -99,6 +99,8 @@ def test_tables_are_what_full_evaluations_give() -> None:
     np.testing.assert_allclose(frf(other), misfit.model.frf(other), rtol=1e-9)
     np.testing.assert_allclose(frf(truth), misfit.model.frf(truth), rtol=1e-9)
     assert misfit.sum(other, frf) == pytest.approx(misfit.sum(other), rel=1e-9)
+    several = np.stack([other, truth])
+    np.testing.assert_allclose(frf(several), [misfit.model.frf(theta) for theta in several], rtol=1e-9)
 
 
 def test_hops_pass_the_ridge_between_two_valleys() -> None:

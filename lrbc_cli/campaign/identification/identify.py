@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.reduction.ports import single_threaded
+from lrbc_cli.reduction.threads import in_turn, single_threaded
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
@@ -342,7 +344,9 @@ class _Job:
     def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
         pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
-        return open_values(self.parameters, pitch, fit.plain.data_sum, fit.solution.theta, fit.knowledge.noise.variance)
+        frf = self.model.nearby(fit.solution.theta)
+        data = partial(fit.plain.data_sum, frf=frf)
+        return open_values(self.parameters, pitch, data, fit.solution.theta, fit.knowledge.noise.variance)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
@@ -389,7 +393,8 @@ def identify(
     NumericalError
         Where the optimisation fails.
     """
-    with single_threaded():
+    # Factorisations of the full model have threads of their own.
+    with single_threaded(), nullcontext() if source.stage is not None else in_turn():
         return _identify(inputs, source, name, reference, measurements or {})
 
 

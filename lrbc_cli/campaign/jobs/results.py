@@ -38,9 +38,10 @@ JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", 
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
-    """Unit of the identified values, where the component tells; bushings have none: their values are ratios to the nominal ones."""
-    select = group.config.select
-    component = select.component or "" if select.bushings is None else ""
+    """Unit of the identified values, where the component tells; those of bushings are ratios to the nominal ones."""
+    if group.config.select.bushings is not None:
+        return "× nominal"
+    component = group.config.select.component or ""
     base = {"stiffness": ("N m/rad", "N/m"), "damping": ("N m s/rad", "N s/m"), "mass": ("kg m²", "kg")}[group.config.kind]
     if component.startswith("ROT"):
         return base[0]

@@ -58,11 +58,8 @@ def seconds(value: float | None) -> str:
 
 
 def percent(value: float) -> str:
-    """Write a probability in per cent without the sign; what is not certain is never written as 0 or 100."""
-    whole = round(100.0 * value)
-    if whole == 0 and value > 0.0:
-        return "<1"
-    return ">99" if whole == 100 and value < 1.0 else str(whole)
+    """Write a probability in per cent without the sign, never as 0 or 100: what rounds to certainty is none."""
+    return {0: "<1", 100: ">99"}.get(whole := round(100.0 * value), str(whole))
 
 
 def probability(value: float | None) -> str:

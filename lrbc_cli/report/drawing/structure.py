@@ -56,6 +56,8 @@ class Scene:
         The two coordinates of a plan view; empty of a view in space.
     low, high : (3,) float arrays
         Corners of the box around the structure and what is placed on it, and around the air of a view in space [m].
+    middle : (3,) float array
+        Of the structure alone [m].
     segments : mapping of str to (k, 2, 3) float arrays
         Lines by role.
     dots : mapping of str to (n, 3) float arrays
@@ -70,6 +72,7 @@ class Scene:
     plane: str
     low: Floats
     high: Floats
+    middle: Floats
     segments: Mapping[str, Floats]
     dots: Mapping[str, Floats]
     marks: tuple[tuple[str, DrawnPoint], ...]
@@ -121,6 +124,7 @@ def scene_of(record: StructureRecord) -> Scene:
         plane=plane,
         low=low,
         high=high,
+        middle=0.5 * (solid.min(axis=0) + solid.max(axis=0)),
         segments={role: np.concatenate(parts) for role, parts in segments.items() if sum(map(len, parts))},
         dots={role: np.concatenate(parts) for role, parts in dots.items() if sum(map(len, parts))},
         marks=tuple(marks),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import pickle
+from collections.abc import Iterable
 from html import escape
 
 import numpy as np
@@ -18,16 +21,41 @@ _SCALE = 10.0
 #: Height of letters in pixels, at least.
 _LEAST = 9.05
 
+#: Charts that were drawn, by a digest: whoever watches a campaign writes its page again for each new job. So many are kept.
+_drawn: dict[bytes, Markup] = {}
+_MOST = 2000
+
 
 def svg(chart: Chart) -> Markup:
     """Return the chart as one ``svg`` element with its alternative text."""
-    drawing = lay_out(chart, header=False)
-    return _element(drawing, label=chart.alt)
+    key = hashlib.sha256(pickle.dumps(chart)).digest()
+    if key not in _drawn:
+        if len(_drawn) >= _MOST:
+            _drawn.clear()
+        _drawn[key] = _element(lay_out(chart, header=False), label=chart.alt)
+    return _drawn[key]
 
 
 def drawn(chart: Chart, files: Markup | None = None, *, title: str | None = None, **attributes: str | bool | None) -> Markup:
     """Return the chart as a figure under its title, or another one."""
     return figure(svg(chart), title or chart.title, chart.subtitle, files, **attributes)
+
+
+def with_rows(chart: Chart) -> Markup:
+    """Return the chart as two drawings side by side: the labels of its rows can stay where they are while the rest is scrolled."""
+    drawing = lay_out(chart, header=False)
+    rows = [shape for shape in drawing.around if isinstance(shape, Text) and shape.anchor == "end"]
+    rest = tuple(shape for shape in drawing.around if not (isinstance(shape, Text) and shape.anchor == "end"))
+    left, width, height = (round(size * _SCALE) for size in (chart.left, drawing.width, drawing.height))
+    labels = Markup("".join(map(markup_of, rows)))
+    return tag(
+        "div",
+        tag("svg", labels, viewBox=f"0 0 {left} {height}", aria_hidden="true", style=f"flex:{left} 0 0"),
+        tag("svg", _body(rest, drawing.frames), viewBox=f"{left} 0 {width - left} {height}", role="img", aria_label=chart.alt,
+            style=f"flex:{width - left} 0 0"),
+        class_="rows",
+        style=f"min-width:{least_width(drawing):.0f}px",
+    )  # fmt: skip
 
 
 def least_width(drawing: Drawing) -> float:
@@ -53,9 +81,19 @@ def legend(chart: Chart) -> Markup:
 
 
 def _element(drawing: Drawing, label: str) -> Markup:
-    body = "".join(markup_of(shape) for shape in drawing.around) + "".join(_frame(frame) for frame in drawing.frames)
     box = f"0 0 {drawing.width * _SCALE:.0f} {drawing.height * _SCALE:.0f}"
-    return tag("svg", Markup(body), viewBox=box, role="img", aria_label=label, style=f"min-width:{least_width(drawing):.0f}px")
+    return tag(
+        "svg",
+        _body(drawing.around, drawing.frames),
+        viewBox=box,
+        role="img",
+        aria_label=label,
+        style=f"min-width:{least_width(drawing):.0f}px",
+    )
+
+
+def _body(around: Iterable[Shape], frames: Iterable[Frame]) -> Markup:
+    return Markup("".join(map(markup_of, around)) + "".join(map(_frame, frames)))
 
 
 def _frame(frame: Frame) -> str:
@@ -101,15 +139,19 @@ def markup_of(shape: Shape) -> str:
 
 def path(points: Floats) -> str:
     """Return SVG path data: absolute starts, relative steps, a new start after every NaN."""
+    if len(points) == 2 and np.isfinite(points).all():
+        # Most lines are those of axes.
+        x, y, end_x, end_y = (round(value * _SCALE) for value in points.ravel().tolist())
+        return f"M{x} {y}l{end_x - x} {end_y - y}".replace(" -", "-")
     whole = np.asarray(np.isfinite(points).all(axis=1))
     rounded = np.rint(np.where(whole[:, None], points, 0.0) * _SCALE).astype(int)
+    steps = np.diff(rounded, axis=0).ravel().tolist()
     starts = np.flatnonzero(whole & ~np.concatenate([[False], whole[:-1]]))
     ends = np.flatnonzero(whole & ~np.concatenate([whole[1:], [False]])) + 1
     parts = []
-    for start, end in zip(starts, ends, strict=True):
-        piece = rounded[start:end]
-        steps = np.diff(piece, axis=0).tolist()
-        parts.append(f"M{piece[0, 0]} {piece[0, 1]}" + ("l" + " ".join(f"{dx} {dy}" for dx, dy in steps) if steps else "h0"))
+    for start, end, (x, y) in zip(starts.tolist(), ends.tolist(), rounded[starts].tolist(), strict=True):
+        way = " ".join(map(str, steps[2 * start : 2 * (end - 1)]))
+        parts.append(f"M{x} {y}" + (f"l{way}" if way else "h0"))
     return "".join(parts).replace(" -", "-")
 
 

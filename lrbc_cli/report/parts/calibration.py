@@ -7,7 +7,7 @@ import math
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.svg import drawn, legend
-from lrbc_cli.report.html import Cell, Markup, details, table, tag
+from lrbc_cli.report.html import Cell, Markup, beside, details, table, tag
 from lrbc_cli.report.parts.figures import overlay_chart
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord
 from lrbc_cli.results.tables import Frf
@@ -35,11 +35,11 @@ def calibration_charts(calibration: CalibrationRecord, frf: Frf | None, campaign
 def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign: CampaignRecord) -> list[Markup | None]:
     """Return the parts of the section: factors, misfit, FRFs, rounds, provenance."""
     state = (
-        "The jobs rest on it."
+        "All jobs use this model."
         if serves(calibration, campaign)
         else "It is NOT used by the jobs of this report: its hash does not fit them, or it was left out on purpose."
     )
-    boundary = ", the boundary held at its start values" if calibration.boundary_held else ", the boundary beside them"
+    boundary = ", with the boundary held at its start values" if calibration.boundary_held else " together with the boundary stiffness"
     text = (
         f"Global factors of the reference model, identified from job {calibration.job}{boundary}. {state} "
         "They absorb errors of the model as well, so they need not be the true values of the materials."
@@ -55,7 +55,7 @@ def calibration_parts(calibration: CalibrationRecord, frf: Frf | None, campaign:
         _misfits(calibration),
     ]
     if charts:
-        parts.append(legend(charts[0]))
+        parts += [legend(charts[0]), tag("p", beside(("", calibration.frf), text="CSV of these FRFs"), class_="files")]
     parts.append(tag("div", *first, class_="grid pairs") if first else None)
     parts.append(details(f"Validation channels ({len(rest)})", tag("div", *rest, class_="grid pairs")) if rest else None)
     parts += [_rounds(calibration), tag("p", _provenance(calibration), class_="meta")]

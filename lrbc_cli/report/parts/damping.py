@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,8 +53,9 @@ def damping_chart(jobs: Sequence[JobRecord], *, paper: bool) -> Chart | None:
     low, high = span_of([item.y for item in items if isinstance(item, Curve | Marks) and item.y is not None])
     most = max(float(np.nanmax(item.x)) for item in items if isinstance(item, Curve | Marks))
     margin = 0.06 * (high - low) or 0.5
+    counts = linear_axis("bolts known to be removed", -0.5, most + 0.5, 9)
     panel = Panel(
-        linear_axis("bolts known to be removed", -0.5, most + 0.5, 9),
+        replace(counts, ticks=tuple(tick for tick in counts.ticks if tick[0].is_integer())),
         linear_axis("damping exponent", low - margin, high + margin, 6),
         tuple(items),
     )

@@ -37,7 +37,7 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
             [
                 job.job,
                 outcome,
-                fmt.MISSING if check is None else check.reason or fmt.MISSING,
+                Cell(fmt.MISSING if check is None else check.reason or fmt.MISSING, class_="words"),
                 fmt.fixed(None if check is None else check.held_out_db),
                 fmt.fixed(None if check is None else check.limit_db),
                 fmt.fixed(noise.sigma_db),

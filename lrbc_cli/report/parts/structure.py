@@ -161,6 +161,7 @@ def _data(
         "camera": [scene.camera.azimuth, scene.camera.elevation],
         "low": whole(scene.low),
         "high": whole(scene.high),
+        "middle": whole(scene.middle),
         "nodes": whole(np.concatenate([np.zeros((0, 3)), *(field.xyz for field in solid)])),
         "ends": [end for field in solid for end in field.lines],
         "lines": [[role, whole(lines)] for _, role, lines in layers(scene) if role != "mesh"],

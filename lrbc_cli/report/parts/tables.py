@@ -332,7 +332,7 @@ def cost_table(jobs: Sequence[Job], reduction: ReductionRecord | None, *, paper:
 
     time("One frequency line, full model", line, PAPER["full_line"])
     time("One frequency line, reduced model", spent.get("reduced_line"), PAPER["reduced_line"])
-    time("One frequency line, port formula", spent.get("port_line"))
+    time("One frequency line, interface FRFs", spent.get("port_line"))
     time("Calculation of the reduced basis", spent.get("basis"), PAPER["basis"])
     time("Projection", spent.get("projection"), PAPER["projection"])
     time("Verification: measured error", spent.get("certificate"))

@@ -74,8 +74,9 @@ def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | No
     pictures = [made for _, made in frfs if made is not None]
     left = [entry for entry, made in frfs if made is None]
     richest = max((entry.chart for entry, _ in frfs), key=lambda chart: len(chart.legend()), default=None)
-    shapes = [beside((name, "shapes.png"), text="deflection shapes")] if name in content.shapes else []
-    links = join([beside((name, "result.json")), *shapes, back], " · ")
+    pictured = [beside((name, "structure.png"), text="picture of the structure")] if content.structure is not None else []
+    pictured += [beside((name, "shapes.png"), text="deflection shapes")] if name in content.shapes else []
+    links = join([beside((name, "result.json")), *pictured, back], " · ")
     return tag(
         "article",
         heading,

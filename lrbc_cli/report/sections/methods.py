@@ -6,7 +6,7 @@ from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, tag
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.report.parts.tables import names_of
+from lrbc_cli.report.parts.tables import ranges
 
 CITATION = (
     "S. van Ophem, A. van de Walle, E. Deckers, W. Desmet, Efficient vibro-acoustic identification of boundary conditions by low-rank "
@@ -47,7 +47,7 @@ def _measured(content: Content) -> str:
     states = len(content.jobs)
     # What the data are is quoted along with what was done to them.
     text = f"{said.rstrip('.')}. " if (said := content.campaign.description.strip()) else ""
-    text += f"FRFs are of {states} state{'' if states == 1 else 's'} of the structure ({names_of([job.job for job in content.jobs])})"
+    text += f"FRFs are of {states} state{'' if states == 1 else 's'} of the structure ({ranges([job.job for job in content.jobs])})"
     text += f" at {len(content.campaign.responses)} responses, of which {len(used)} were used for updating"
     text += f" and {len(unseen)} served as validation channels." if unseen else "."
     return text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lrbc_cli.report.content import Content
-from lrbc_cli.report.drawing.svg import legend, own_size, svg
+from lrbc_cli.report.drawing.svg import legend, own_size, with_rows
 from lrbc_cli.report.html import Markup, beside, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.remarks import UNEXPLAINED, UNVALIDATED
@@ -26,8 +26,9 @@ def verdict_parts(content: Content) -> list[Markup | None]:
         hits = tables.hits(done)
         # The picture keeps the size of its letters: it is as wide as its bolts need.
         drawing = tag(
-            "div", svg(content.strip), class_="plot strip", style=own_size(content.strip), tabindex="0", role="group", aria_label="Verdicts"
-        )
+            "div", with_rows(content.strip), class_="plot strip", style=own_size(content.strip), tabindex="0", role="group",
+            aria_label="Verdicts",
+        )  # fmt: skip
         bolts = [bolt for job in done for bolt in job.bolts]
         text = "Each row is a job, each cell a bolt: ✕ judged loose, ? inconclusive, a dot judged tight"
         text += f", {tables.NOT_COVERED} not covered by the identified terms" if any(bolt.outside for bolt in bolts) else ""
