@@ -24,10 +24,10 @@ from lrbc_cli.updating.places import Edge, Joints, spots
 PENALTY = 1e30
 
 #: DOFs below which, and share of all entries above which, it cannot be told: everything is everything's neighbour.
-LEAST_DOFS, MOST_FILLED = 60, 0.3
+LEAST_DOFS, MOST_FILLED = 100, 0.3
 
 #: DOFs that a matrix connects are next to each other: their median distance over that of any two, from which they are not.
-FAR = 0.6
+FAR = 0.8
 
 #: A rigid translation meets no force but at supports: share of rows without any, in an order that is wrong, and in the right one.
 FEW, MANY = 0.05, 0.3
