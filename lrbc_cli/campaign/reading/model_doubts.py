@@ -123,14 +123,15 @@ def order_doubt(K: sp.csc_array, dofs: DofTable) -> str | None:
                 f"the rows of the matrices go {text}, it seems, not as the DOF table does: a rigid translation would meet forces at "
                 f"{1 - own:.0%} of all DOFs; sort the DOF table so, and number its column dof anew from 0"
             )
-    entries = K.tocoo()
-    apart = _distances(dofs.xyz, entries.row, entries.col)
-    other = np.random.default_rng(0).integers(n, size=(2, 4096))
+    # What an FE program adds by itself lies anywhere.
+    given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
+    entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
+    apart = _distances(xyz, entries.row, entries.col)
     # DOFs of one node tell nothing.
-    apart, usual = apart[apart > 0.0], float(np.median(_distances(dofs.xyz, *other)))
+    apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
     if not apart.size or (near := float(np.median(apart))) < FAR * usual:
         return None
-    places = np.unique(dofs.xyz, axis=0)
+    places = np.unique(xyz, axis=0)
     spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
     return (
         f"the stiffness connects DOFs that lie {near:.3g} m apart, as far as any two of the model, where nodes are {spacing:.3g} m "
