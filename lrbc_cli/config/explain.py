@@ -177,7 +177,8 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
     hint = suggestion(key, known)
     elsewhere = [path for path in key_paths(model) if path.rsplit(".", 1)[-1] == key]
     if elsewhere and (hint is None or len(elsewhere) == 1):
-        hint = f"it is known as {' and '.join(elsewhere[:3])}"
+        known_as = f"it is known as {' and '.join(elsewhere[:3])}"
+        hint = known_as if hint is None else f"{hint} Else {known_as}"
     return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")
 
 

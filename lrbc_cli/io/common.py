@@ -39,7 +39,9 @@ def require_file(path: Path) -> int:
         if not path.exists():
             raise DataError("the file does not exist", file=path, hint=_other_path(path))
         if not path.is_file():
-            raise DataError("this is not a file", file=path, expected="a file", found="a folder" if path.is_dir() else "something else")
+            hint = "name a file in it, or several as a list [first, second]" if path.is_dir() else None
+            found = "a folder" if path.is_dir() else "something else"
+            raise DataError("this is not a file", file=path, expected="a file", found=found, hint=hint)
         with path.open("rb") as stream:
             stream.read(1)
         size = path.stat().st_size

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from campaigns import Folder, Result, lrbc
 from campaigns import frame as make_frame
 from campaigns import plate as make_plate
@@ -134,6 +135,21 @@ def decimal_commas(content: str) -> str:
     return "\n".join([head, *(",".join(f"{float(cell):.6f}".replace(".", ",") for cell in row.split(",")) for row in rows)]) + "\n"
 
 
+def german(content: str) -> str:
+    return content.replace(",", ";").replace(".", ",")
+
+
+def grams(folder: Folder) -> None:
+    """The mass matrix in g, all else in SI."""
+    path = folder.data / "model" / "mass.mtx.gz"
+    scipy.io.mmwrite(folder.data / "model" / "grams.mtx", 1e3 * scipy.io.mmread(path, spmatrix=False), symmetry="symmetric", precision=17)
+    folder.replace("mass.mtx.gz", "grams.mtx")
+
+
+def conjugate(rows: np.ndarray) -> np.ndarray:
+    return rows * np.where(np.isin(np.arange(rows.shape[1]), range(2, 9, 2)), -1.0, 1.0)
+
+
 def exchanged(rows: np.ndarray) -> np.ndarray:
     return rows[:, [0, 3, 4, 1, 2, *range(5, 9)]]
 
@@ -156,11 +172,13 @@ class Mistake:
 
 
 K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
+ACC1 = ", quantity: acceleration}\n  acc2"
 UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
 LOOSE = "frf: data/frf/loose-2.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "model in other units",
     "DOF table component by component",
     "DOF table in no order",
     "loss factor in per cent",
@@ -315,6 +333,15 @@ MISTAKES = [
         "left_edge and again hold the same 10 terms",
         "take them out of one",
     ),
+    Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
+    Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "name one matrix", "name its own file"),
+    Mistake("model in other units", "frame", grams, 0, "have little in common", "check the mass sum"),
+    Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "run the other way", "conjugate the FRF file"),
+    Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "likely acceleration", "responses.acc1.quantity: acceleration"),
+    Mistake("table of a German office", "frame", text("model/bolts.csv", german), 3, "'-0,01'", "with decimal points"),
+    Mistake("band reversed", "frame", config(("[30.0, 500.0]", "[500.0, 30.0]")), 2, "a range that is empty", "write [30, 500]"),
+    Mistake("a folder", "frame", config((LOOSE, "frf: data/frf")), 3, "a folder", "name a file in it"),
+    Mistake("singular", "frame", config(("\njobs:", "\njob:")), 2, "'job'", "did you mean 'jobs'?"),
     Mistake("no logarithm", "frame", config(("initial: 6.5", "initial: 3.2e6")), 2, "left_edge.initial", "write 6.51"),
     Mistake("no logarithms", "frame", config(("bounds: [2.0, 8.0]", "bounds: [1e2, 1e9]")), 2, "left_edge.bounds", "write 2 for 100"),
     Mistake("terms in mm", "frame", numbers("model/edge.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),

@@ -31,6 +31,9 @@ LEAST_BAND = 0.8
 #: What may be left of the misfit at start values where a factor is taken out [dB].
 MOST_LEFT = 6.0
 
+#: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
+UNLIKE = 6.0
+
 #: Predicted seconds up to which a reduced model is built for this where none is in the cache, and its tolerance.
 MOST_SECONDS, COARSE = 3.0, 3e-2
 
@@ -105,6 +108,14 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
             f"{one} and {two} in each other's place, it seems: each fits the model's FRF of the other: exchange the places of "
             f"responses.{one} and responses.{two}, or jobs.{name}.records: {{{one}: {two}, {two}: {one}}}"
         )
+    if not told and name == inputs.campaign.update.reference:
+        apart = [_apart(few.values[:, i], model[:, i]) for i in inputs.used]
+        if float(np.median(apart)) > UNLIKE:
+            told["unlike",] = (
+                f"measured and computed FRFs have little in common, it seems: {min(apart):.1f} to {max(apart):.1f} dB apart at the start "
+                "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
+                "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
+            )
     return told
 
 

@@ -177,6 +177,11 @@ class _Reader(GroupReader):
             else:
                 dof, text = self.pick(point, "excitation", name)
                 self.notes.append(f"excitation {name}: {text}")
+                if (point.component or "").startswith("ROT"):
+                    self.warn(
+                        f"excitation.{name} acts about an axis ({point.component}): a moment, which no hammer gives; write a translation, "
+                        "such as UZ, where it is a force"
+                    )
                 columns.append(unit_columns([dof], self.n, point.scale))
                 points.append(self.point(dof))
             if moving:
