@@ -234,7 +234,8 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
-    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete?"
+    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete? "
+    warning += "Else end the band where it was measured: reduction.band: [20, 204]"
     assert measured(box).warnings == (warning,)
     assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
     assert warning in box.run("check").stdout
@@ -254,7 +255,8 @@ def test_lines_that_differ_are_named() -> None:
 
 def test_a_response_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:150], values=r.values[:150]) if r.name == "mic2" else r)
-    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete?"
+    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete? "
+    warning += "Else measure it again, or take the response out"
     assert measured(box).warnings == (warning,)
     # A validation channel, too, tests only what it holds.
     assert measured(box, "update.responses=[mic1, acc1]").warnings == (warning,)
