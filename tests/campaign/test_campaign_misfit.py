@@ -203,7 +203,7 @@ def test_l_curve_with_bfgs(frame: Folder) -> None:
 
 def test_starts_are_listed(frame: Folder) -> None:
     starts = frame.result("loose-2")["optimiser"]["starts"]
-    # Two basins of a uniform change, the nearest states of the tables of changes, draws, and where the best of them leads without some values.
+    # Two basins of a uniform change, the nearest states of the tables, draws, and where the best of them leads without some values.
     described = [start["description"] for start in starts]
     assert sum(text.startswith("table of changes: bolt") for text in described) == 2
     assert sum(text.startswith("changes drawn from the prior") for text in described) == 3
