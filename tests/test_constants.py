@@ -32,6 +32,8 @@ ALLOWED = {
     "warnings and refusals of input that is in doubt: units, bands, places": {
         *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
         *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
+        *("LEAST_DOFS", "MOST_FILLED", "FAR", "FEW", "MANY", "LARGE_LOSS", "_DIGITS", "EXCHANGED", "LEAST_DIFFERENCE"),
+        *("MOST_LEFT", "COARSE", "MOST_SECONDS", "UNLIKE", "LARGEST_LOG10"),
         *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10", "SLOWEST", "LIGHTEST", "HEAVIEST", "PENALTY", "LEAST_USED", "MIN_COHERENCE"),
     },
     "campaign files that are drafted from what is there, lists in messages, the picture": {

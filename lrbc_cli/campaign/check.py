@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.identification.first_look import first_look
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -67,6 +68,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out = Findings()
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
+    if inputs.campaign.watch is not None:
+        out.warnings += inputs.campaign.watch.passed_over({path for job in inputs.campaign.jobs.values() for path in job.all_files})
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
@@ -78,7 +81,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
     out.warnings += inputs.method.warnings
-    out.sections["jobs"] = _jobs(inputs, parts, out, detailed)
+    out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
     out.sections["before measuring"] = [
         "lrbc check --picture draws the structure with bolts, sensors and updated terms",
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
@@ -170,11 +173,12 @@ def _rounded(seconds: float) -> str:
     return f"{seconds:.0f}" if seconds >= 9.5 else f"{seconds:.1g}"
 
 
-def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) -> list[str]:
+def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, detailed: bool) -> list[str]:
     if not inputs.campaign.jobs:
         return ["none"]
     lines = []
-    readable = []
+    readable: dict[str, Measurement] = {}
+    held: dict[tuple[str, ...], str] = {}
     for name, job in inputs.campaign.jobs.items():
         try:
             measurement = read_measurement(inputs, job, name)
@@ -183,7 +187,12 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
             out.errors[name] = error
             lines.append(f"{name}: unusable, see its error")
             continue
-        readable.append(name)
+        readable[name] = measurement
+        first = held.setdefault(tuple(measurement.hashes.values()), name)
+        if first != name:
+            out.warnings.append(
+                f"job {name}: the measurement of {first} once more; was another file meant? Write its own file under jobs.{name}.frf"
+            )
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
@@ -195,6 +204,9 @@ def _jobs(inputs: Inputs, parts: dict[str, str], out: Findings, detailed: bool) 
                 "that levels there say little; measure with closer lines, or expect wide intervals and other valleys of the cost"
             )
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
+    warnings, note = first_look(inputs, folder, readable)
+    out.warnings += warnings
+    lines += [note] if note else []
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
     except OSError:

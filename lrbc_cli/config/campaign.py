@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +17,7 @@ from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
 from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
 from lrbc_cli.config.watch import WatchConfig
 from lrbc_cli.errors import ConfigError
-from lrbc_cli.model.units import UnitSystem, parse_system
+from lrbc_cli.model.units import USUAL_SYSTEMS, UnitSystem, parse_system
 
 
 def _check_title(value: str) -> str:
@@ -25,12 +26,22 @@ def _check_title(value: str) -> str:
     return value
 
 
+def _meant_units(value: str) -> str | None:
+    """A system whose name differs in capitals or separators only; those that are not usual are not guessed."""
+    plain = re.sub(r"[\s,;/_-]+", "-", value.strip()).lower().replace("tonnes", "t").replace("tonne", "t").replace("ton", "t")
+    near = next((text for text in USUAL_SYSTEMS if sorted(text.lower().split("-")) == sorted(plain.split("-"))), None)
+    return f"write units: {near}" if near else "the usual ones are " + ", ".join(USUAL_SYSTEMS)
+
+
 def _check_units(value: str) -> str:
     try:
         parse_system(value)
     except ValueError as error:
         raise problem(
-            "not a system of units", expected="SI or three of length, force, mass and time, such as mm-N-t", found=f"{error}"
+            "not a system of units",
+            expected="SI or three of length, force, mass and time, such as mm-N-t",
+            found=f"'{value}': {error}",
+            hint=_meant_units(value),
         ) from None
     return value
 

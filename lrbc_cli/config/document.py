@@ -301,6 +301,8 @@ def _explain(error: yaml.MarkedYAMLError, reader: _NodeReader) -> NoReturn:
         hint = "in double quotes a backslash starts an escape: write paths with / or in single quotes"
     elif "mapping values are not allowed" in problem:
         hint = "either the indentation is wrong, or text that contains ': ' needs quotes"
+    elif "could not find expected ':'" in problem:
+        hint = "write 'key: value', with a blank after the colon, here or on the line before"
     elif "cannot start any token" in problem:
         hint = "put text that begins with a special character in quotes"
     reader.fail("not valid YAML", line, found=_short(found, 200), hint=hint)

@@ -123,7 +123,9 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
     # As YAML writes it.
     expected = "true" if expected == "True" else expected
     if kind in ("too_short", "too_long"):
-        return document.error("the wrong number of entries", *keys, expected=expected, found=context.get("actual_length"))
+        count, most = context.get("actual_length"), context.get("max_length")
+        hint = "write numbers with decimal points: a comma divides entries" if most and count == 2 * most else None
+        return document.error("the wrong number of entries", *keys, expected=expected, found=count, hint=hint or "add or remove entries")
     problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
     meaning = _description(model, keys)
     hint = _hint(kind, detail["input"], model, keys)
@@ -162,6 +164,8 @@ def _hint(kind: str, value: object, model: type[BaseModel], keys: Sequence[str |
     number = kind in ("float_type", "int_type") or (kind == "literal_error" and isinstance(value, str) and value[:1] in "+-.0123456789")
     if number and isinstance(value, str) and any(char.isdigit() for char in value):
         return "write it like 1500, 0.5 or 1e6: decimal point, no unit, no quotes"
+    if kind == "tuple_type" and isinstance(value, str | int | float):
+        return f"write a list: [{value}]"
     if kind == "bool_type":
         return "write true or false"
     if kind in ("int_type", "int_from_float") and isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
@@ -177,7 +181,8 @@ def _unknown_key(document: Document, keys: Sequence[str | int], model: type[Base
     elsewhere = [path for path in key_paths(model) if path.rsplit(".", 1)[-1] == key]
     elsewhere = [path for path in elsewhere if path.count(".") == min(other.count(".") for other in elsewhere)]
     if elsewhere and (hint is None or len(elsewhere) == 1):
-        hint = f"it is known as {' and '.join(elsewhere[:3])}"
+        known_as = f"it is known as {' and '.join(elsewhere[:3])}"
+        hint = known_as if hint is None else f"{hint} Else {known_as}"
     return document.error(f"unknown key '{key}'", *keys, expected=f"one of {', '.join(dict.fromkeys(known))}", hint=hint or "remove it")
 
 

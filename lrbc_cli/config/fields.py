@@ -157,7 +157,12 @@ NumberOrAuto = Annotated[Annotated[float, Tag("form:number")] | Annotated[Auto, 
 def check_ordered(value: tuple[float, float]) -> tuple[float, float]:
     """Accept a pair whose first number is below its second."""
     if not value[0] < value[1]:
-        raise problem("a range that is empty", expected="[lower, upper] with lower below upper", found=f"[{value[0]:g}, {value[1]:g}]")
+        raise problem(
+            "a range that is empty",
+            expected="[lower, upper] with lower below upper",
+            found=f"[{value[0]:g}, {value[1]:g}]",
+            hint=f"write [{value[1]:g}, {value[0]:g}]" if value[1] < value[0] else None,
+        )
     return value
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -355,6 +356,10 @@ def _bounds_form(value: object) -> str:
 
 
 Bounds = Annotated[Annotated[Range, Tag("form:range")] | Annotated[Auto, Tag("form:auto")], Discriminator(_bounds_form)]
+
+#: Nothing is as stiff; what is above it is a stiffness, not its logarithm.
+LARGEST_LOG10 = 20.0
+
 Weight = Annotated[float, Field(ge=0)]
 
 
@@ -415,6 +420,15 @@ class GroupConfig(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> GroupConfig:
+        for key, value in (("initial", self.initial), *(("bounds", bound) for bound in self.bounds if self.bounds != "auto")):
+            if not isinstance(value, str) and value > LARGEST_LOG10:
+                raise problem(
+                    "a logarithm beyond every stiffness",
+                    key,
+                    expected=f"log10 of the value, at most {LARGEST_LOG10:g}",
+                    found=f"{value:g}",
+                    hint=f"write {math.log10(value):.3g} for {value:g}",
+                )
         if self.kind != "stiffness":
             for key in ("initial", "bounds"):
                 if getattr(self, key) == "auto":

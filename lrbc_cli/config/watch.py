@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
@@ -15,6 +15,12 @@ from lrbc_cli.config.settings import JobConfig, MeasuredFile
 
 if TYPE_CHECKING:
     from lrbc_cli.config.campaign import Campaign
+
+#: Endings of files that analysers write.
+MEASURED = {
+    *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
+    *(".tdms", ".lvm", ".xls", ".xlsx", ".npz", ".npy"),
+}
 
 #: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
 OWN = {"frf", "coherence", "repeats", "removed"}
@@ -73,6 +79,26 @@ class WatchConfig(Strict):
         for path in found:
             if any(fnmatch(path.name.lower(), pattern.lower()) for pattern in self.patterns):
                 yield path
+
+    def passed_over(self, named: Collection[Path]) -> Iterator[str]:
+        """What to do about files of the folder that look like measurements and match no pattern, in words.
+
+        Parameters
+        ----------
+        named : collection of Path
+            Files that the campaign names itself.
+        """
+        mine = {*named, *self.files()}
+        try:
+            found = sorted(self.folder.iterdir()) if self.in_reach else []
+        except OSError:
+            return
+        for path in found:
+            if path.suffix.lower() in MEASURED and path not in mine and not path.name.startswith((".", "~")):
+                yield (
+                    f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}), so that nobody judges "
+                    f"it: add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
+                )
 
 
 def with_folder(campaign: Campaign) -> Campaign:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import Path
 
 from lrbc_cli.errors import DataError, LrbcError
@@ -36,9 +37,11 @@ def require_file(path: Path) -> int:
     """
     try:
         if not path.exists():
-            raise DataError("the file does not exist", file=path, hint="check the path; relative paths start at the campaign file's folder")
+            raise DataError("the file does not exist", file=path, hint=_other_path(path))
         if not path.is_file():
-            raise DataError("this is not a file", file=path, expected="a file", found="a folder" if path.is_dir() else "something else")
+            hint = "name a file in it, or several as a list [first, second]" if path.is_dir() else None
+            found = "a folder" if path.is_dir() else "something else"
+            raise DataError("this is not a file", file=path, expected="a file", found=found, hint=hint)
         with path.open("rb") as stream:
             stream.read(1)
         size = path.stat().st_size
@@ -47,6 +50,17 @@ def require_file(path: Path) -> int:
     if size == 0:
         raise DataError("the file is empty", file=path, expected="data", found="0 bytes", hint="export it again")
     return size
+
+
+def _other_path(path: Path) -> str:
+    """What may be meant by the path of a file that is not there."""
+    if "\\" in path.name:
+        return "write folders with /, which every system takes"
+    parent = path.parent
+    if not parent.is_dir():
+        return f"there is no folder {parent}; relative paths start at the campaign file's folder"
+    near = get_close_matches(path.name, [other.name for other in parent.iterdir()], n=1, cutoff=0.75)
+    return (f"did you mean '{near[0]}'? " if near else "") + "check the path; relative paths start at the campaign file's folder"
 
 
 def head(path: Path, count: int = 1024) -> bytes:

@@ -81,3 +81,8 @@ class PointTable:
 
     name: tuple[str, ...]
     xyz: NDArray[np.float64]
+
+
+def numbers_text(node: NDArray[np.int64]) -> str:
+    """What to do about a number that no node has."""
+    return f"the nodes of the model are numbered {node.min()} to {node.max()}: write one of these numbers, those of this model"

@@ -41,6 +41,9 @@ class UnitSystem:
     time: float
 
 
+#: Systems that are proposed where the numbers, or a name, come near.
+USUAL_SYSTEMS = ("mm-N-t", "mm-kg-ms", "in-lbf-s", "cm-kg-s")
+
 #: What everything is in where nothing is said.
 SI = UnitSystem("SI", 1.0, 1.0, 1.0, 1.0)
 

@@ -152,7 +152,7 @@
       }
       sensed.forEach((path, i) => path.setAttribute("d", drawn[i]));
 
-      const strokes = [];
+      const strokes = [], written = [];
       for (const { ends, words } of rulers) {
         const a = [px(ends, 0), py(ends, 0)], b = [px(ends, 3), py(ends, 3)];
         const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
@@ -166,8 +166,10 @@
           const [x, y] = at ? [px(at, 0), py(at, 0)] : upright ? [b[0] + (14 * (b[0] - a[0])) / length, b[1] + (14 * (b[1] - a[1])) / length] : middle;
           const far = upright ? 8 : (at ? 12 : RULER) + (0.28 * FONT * text.length - 2) * Math.abs(out[0]);
           if (at) strokes.push(`M${x} ${y}l${out[0] * 4} ${out[1] * 4}`);
-          element.setAttribute("x", x + out[0] * far);
-          element.setAttribute("y", y + out[1] * far + 4);
+          const [left, base] = [x + out[0] * far, y + out[1] * far + 4], broad = 0.28 * FONT * text.length;
+          element.setAttribute("x", left);
+          element.setAttribute("y", base);
+          if (length >= 40) written.push([left - broad, left + broad, base - 9, base + 1]);
           element.setAttribute("font-size", FONT - 1);
           element.style.display = length < 40 ? "none" : "";
         }
@@ -186,7 +188,7 @@
       // While it moves, names keep their places.
       const view = [azimuth, elevation, zoom, width, names].join(), steady = moving && view === placed;
       placed = view;
-      const taken = steady ? [] : at.map(([x, y]) => [x - half, x + half, y - half, y + half]);
+      const taken = steady ? [] : [...written, ...at.map(([x, y]) => [x - half, x + half, y - half, y + half])];
       for (const { xyz } of shape || steady ? [] : paths.filter(({ role }) => role === "term")) {
         for (let i = 0; i < xyz.length; i += 6) {
           const [x, y, dx, dy] = [px(xyz, i), py(xyz, i), px(xyz, i + 3) - px(xyz, i), py(xyz, i + 3) - py(xyz, i)];

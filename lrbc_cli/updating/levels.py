@@ -16,7 +16,7 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
-from lrbc_cli.updating.starts import basins, group_levels, hops, moved_values, single_values, uniform_changes, uniform_values, zoom
+from lrbc_cli.updating.starts import basins, group_levels, moved_values, single_values, uniform_changes, uniform_values, zoom
 
 Floats = NDArray[np.float64]
 
@@ -153,6 +153,28 @@ class Race:
             self.iterations += end.iterations
         return ends
 
+    def leave_out(self, shares: Sequence[float], limits: tuple[int, int], rounds: int) -> None:
+        """Follow the best end without the values that it explains least, then with all again, until no round leads lower.
+
+        A peak that passes a line is a ridge in the cost, narrow and steep: without that line there is none, and the rest leads on.
+        """
+        few, more = limits
+        for _ in range(rounds):
+            self.go_on([self.best])
+            (description, end), before = self.ends[self.best], len(self.ends)
+            if not np.isfinite(end.evaluation.total):
+                return
+
+            def beside(share: float, theta: Floats = end.theta) -> Floats:
+                rest = self._misfit.without(theta, share)
+                return descend(rest, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=more).theta
+
+            texts = [f"without the {100 * share:g} % of the values that '{description}' explains least" for share in shares]
+            self.begin(zip(texts, side_by_side(beside, shares), strict=True), few)
+            self.halve(before, more)
+            if not self.ends[self.best][1].evaluation.total < (1.0 - self._tolerance) * end.evaluation.total:
+                return
+
     def coarse(self, places: Sequence[Floats], knots: Sequence[int], tolerance: float, iterations: int) -> list[Floats]:
         """Where descents on coarse profiles lead from each place, each profile with more knots than the one before."""
         parameters, bounds = self._misfit.model.parameters, self._bounds
@@ -210,7 +232,8 @@ def gauss_newton_by_levels(
     coarse_tolerance: float = 1e-3,
     coarse_iterations: int = 25,
     first_iterations: tuple[int, int] = (3, 8),
-    hop_rounds: int = 3,
+    left_out: Sequence[float] = (0.03, 0.2),
+    rounds: int = 3,
     unexplained_db: float = 3.0,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
@@ -234,8 +257,10 @@ def gauss_newton_by_levels(
     first_iterations : (int, int)
         Where there is a span: of each descent, and of the better half of them; only the best goes on to its end (successive halving,
         Jamieson and Talwalkar, AISTATS 2016).
-    hop_rounds : int
-        How often valleys beside that end are looked for, see ``hops``.
+    left_out : sequence of float
+        Where there is a span: shares of the values without which the best end is followed further, see ``Race.leave_out``.
+    rounds : int
+        How often.
     unexplained_db : float
         Mean difference of the best end above which, without a span, single values are tried, see ``single_values``: where it would not be
         called explained [dB].
@@ -273,7 +298,7 @@ def gauss_newton_by_levels(
         moved = side_by_side(lambda place: single_values(misfit, place, bounds), (found.theta, *apart[:1]))
         race.begin([("single values moved by tables", place) for place in moved])
     if span is not None and more < max_iterations:
-        _beside(race, misfit, bounds, span, (few, more), hop_rounds, tolerance)
+        race.leave_out(left_out, (few, more), rounds)
     race.go_on([race.best])
     return race.solution()
 
@@ -285,20 +310,6 @@ def _nearest_uniform(race: Race, misfit: Misfit, theta: Floats, bounds: Floats, 
         race.tried(value, totals)
         tried.append((value.misfit_db, place))
     return min(tried, key=lambda one: one[0] if np.isfinite(one[0]) else np.inf)[1]
-
-
-def _beside(race: Race, misfit: Misfit, bounds: Floats, span: Floats, limits: tuple[int, int], rounds: int, tolerance: float) -> None:
-    """Descents from places beside the best end, see ``hops``, until no round leads lower."""
-    few, more = limits
-    for _ in range(rounds):
-        race.go_on([race.best])
-        (description, end), before = race.ends[race.best], len(race.ends)
-        reached = end.evaluation.total
-        beside = hops(misfit, end, bounds, span) if np.isfinite(reached) else []
-        race.begin([(f"a hop beside '{description}'", theta) for theta in beside], few)
-        race.halve(before, more)
-        if not race.ends[race.best][1].evaluation.total < (1.0 - tolerance) * reached:
-            break
 
 
 def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable[[Floats], bool]:

@@ -376,6 +376,12 @@ class Misfit:
         found._data, found.evaluations = self._data.weighted_as(other._data), 0
         return found
 
+    def without(self, theta: Floats, share: float) -> Misfit:
+        """The same cost without the share of the measured values that lie furthest from the model at theta."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.without(self.model.frf(theta), share), 0
+        return other
+
     def about(self, theta: Floats, error: ChangeError) -> Misfit:
         """The same cost with lines weighted by how far the boundary has moved the model at theta from the prior."""
         other = copy(self)

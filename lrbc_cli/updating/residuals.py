@@ -145,6 +145,14 @@ class DataResidual:
         found._weigh(other.level)
         return found
 
+    def without(self, y: Complexes, share: float) -> DataResidual:
+        """The same without the share of the values that lie furthest from the model's FRFs y (F, R)."""
+        distance = np.abs(decibel(y) - self.target)[self.valid]
+        other = copy(self)
+        other._sigma = np.where(distance > np.quantile(distance, 1.0 - share), np.inf, 0.0 if self._sigma is None else self._sigma)
+        other._weigh(self.level)
+        return other
+
     def with_change(self, y: Complexes, change: Floats, most: float, patterns: Floats | Complexes) -> DataResidual:
         """The same where the model has moved by so much [dB] from a state that it explains: a share of that may be wrong.
 

@@ -150,14 +150,19 @@ class Watch:
         if self._undrawn:
             self._page(figures=True)
 
+    def _files(self) -> set[Path]:
+        return {path for job in self.session.campaign.jobs.values() for path in job.all_files}
+
     def _folders(self) -> set[Path]:
         campaign = self.session.campaign
-        own = {path.parent for job in campaign.jobs.values() for path in job.all_files}
+        own = {path.parent for path in self._files()}
         return own | ({campaign.watch.folder} if campaign.watch is not None else set())
 
     def _reload(self) -> None:
         """Read the campaign file again where it, or what lies in the folder, is not what it was."""
         watch = self.session.campaign.watch
+        for text in () if watch is None else watch.passed_over(self._files()):
+            self._once(text)
         now = (signature([self.session.settings.config]), None if watch is None else tuple(watch.files()))
         if now == self._known:
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -246,6 +248,27 @@ def test_a_loose_measurement_is_never_the_reference(tmp_path: Path) -> None:
     assert list(tree["responses"]) == ["acc1"]
     # The folder says it as well.
     assert loose(tmp_path / "c", "loose/ref.csv", "run/first.csv")["update"]["reference"] == "first"
+
+
+def test_bolts_are_those_that_terms_name_too(tmp_path: Path) -> None:
+    """A state that is called after one of them is no tight one."""
+    files = box(tmp_path / "box").data
+    (files / "bolts.csv").unlink()
+    (files / "springs.csv").write_text("dof,bolt\n" + "".join(f"{i},north {i}\n" for i in range(6)))
+    (files / "tight.uff").rename(files / "north-2-tight.uff")
+    (files / "loose.uff").rename(files / "zero.uff")
+    folder, _ = drafted(files, tmp_path / "new")
+    assert load_campaign(folder.config).update.reference == "zero"
+
+
+def test_a_file_that_is_not_recognised_says_what_to_do(tmp_path: Path) -> None:
+    """In the words of the reader that its ending promises."""
+    files = box(tmp_path / "box").data
+    (files / "time.csv").write_text("time_s,acc1\n" + "".join(f"{i / 1000},{i}\n" for i in range(200)))
+    (files / "M2.mtx.gz").write_bytes(gzip.compress((files / "M.mtx").read_bytes())[:300])
+    _, told = drafted(files, tmp_path / "new")
+    assert "time.csv was not recognised: this is a time history; let the analyser average FRFs" in told.stdout
+    assert re.search("M2.mtx.gz was not recognised: .*damaged", told.stdout), told.stdout
 
 
 def test_files_of_two_models_are_refused(tmp_path: Path) -> None:

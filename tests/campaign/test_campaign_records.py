@@ -175,7 +175,7 @@ def test_a_layout_for_one_of_several_files(box: Folder) -> None:
     quality = "jobs.loose.coherence={file: data/c.txt, format: {frequency: axis, coherence: gamma2}}"
     found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
     np.testing.assert_allclose(found.values, expected, rtol=1e-9)
-    assert any("the coherence given for it (c) is of no response" in text for text in found.warnings)
+    assert any("no coherence of the job belongs to a response (c)" in text for text in found.warnings)
     (box.data / "c.txt").rename(box.data / "acc1.coh")
     quality = quality.replace("c.txt", "acc1.coh")
     found = measured(box, files, quality, "jobs.loose.records={acc1: {file: data/acc1.txt}}")
@@ -277,7 +277,8 @@ def test_a_coherence_of_few_lines(box: Folder) -> None:
 
 def test_a_measurement_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:93], values=r.values[:93]))
-    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete?"
+    warning = "loose.uff: the lines from 20 to 204 Hz cover 48% of the band from 20 to 400 Hz; is the file complete? "
+    warning += "Else end the band where it was measured: reduction.band: [20, 204]"
     assert measured(box).warnings == (warning,)
     assert measured(box, "reduction.band=[20.0, 210.0]").warnings == ()
     assert warning in box.run("check").stdout
@@ -297,7 +298,8 @@ def test_lines_that_differ_are_named() -> None:
 
 def test_a_response_that_was_cut_off(box: Folder) -> None:
     rewrite(box, lambda r: replace(r, frequency_hz=r.frequency_hz[:150], values=r.values[:150]) if r.name == "mic2" else r)
-    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete?"
+    warning = "loose.uff: response mic2 has values on 150 of 191 lines only, from 20 to 318 Hz; is the file complete? "
+    warning += "Else measure it again, or take the response out"
     assert measured(box).warnings == (warning,)
     # A validation channel, too, tests only what it holds.
     assert measured(box, "update.responses=[mic1, acc1]").warnings == (warning,)

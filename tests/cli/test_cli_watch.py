@@ -184,7 +184,10 @@ def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> Non
     del tree["watch"]
     tree["jobs"] = {name: {"frf": f"nowhere/{name}.csv", "removed": removed} for name, removed in (("tight", []), ("loose-all", ["B1"]))}
     folder.write(tree)
+    (new / "second.dat").write_text("measured by somebody else\n")
     found = folder.run("watch", "--once", "--interval", "0.1", "--folder", new, "--pattern", "*.CSV", "--pattern", "*.uff")
+    assert found.stderr.count("second.dat") == 1
+    assert "add '*.dat' there" in found.stderr
     assert found.code == 5
     assert "half: no verdict, measure again or mend the file" in found.stdout
     assert "loose-all: B1 to B6 loose" in found.stdout

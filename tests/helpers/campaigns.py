@@ -162,6 +162,14 @@ def frame(path: Path) -> Folder:
     return Folder(path)
 
 
+def plate(path: Path) -> Folder:
+    """The plate sample: six bolts as bushings, a model in mm, N and t from CalculiX, universal files."""
+    shutil.copytree(ROOT / "data_samples" / "plate", path / "data")
+    text = (ROOT / "configs" / "plate.yaml").read_text().replace("../data_samples/plate", "data").replace("../runs/plate", "out")
+    (path / "campaign.yaml").write_text(text)
+    return Folder(path)
+
+
 def two_jobs(path: Path) -> Folder:
     """The frame without its dearest job."""
     folder = frame(path)

@@ -454,6 +454,14 @@ def test_without_a_verdict_no_bolt_is_marked_loose(rich):
 # -- correlation and calibration ----------------------------------------------------------------------------------------
 
 
+def test_a_table_without_a_verdict_has_no_colour_of_one(rich):
+    articles = (rich / "report.html").read_text(encoding="utf-8").split('class="job">')
+    (silent,) = (article for article in articles if article.startswith("<h3>bolts-12 "))
+    (told,) = (article for article in articles if article.startswith("<h3>bolts-04 "))
+    assert set(re.findall(r'class="verdict (\w+)"', silent)) == {"none", "outside"}
+    assert "loose" in re.findall(r'class="verdict (\w+)"', told)
+
+
 def test_the_maps_of_fdac_hold_every_value_once(rich):
     job, fdac = read_job(rich, "bolts-04"), read_fdac(rich / "bolts-04" / "fdac.csv")
     chart = fdac_chart(job, fdac)

@@ -11,6 +11,7 @@ from urllib.parse import unquote
 import pytest
 from fake_campaign import reduction_of, write_campaign, write_frf
 
+from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report import page, summary_text, write, write_report
 from lrbc_cli.report.content import Content
@@ -329,6 +330,11 @@ def test_the_rows_of_the_strip_keep_their_labels(finished):
     heights = [re.search(r'viewBox="\d+ 0 \d+ (\d+)"', drawing).group(1) for drawing in (names, cells)]
     assert heights[0] == heights[1]
     assert re.search(r"\.rows svg:first-child \{[^}]*position: sticky", page)
+
+
+@pytest.mark.parametrize("config", sorted(Path(__file__).parents[2].glob("configs/*.yaml")), ids=lambda path: path.stem)
+def test_pages_of_samples_say_that_nothing_was_measured(config):
+    assert load_campaign(config).description.startswith("Virtual measurements")
 
 
 def test_every_link_leads_somewhere(finished):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from lrbc_cli.config.skeleton import SCHEMA_LINE
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.bushings import read_bushings
-from lrbc_cli.io.text.tables import read_points
+from lrbc_cli.io.text.tables import read_dof_list, read_points, read_positions
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.frf import FrfRecord
 
@@ -150,9 +151,11 @@ class Draft:
     def _bolts(self) -> set[str]:
         """Names of the bolts, as far as tables hold them."""
         names = set() if self.roles.bolts is None else set(read_points(self.roles.bolts).name)
-        for path in self.found.of("bushings"):
-            with suppress(LrbcError):
-                names.update(read_bushings(path).bolt)
+        readers: dict[str, Callable[[Path], Any]] = {"bushings": read_bushings, "positions": read_positions, "terms": read_dof_list}
+        for kind, read in readers.items():
+            for path in self.found.of(kind):
+                with suppress(LrbcError):
+                    names.update(filter(None, read(path).bolt or ()))
         return names
 
     def _model(self, band: tuple[float, float]) -> list[str]:

@@ -136,17 +136,19 @@ def _look_at(path: Path, found: FilesFound) -> None:
     if re.search("coh|koh", path.stem.lower()) and _can(lambda: read_coherence(path)):
         found.coherences.append(path)
         return
-    why = ""
+    why: dict[Callable[[Path, FilesFound], bool], str] = {}
     for take in (_frfs, _matrices, _nodes, _text_frfs):
         try:
             if take(path, found):
                 return
         except LrbcError as error:
-            why = why or f"{error.problem}" + (f"; {error.hint}" if error.hint else "")
+            why[take] = f"{error.problem}" + (f"; {error.hint}" if error.hint else "")
     if _can(lambda: read_coherence(path)):
         found.coherences.append(path)
     else:
-        found.rest[path] = why
+        # Of all readers the one that its ending promises.
+        promised = PROMISED.get(path.suffix.lower())
+        found.rest[path] = (why.get(promised) if promised else None) or next(iter(why.values()), "")
 
 
 def _table_kind(path: Path) -> str | None:
@@ -192,6 +194,10 @@ def _nodes(path: Path, found: FilesFound) -> bool:
     read_nodes(path)
     found.tables.setdefault("nodes", []).append(path)
     return True
+
+
+#: What reads files with an ending, where it says so.
+PROMISED = {".csv": _text_frfs, ".txt": _text_frfs, ".asc": _text_frfs, ".mtx": _matrices, ".gz": _matrices}
 
 
 def _can(read: Callable[[], object]) -> bool:

@@ -238,6 +238,35 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
     )
 
 
+def called(job: JobConfig) -> str:
+    """Its files in words."""
+    first, *others = job.measurements[0]
+    return first.name + (f" and {len(others)} more" if others else "")
+
+
+def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
+    """Warn of records of other nodes than their responses, where most nodes of the files are those of the campaign."""
+    pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None and r.node is not None]
+    own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
+    alike = sum(record.response_node == r.node for r, record in own)
+    if 2 * alike <= len(pairs):
+        return []
+    found = [
+        f"{called(job)}: {describe(record)} was measured at node {record.response_node}, response {r.name} is node {r.node} of the model: "
+        f"correct the place of responses.{r.name}, or its record"
+        for r, record in own
+        if record.response_node != r.node
+    ]
+    for at, (name, (node, _)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+        over = {record.reference_node for r, record in own if r.input == at}
+        if node is not None and len(over) == 1 and not over & {None, node}:
+            found.append(
+                f"{called(job)}: the hammer hit node {over.pop()}, excitation.{name} is node {node} of the model: are hammer and sensor "
+                f"exchanged? Correct excitation.{name}"
+            )
+    return found
+
+
 def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
     """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
     found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}

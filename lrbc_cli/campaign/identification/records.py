@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.matching import describe, matched, reciprocal
-from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal
+from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
+from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.residuals import DB
 
@@ -153,7 +155,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     coherences = _coherences(job, hashes)
     records = matched(inputs, job, name, frf)
     notes = list(frf.notes)
-    warnings = [*frf.warnings, *_missing(inputs, job, records)]
+    warnings = [*frf.warnings, *_missing(inputs, job, name, records, frf), *misplaced(inputs, job, records)]
     pairs = [(r, record) for r, record in zip(inputs.responses, records, strict=True) if record is not None]
     if unstated := [r.name for r, record in pairs if record.quantity is None]:
         notes.append(f"quantities not stated in the file, taken as in the campaign: {', '.join(unstated)}")
@@ -166,16 +168,13 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     values = np.full((axis.size, len(records)), np.nan + 0j, dtype=complex)
     coherence = np.full((axis.size, len(records)), np.nan)
     thin: dict[str, list[str]] = {}
-    taken: set[int] = set()
     for i, record in enumerate(records):
         if record is None:
             continue
         at, found = _indices(record.frequency_hz, axis)
         values[found, i] = record.values[at[found]] * job.scale.get(inputs.responses[i].name, 1.0)
         own = [(record.frequency_hz, record.coherence)] if record.coherence is not None else []
-        keys = (inputs.responses[i].name, record.name, (record.response_node, record.response_direction))
-        given = [coherences[key] for key in keys if key in coherences][:1]
-        own, taken = own + given, taken | {id(table) for _, table in given}
+        own += [coherences[key] for key in _keys_of(inputs.responses[i], record) if key in coherences][:1]
         for lines, table in own:
             at, here = _indices(lines, axis)
             coherence[here, i] = table[at[here]]
@@ -183,11 +182,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
         if own and known < MIN_COHERENCE * found.sum():
             thin.setdefault(f"{known} of {found.sum()}", []).append(inputs.responses[i].name)
     warnings += [
-        f"{_called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
+        f"{called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
     ]
-    idle = ", ".join(str(key) for key, (_, table) in coherences.items() if id(table) not in taken)
-    if idle and not taken:
-        warnings.append(f"{_called(job)}: the coherence given for it ({idle}) is of no response by name or node; left out")
     for i in inputs.used:
         if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
             raise DataError(
@@ -195,7 +191,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 file=records[i].file,
                 expected="measured values",
             )
-    warnings += _gaps(axis, values, job, inputs)
+    warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(
         frequency_hz=axis,
         values=values,
@@ -208,10 +204,22 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     )
 
 
-def _called(job: JobConfig) -> str:
-    """Its files in words."""
-    first, *others = job.measurements[0]
-    return first.name + (f" and {len(others)} more" if others else "")
+def _strange(coherences: Collection[CoherenceKey], inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
+    """Warn of coherences none of which is a response's."""
+    taken = {key for response, record in zip(inputs.responses, records, strict=True) for key in _keys_of(response, record)}
+    if not coherences or taken & set(coherences):
+        return []
+    return [
+        f"{called(job)}: no coherence of the job belongs to a response ({', '.join([str(key) for key in coherences][:4])}), so that all "
+        "lines count alike: name its columns like the responses or their records, or take the file of this measurement"
+    ]
+
+
+def _keys_of(response: Response, record: FrfRecord | None) -> tuple[CoherenceKey | tuple[int | None, int], ...]:
+    """What a coherence of a response may be called."""
+    if record is None:
+        return (response.name,)
+    return response.name, record.name, (record.response_node, record.response_direction)
 
 
 def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
@@ -272,17 +280,23 @@ def _coherences(job: JobConfig, hashes: dict[str, str]) -> dict[CoherenceKey, tu
     return found
 
 
-def _missing(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -> list[str]:
-    """Warnings of responses that the files do not hold."""
+def _missing(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRecord | None], frf: FrfSet) -> list[str]:
+    """Warnings of responses that the files do not hold, with what may be theirs."""
+    spare = [record.name for record in frf.records if record.name and not any(record is other for other in records)]
     lacking = [i for i, record in enumerate(records) if record is None]
     used = [inputs.responses[i].name for i in lacking if i in inputs.used]
     found = [
-        f"{_called(job)}: no record of response {inputs.responses[i].name}, which is only reported" for i in lacking if i not in inputs.used
+        f"{called(job)}: no record of response {inputs.responses[i].name}, which is only reported" for i in lacking if i not in inputs.used
     ]
     if used:
         found.append(
-            f"{_called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
-            "and no all-clear rests on this job"
+            f"{called(job)}: no record of {', '.join(used)}: identified from the other {inputs.used.size - len(used)} responses, "
+            "and no all-clear rests on this job; "
+            + (
+                f"if it is {' or '.join(spare[:4])}, say jobs.{name}.records: {{{used[0]}: {spare[0]}}}"
+                if spare
+                else f"measure {', '.join(used)} again where one is wanted"
+            )
         )
     return found
 
@@ -314,16 +328,40 @@ def _require_one_axis(records: list[FrfRecord | None], job: JobConfig, name: str
             )
 
 
-def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
+def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
+    """Why lines may not cover the band, and what to do.
+
+    Parameters
+    ----------
+    axis, every : float arrays
+        Lines in the band, and all of the files [Hz].
+    band : (float, float)
+    """
+    low, high = band
+    for unit, factor in HERTZ.items():
+        if factor != 1.0 and _covers(every * factor, band):
+            return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job"
+    measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
+    return f"is the file complete? Else end the band where it was measured: reduction.band: {measured}"
+
+
+def _covers(lines: Floats, band: tuple[float, float]) -> bool:
+    """Whether lines reach over the band, and not many times beyond."""
+    inside = lines[(lines >= band[0]) & (lines <= band[1])]
+    return inside.size > 1 and float(np.ptp(inside)) > MIN_BAND * (band[1] - band[0]) and float(lines.max()) < 5.0 * band[1]
+
+
+def _gaps(axis: Floats, records: list[FrfRecord | None], values: Complexes, job: JobConfig, inputs: Inputs) -> list[str]:
     """Warn of a measurement that is much smaller than the band: it may have been cut off on its way here."""
     found = []
     low, high = inputs.campaign.reduction.band
+    every = np.concatenate([record.frequency_hz for record in records if record is not None])
     # Each line stands for its surroundings.
     step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
     if axis[-1] - axis[0] + step < MIN_BAND * (high - low):
         found.append(
-            f"{_called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
-            f"from {low:g} to {high:g} Hz; is the file complete?"
+            f"{called(job)}: the lines from {axis[0]:g} to {axis[-1]:g} Hz cover {(axis[-1] - axis[0]) / (high - low):.0%} of the band "
+            f"from {low:g} to {high:g} Hz; {_why_short(axis, every, (low, high))}"
         )
     # Validation channels too: what they do not hold they cannot test.
     for i in range(values.shape[1]):
@@ -331,8 +369,8 @@ def _gaps(axis: Floats, values: Complexes, job: JobConfig, inputs: Inputs) -> li
         if finite.any() and finite.mean() < inputs.statistics.validation.least_lines:
             own = axis[finite]
             found.append(
-                f"{_called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
-                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete?"
+                f"{called(job)}: response {inputs.responses[i].name} has values on {own.size} of {axis.size} lines only, "
+                f"from {own[0]:g} to {own[-1]:g} Hz; is the file complete? Else measure it again, or take the response out"
             )
     return found
 
@@ -353,7 +391,7 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
             place=f"job {name}",
             expected=f"lines between {band[0]:g} and {band[1]:g} Hz",
             found=f"{lines[0]:g} to {lines[-1]:g} Hz",
-            hint="change reduction.band, or check the unit of the frequency column",
+            hint=_why_none(lines, band),
         )
     if axis.size == 1:
         raise DataError(
@@ -365,6 +403,16 @@ def _axis(records: list[FrfRecord], job: JobConfig, name: str, inputs: Inputs) -
             hint="is the file complete? Else check the unit of the frequency column, or change reduction.band",
         )
     return axis, low, high
+
+
+def _why_none(lines: Floats, band: tuple[float, float]) -> str:
+    """Why no line may lie in the band, and what to do."""
+    for unit, factor in HERTZ.items():
+        if factor != 1.0 and _covers(lines * factor, band):
+            return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job; else change reduction.band"
+    if _covers(lines, (1e3 * band[0], 1e3 * band[1])):
+        return f"is reduction.band in kHz? Write it in Hz: [{1e3 * band[0]:g}, {1e3 * band[1]:g}]"
+    return "change reduction.band, or check the unit of the frequency column"
 
 
 def _indices(lines: Floats, axis: Floats) -> tuple[Integers, Bools]:

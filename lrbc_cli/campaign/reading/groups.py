@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
 from lrbc_cli.campaign.reading.places import require_near
-from lrbc_cli.campaign.reading.reader import ModelReader
+from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import read_bushings
@@ -77,9 +78,13 @@ class GroupReader(ModelReader):
         """All groups."""
         found: list[Terms] = []
         first = 0
+        parts = Parts()
         for name, config in self.campaign.parameters.items():
-            found.append(self.group(name, config, first))
-            first += found[-1].left.shape[1]
+            one = parts.read(partial(self.group, name, config, first))
+            if one is not None:
+                found.append(one)
+                first += one.left.shape[1]
+        parts.require()
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,15 +18,16 @@ from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, require_roles
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, order_doubt, require_known_bolts, require_roles, slips
 from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
-from lrbc_cli.campaign.reading.reader import Point
+from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, FieldDamping, ProportionalDamping, ResponseConfig
-from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.method import Facts, Method, resolve
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.model.frf import QUANTITIES
@@ -36,7 +37,6 @@ from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
-T = TypeVar("T")
 
 UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
@@ -177,6 +177,11 @@ class _Reader(GroupReader):
             else:
                 dof, text = self.pick(point, "excitation", name)
                 self.notes.append(f"excitation {name}: {text}")
+                if (point.component or "").startswith("ROT"):
+                    self.warn(
+                        f"excitation.{name} acts about an axis ({point.component}): a moment, which no hammer gives; write a translation, "
+                        "such as UZ, where it is a force"
+                    )
                 columns.append(unit_columns([dof], self.n, point.scale))
                 points.append(self.point(dof))
             if moving:
@@ -187,33 +192,41 @@ class _Reader(GroupReader):
 
     def outputs(self, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, list[Response]]:
         rows, responses = [], []
-        excitations = list(self.campaign.excitation)
+        parts = Parts()
         for name, point in self.campaign.responses.items():
-            row, place, text, is_pressure = self.output(point, name, acoustic)
-            quantity = point.quantity or ("pressure" if is_pressure else "displacement")
-            if (quantity == "pressure") != is_pressure:
-                raise self.campaign.error(
-                    f"response {name} is a {'pressure' if is_pressure else 'motion'}, not a {quantity}",
-                    "responses",
-                    name,
-                    "quantity",
-                    expected="pressure" if is_pressure else "displacement, velocity or acceleration",
-                    found=quantity,
-                )
-            if point.excitation is None and len(excitations) > 1:
-                raise self.campaign.error(
-                    f"response {name} does not say to which excitation it belongs",
-                    "responses",
-                    name,
-                    expected=f"excitation: one of {', '.join(excitations)}",
-                )
-            at = excitations.index(point.excitation) if point.excitation else 0
-            self.notes.append(f"response {name}: {text}, {quantity}")
-            rows.append(row)
-            turns = (point.component or "").startswith("ROT")
-            unit = UNITS[quantity].replace("m", "rad", 1) if turns else UNITS[quantity]
-            responses.append(Response(name, quantity, unit, at, *place, text))
+            found = parts.read(partial(self.response, point, name, acoustic))
+            if found is not None:
+                rows.append(found[0])
+                responses.append(found[1])
+        parts.require()
         return sp.vstack(rows, format="csc"), responses
+
+    def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
+        """The row of one response, and what it is."""
+        excitations = list(self.campaign.excitation)
+        row, place, text, is_pressure = self.output(point, name, acoustic)
+        quantity = point.quantity or ("pressure" if is_pressure else "displacement")
+        if (quantity == "pressure") != is_pressure:
+            raise self.campaign.error(
+                f"response {name} is a {'pressure' if is_pressure else 'motion'}, not a {quantity}",
+                "responses",
+                name,
+                "quantity",
+                expected="pressure" if is_pressure else "displacement, velocity or acceleration",
+                found=quantity,
+            )
+        if point.excitation is None and len(excitations) > 1:
+            raise self.campaign.error(
+                f"response {name} does not say to which excitation it belongs",
+                "responses",
+                name,
+                expected=f"excitation: one of {', '.join(excitations)}",
+            )
+        at = excitations.index(point.excitation) if point.excitation else 0
+        self.notes.append(f"response {name}: {text}, {quantity}")
+        turns = (point.component or "").startswith("ROT")
+        unit = UNITS[quantity].replace("m", "rad", 1) if turns else UNITS[quantity]
+        return row, Response(name, quantity, unit, at, *place, text)
 
     def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Point, str, bool]:
         if point.matrix is not None or point.vector is not None:
@@ -259,15 +272,18 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     reader = _Reader(campaign)
     K, M, acoustic = _stiffness_and_mass(reader)
     C = _damping(reader, K, M, acoustic)
-    parts = _Parts()
+    parts = Parts()
     loads = parts.read(reader.loads)
     outputs = parts.read(lambda: reader.outputs(acoustic))
     carried = parts.read(lambda: _bolts_and_terms(reader))
-    if loads is None or outputs is None or carried is None:
-        raise parts.error()
+    parts.require()
+    assert loads is not None
+    assert outputs is not None
+    assert carried is not None
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
+    require_known_bolts(campaign, bolts)
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
     reader.warn(*no_lines)
@@ -280,7 +296,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
             for name, group in extras.items()
         }
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model, groups))
+    reader.warn(*doubts(model, groups), *slips(campaign, model, [r.name for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
     recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
@@ -302,41 +318,44 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     )
 
 
-class _Parts:
-    """Parts of the model that do not rest on each other: all are read, whatever is wrong with one."""
-
-    def __init__(self) -> None:
-        self.errors: list[LrbcError] = []
-
-    def read(self, part: Callable[[], T]) -> T | None:
-        try:
-            return part()
-        except LrbcError as error:
-            self.errors.append(error)
-            return None
-
-    def error(self) -> LrbcError:
-        """The first error, with the others."""
-        first, *rest = self.errors
-        first.others = tuple(rest)
-        return first
-
-
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
     reader.read_bolts()
     return reader.terms()
 
 
+def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) -> None:
+    """Refuse a list of entries that ends before the other matrix does: its size is that of what is left of it.
+
+    Raises
+    ------
+    DataError
+    """
+    source, sizes = campaign.model, [found.matrix.shape[0] for found in (stiffness, mass)]
+    short, file = (stiffness, source.stiffness) if sizes[0] < sizes[1] else (mass, source.mass)
+    # A lumped mass may have nothing at the rotations of the last node.
+    if short.sized or short.labels is not None or max(sizes) - min(sizes) <= (len(COMPONENTS) if short is mass else 0):
+        return
+    raise DataError(
+        f"the {'stiffness' if short is stiffness else 'mass'} matrix ends early",
+        file=file.path,
+        place=file.group,
+        expected=f"entries of {max(sizes)} rows, as in {(source.mass if short is stiffness else source.stiffness).path.name}",
+        found=f"the last row is {min(sizes)}",
+        hint="was the file cut when it was copied? Copy or export it again; else export all matrices of one model in one run",
+    )
+
+
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
     """With the mask of the pressures; fixed DOFs are left out."""
     source = reader.campaign.model
-    first = reader.load(source.stiffness)
+    first, second = reader.load(source.stiffness), reader.load(source.mass)
+    _require_whole(reader.campaign, first, second)
     reader.number(numbering(source.dofs, first))
     K = reader.matrix(source.stiffness, "stiffness", found=first)
     n = reader.n = reader.rows = K.shape[0]
     if K.nnz == 0:
         raise DataError("the stiffness matrix is empty", file=source.stiffness.path, place=source.stiffness.group, expected="values")
-    M = reader.matrix(source.mass, "mass")
+    M = reader.matrix(source.mass, "mass", found=second)
     if np.iscomplexobj(M.data):
         raise DataError("the mass matrix is complex", file=source.mass.path, expected="real numbers")
     if reader.labels is not None and reader.labels.size != n:
@@ -357,7 +376,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
         doubt = require_metres(K, M, reader.dofs, source.dofs.nodes if isinstance(source.dofs, DofSource) else source.dofs)
-        reader.warn(*([doubt] if doubt else []))
+        reader.warn(*(text for text in (doubt, order_doubt(K, reader.dofs)) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

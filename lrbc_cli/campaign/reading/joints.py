@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.text.bushings import COMPONENTS, BushingTable
-from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.dofs import DofTable, PointTable, numbers_text
 from lrbc_cli.model.selection import at_node
 
 Floats = NDArray[np.float64]
@@ -123,7 +123,12 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
     if not here:
         expected = "a structural node of the DOF table"
         raise DataError(
-            f"node {node} does not exist", file=table.path, place=f"{line}, column {column!r}", expected=expected, found=f"node {node}"
+            f"node {node} does not exist",
+            file=table.path,
+            place=f"{line}, column {column!r}",
+            expected=expected,
+            found=f"node {node}",
+            hint=numbers_text(dofs.node),
         )
     raise DataError(
         f"node {node} has no DOF {name}",

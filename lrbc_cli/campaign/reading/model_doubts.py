@@ -1,21 +1,45 @@
-"""What may be wrong with a model although it can be used: said by every command that reads it."""
+"""What may be wrong with a model, or contradict itself in its campaign, although it can be used: said by every command that reads it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
-from lrbc_cli.config import ModelConfig
+from lrbc_cli.config import Campaign, ModelConfig
+from lrbc_cli.config.explain import suggestion
+from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.vectors import highest_omega
+from lrbc_cli.updating.places import Edge, Joints, spots
 
 #: Stiffness that no structure has: a penalty [N/m, or N/mm].
 PENALTY = 1e30
+
+#: DOFs below which, and share of all entries above which, it cannot be told: everything is everything's neighbour.
+LEAST_DOFS, MOST_FILLED = 100, 0.3
+
+#: DOFs that a matrix connects are next to each other: their median distance over that of any two, from which they are not.
+FAR = 0.8
+
+#: A rigid translation meets no force but at supports: share of rows without any, in an order that is wrong, and in the right one.
+FEW, MANY = 0.05, 0.3
+
+#: A loss factor that no bolted structure reaches: it is given in per cent, it seems.
+LARGE_LOSS = 0.5
+
+#: Share of a spring's stiffness within which the matrix holds it.
+HELD = 0.01
+
+#: Digits in which the entries of two vectors agree that are the same.
+_DIGITS = 9
 
 
 def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
@@ -78,3 +102,214 @@ def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str
 def loss_factor(model: FeModel) -> float:
     """Of a complex stiffness matrix, from its diagonal."""
     return float(model.K.imag.diagonal().sum() / model.K.real.diagonal().sum())
+
+
+def order_doubt(K: sp.csc_array, dofs: DofTable) -> str | None:
+    """A warning where the rows are in another order than the table, in words.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    """
+    n = dofs.size
+    if n < LEAST_DOFS or K.nnz > MOST_FILLED * n * n:
+        return None
+    own = _at_rest(K, dofs.component)
+    for text, order in _other_orders(dofs):
+        if own < FEW and _at_rest(K, dofs.component[order]) > MANY:
+            return (
+                f"the rows of the matrices go {text}, it seems, not as the DOF table does: a rigid translation would meet forces at "
+                f"{1 - own:.0%} of all DOFs; sort the DOF table so, and number its column dof anew from 0"
+            )
+    # What an FE program adds by itself lies anywhere.
+    given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
+    entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
+    apart = _distances(xyz, entries.row, entries.col)
+    # DOFs of one node tell nothing.
+    apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
+    if not apart.size or (near := float(np.median(apart))) < FAR * usual:
+        return None
+    places = np.unique(xyz, axis=0)
+    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+    return (
+        f"the stiffness connects DOFs that lie {near:.3g} m apart, as far as any two of the model, where nodes are {spacing:.3g} m "
+        "apart: the DOF table is of another model or in another order; export matrices and table in one run"
+    )
+
+
+def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
+    """Share of the rows at which a rigid translation meets no force, of those that it could move."""
+    rest, all_rows = 0, 0
+    for label in COMPONENTS[:3]:
+        moved = (component == label).astype(float)
+        force, size = np.abs(K.real @ moved), np.abs(K) @ moved
+        rest += int(((force < 1e-6 * size) & (size > 0.0)).sum())
+        all_rows += int((size > 0.0).sum())
+    return rest / all_rows if all_rows else 1.0
+
+
+def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
+    """Usual orders of rows as permutations of the table's."""
+    rank = np.array([COMPONENTS.index(label) if label in COMPONENTS else len(COMPONENTS) for label in dofs.component.tolist()])
+    return [
+        ("node by node", np.lexsort((dofs.component, rank, dofs.node))),
+        ("component by component", np.lexsort((dofs.node, dofs.component, rank))),
+    ]
+
+
+def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
+    return np.asarray(np.linalg.norm(xyz[one] - xyz[two], axis=1))
+
+
+def require_known_bolts(campaign: Campaign, bolts: PointTable | None) -> None:
+    """Refuse a bolt that is stated to be removed and does not exist.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for job, settings in campaign.jobs.items() if bolts is not None else ():
+        for index, name in enumerate(settings.removed):
+            if name not in bolts.name:  # type: ignore[union-attr]
+                raise campaign.error(
+                    f"no bolt has the name '{name}'",
+                    *("jobs", job, "removed", index),
+                    expected=f"one of {', '.join(bolts.name)}",  # type: ignore[union-attr]
+                    hint=suggestion(name, bolts.name) or "write it as the bolts file has it",  # type: ignore[union-attr]
+                )
+
+
+def slips(
+    campaign: Campaign,
+    model: FeModel,
+    responses: Sequence[str],
+    groups: Sequence[TermGroup],
+    bolts: PointTable | None,
+    dofs: DofTable | None,
+) -> Iterator[str]:
+    """Warnings, in words, each with what to do.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    model : FeModel
+    responses : sequence of str
+        Their names.
+    groups : sequence of TermGroup
+    bolts : PointTable or None
+    dofs : DofTable or None
+    """
+    yield from _tight_states(campaign)
+    yield from _damping(campaign, model)
+    yield from _one_place(model, responses)
+    yield from _terms_twice(model, groups)
+    yield from _held_springs(model, groups, dofs)
+    yield from _out_of_reach(groups, bolts)
+
+
+def _tight_states(campaign: Campaign) -> Iterator[str]:
+    update, calibration = campaign.update, campaign.calibration
+    roles = [("update.reference", update.reference), *(("update.baselines", name) for name in update.baselines)]
+    roles += [("calibration.job", calibration.job)] if calibration is not None else []
+    for key, name in roles:
+        removed = campaign.jobs[name].removed if name in campaign.jobs else ()
+        if removed:
+            yield (
+                f"{key}: {name} is taken as the tight state, but jobs.{name}.removed says that {', '.join(removed)} "
+                f"{'is' if len(removed) == 1 else 'are'} missing there: name a job with all bolts tight, or correct `removed`"
+            )
+
+
+def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
+    damping = campaign.model.damping
+    if not isinstance(damping, ProportionalDamping):
+        return
+    for field, there in (("structure", not model.is_acoustic.all()), ("acoustic", bool(model.is_acoustic.any()))):
+        own = getattr(damping, field)
+        if any((own.alpha, own.beta, own.loss_factor)) and not there:
+            kind = "pressures" if field == "acoustic" else "displacements"
+            yield (
+                f"model.damping.{field} has no effect: the model has no {kind}; remove it, or say in model.dofs which DOFs are {kind} "
+                "(component PRES)"
+            )
+        elif own.loss_factor >= LARGE_LOSS:
+            yield (
+                f"model.damping.{field}.loss_factor: {own.loss_factor:g} is {own.loss_factor:.0%}; if per cent were meant, write "
+                f"{own.loss_factor / 100:g}"
+            )
+
+
+def _one_place(model: FeModel, responses: Sequence[str]) -> Iterator[str]:
+    """Responses that have one row: what two sensors measured is compared with one FRF of the model."""
+    seen: dict[tuple[object, ...], str] = {}
+    for i, (name, row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
+        first = seen.setdefault((row, int(model.output_power[i])), name)
+        if first != name:
+            yield f"responses {first} and {name} are one DOF of the model: correct responses.{name}, or take one of them out"
+
+
+def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
+    """Groups that share vectors: nothing tells their values apart."""
+    left, right = _columns(model.terms.left), _columns(model.terms.right)
+    owner: dict[tuple[object, ...], str] = {}
+    shared: dict[tuple[str, str], int] = {}
+    for group in groups:
+        for term in group.terms.tolist():
+            first = owner.setdefault((left[term], right[term], int(model.terms.power[term])), group.name)
+            if first != group.name:
+                shared[first, group.name] = shared.get((first, group.name), 0) + 1
+    for (first, second), count in shared.items():
+        yield (
+            f"parameters {first} and {second} hold the same {count} term{'s' if count > 1 else ''}, so that nothing tells their values "
+            "apart: take them out of one of the two selections"
+        )
+
+
+def _held_springs(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
+    """Springs to ground that the stiffness matrix holds already: there, and there alone, a rigid translation meets a force."""
+    for group in groups if dofs is not None else ():
+        select, K, held = group.config.select, model.K.real, list[float]()
+        left = model.terms.left[:, group.terms].tocoo()
+        single = np.bincount(left.col, minlength=group.terms.size) == 1
+        for label in COMPONENTS[:3] if select.bushings is not None and group.config.baseline == 0.0 else ():
+            force = K @ (dofs.component == label).astype(float)  # type: ignore[union-attr]
+            at = (dofs.component[left.row] == label) & single[left.col]  # type: ignore[union-attr]
+            held += (force[left.row[at]] / left.data[at] ** 2).tolist()
+        if held and abs(float(np.median(held)) - 1.0) < HELD:
+            yield (
+                f"parameters {group.name}: the stiffness matrix holds these springs already, so that they count twice: "
+                f"parameters.{group.name}.baseline: 1.0"
+            )
+
+
+def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
+    """Most of the bolts beside all terms."""
+    values: list[Edge | Joints] = []
+    for group in groups:
+        zero = np.zeros(group.count)
+        if group.config.kind == "stiffness" and group.bolt is not None:
+            values.append(Joints(zero, np.inf, None, group.bolt))
+        elif group.config.kind == "stiffness" and group.xyz is not None and group.arc_length is not None:
+            values.append(Edge(group.xyz, group.arc_length, zero, np.inf, None))
+    found = spots(values, bolts.xyz) if bolts is not None and values else []
+    lost = [name for name, spot in zip(() if bolts is None else bolts.name, found, strict=False) if isinstance(spot, str)]
+    if 2 * len(lost) > len(found):
+        first = next(spot for spot in found if isinstance(spot, str))
+        yield (
+            f"{len(lost)} of {len(found)} bolts cannot be judged ({', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}): {first} "
+            f"({lost[0]}); look at them by `lrbc check --picture`, and correct the bolts file (order of its axes, origin) or "
+            "parameters.NAME.select"
+        )
+
+
+def _columns(vectors: sp.csc_array, *, scaled: bool = True) -> list[tuple[bytes, bytes]]:
+    """Columns as what can be compared; up to a factor where ``scaled``."""
+    vectors = vectors.sorted_indices()
+    found = []
+    for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True):
+        values = vectors.data[start:end]
+        largest = values[np.argmax(np.abs(values))] if scaled and values.size else 1.0
+        found.append((vectors.indices[start:end].tobytes(), (np.round(values / largest, _DIGITS) + 0.0).tobytes()))
+    return found

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.units import parse_system
+from lrbc_cli.model.units import USUAL_SYSTEMS, parse_system
 
 #: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
 #: that of the material. A thousand times the speed in air, or in a thin plate, lies above.
@@ -21,9 +21,6 @@ FASTEST = 2e5
 #: Bounds of that speed from below, and of the mass of a node over the cube of the distance to its neighbours [kg/m³]: from thin sheets in
 #: coarse meshes to lead in fine ones.
 SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
-
-#: Systems that are proposed where the numbers fit.
-USUAL_SYSTEMS = ("mm-N-t", "mm-kg-ms", "in-lbf-s", "cm-kg-s")
 
 MILLIMETRES = 1e-3
 

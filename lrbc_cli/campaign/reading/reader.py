@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,7 +19,7 @@ from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
 from lrbc_cli.config.structure import GroupConfig, PointConfig, SelectConfig
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
@@ -26,12 +27,13 @@ from lrbc_cli.io.hdf5.matrices import ArrayNames
 from lrbc_cli.io.matrices.read import read_matrix, read_vectors
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.tables import ROUNDING, DofList, read_dof_list, read_nodes
-from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofLabels, DofTable, PointTable, numbers_text
 from lrbc_cli.model.scaling import Scaling, scaling
 from lrbc_cli.model.selection import at_node, in_box, in_order, near_line, near_points, nearest, outline, spacing
 from lrbc_cli.model.units import SI
 
 Point = tuple[int | None, int | None]
+T = TypeVar("T")
 
 BESIDE = "lay it over the model; coordinates are in the units of the campaign file"
 PINNED = "DOFs that the export eliminated cannot be loosened: export the edge pinned, its rotations free"
@@ -39,6 +41,28 @@ FREE_IT = "a fixed DOF cannot move nor be loosened: export the edge pinned, its 
 
 #: Directions of universal files by the label of a DOF; a pressure has none.
 DIRECTIONS = {ACOUSTIC_COMPONENT: 0, "UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
+
+
+class Parts:
+    """Parts of the model that do not rest on each other: all are read, whatever is wrong with one."""
+
+    def __init__(self) -> None:
+        self.errors: list[LrbcError] = []
+
+    def read(self, part: Callable[[], T]) -> T | None:
+        """A part; None where it is wrong."""
+        try:
+            return part()
+        except LrbcError as error:
+            self.errors += [error, *error.others]
+            return None
+
+    def require(self) -> None:
+        """Raise the first error, with the others."""
+        if self.errors:
+            first, *rest = self.errors
+            first.others = tuple(rest)
+            raise first
 
 
 class ModelReader:
@@ -264,7 +288,7 @@ class ModelReader:
                     f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
                     *keys,
                     "nodes",
-                    hint=PINNED if known else None,
+                    hint=PINNED if known else numbers_text(table.node),
                 )
             out.append(int(found[0]))
         return np.array(out, dtype=np.int64)
@@ -369,7 +393,7 @@ class ModelReader:
                     *keys,
                     expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
                     found=point.component if here else f"node {point.node}",
-                    hint="a fixed DOF that the export eliminated cannot be used" if here else None,
+                    hint="a fixed DOF that the export eliminated cannot be used" if here else numbers_text(table.node),
                 )
             return int(dofs[0]), f"node {point.node} {point.component}"
         assert point.near is not None

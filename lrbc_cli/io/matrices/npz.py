@@ -48,7 +48,9 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
             if len(names) != 1:
                 expected = "exactly one matrix, or its name after '#'"
                 problem = "it is not clear which matrix is meant" if names else "the archive holds no matrix"
-                raise DataError(problem, file=path, expected=expected, found=listing(names), hint="write file#name" if names else None)
+                packed = [name for name in archive.namelist() if not name.endswith("/")]
+                hint = "write file#name" if names else f"unpack it, and name the matrix file that it holds: {listing(packed, 4)}"
+                raise DataError(problem, file=path, expected=expected, found=listing(names), hint=hint)
             group = names[0]
             notes.append(f"took {group!r}, the only matrix in the file")
         if group not in names:

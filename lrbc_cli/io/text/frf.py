@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -85,7 +86,7 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout) -> FrfSet:
     named = None if layout.coherence is None else _find(table, layout.coherence, path, "format.coherence")
     columns = _by_angles([_classify(table, index, layout) for index in _data_columns(table, at, path) if index != named])
     units = {column.at: column.unit for column in columns}
-    pairs = _chosen_pairs(table, columns, layout, path) or _pairs(columns, layout, path, notes)
+    pairs = _chosen_pairs(table, columns, layout, path) or _pairs(table, columns, layout, path, notes)
     coherences = {column.name: column.at for column in columns if column.part == "coherence"}
     if named is not None:
         coherences = {_only(pairs, table.called(named), path).name: named}
@@ -366,7 +367,7 @@ def _chosen_pairs(table: TextTable, columns: list[_Column], layout: TextLayout, 
     return pairs
 
 
-def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> list[_Pair]:
+def _pairs(table: TextTable, columns: list[_Column], layout: TextLayout, path: Path, notes: list[str]) -> list[_Pair]:
     """Pairs of columns and what they hold; pairs that share a name, or have none, by their order."""
     seen: dict[tuple[str, str], int] = {}
     parts: dict[tuple[str, int], dict[str, int]] = {}
@@ -409,14 +410,24 @@ def _pairs(columns: list[_Column], layout: TextLayout, path: Path, notes: list[s
             file=path,
             expected="a frequency, then two columns an FRF (NAME_real and NAME_imag, or magnitude and phase)",
             found=listing([f"{column.name or column.at + 1}{f' ({column.part})' if column.part else ''}" for column in columns]),
-            hint="export real and imaginary part"
-            if magnitudes
-            else "name them under 'format: {columns: {NAME: [first, second]}}' of the job",
+            hint="export real and imaginary part" if magnitudes else _instead(table, columns),
         )
     representation = layout.representation or "real-imag"
     notes.append(f"columns taken as pairs of {' and '.join(_PAIRS[representation])}")
     pairs = list(zip(plain[::2], plain[1::2], strict=True))
     return [_Pair(first.name, first.at, second.at, representation) for first, second in pairs]
+
+
+def _instead(table: TextTable, columns: Sequence[_Column]) -> str:
+    """What columns without partners may be, and what to do."""
+    values = table.values[:, [column.at for column in columns]]
+    known = values[np.isfinite(values)]
+    plain = "name them under 'format: {columns: {NAME: [first, second]}}' of the job"
+    if known.size and known.min() >= 0.0 and known.max() <= 1.0 and np.median(known) > 0.5:
+        return f"are these coherences? Name the file under `coherence` of the job, and the FRFs under `frf`; else {plain}"
+    if known.size and known.min() >= 0.0:
+        return f"are these magnitudes without phases? Export real and imaginary part; else {plain}"
+    return plain
 
 
 def _phase(table: TextTable, pair: _Pair, layout: TextLayout, notes: list[str]) -> str:

@@ -63,7 +63,7 @@ class Heading:
         """Whether it names a time."""
         return (
             self.part is None
-            and fold(self.text) in ("time", "zeit", "temps", "tempo", "tiempo", "t")
+            and re.fullmatch(r"(time|zeit|temps|tempo|tiempo|t)(_(s|ms|sec))?", fold(self.text)) is not None
             and self.unit in ("", "s", "ms", "sec")
         )
 

@@ -64,18 +64,7 @@ class TextTable:
 
 
 def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0) -> TextTable:
-    """Find the block of numbers of a text and its header.
-
-    Parameters
-    ----------
-    path
-        The file, for messages.
-    layout
-        What is known of it.
-    lines
-        The file's, or a part of them.
-    before
-        Lines of the file before that part.
+    """Find the block of numbers and its header in lines of a file that stand after ``before`` others.
 
     Raises
     ------
@@ -105,6 +94,17 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     above = lines[skip : start - unusable]
     headings = read_headings(above, delimiter, width if parts is None else len(parts))
     notes = []
+    if parts is None and delimiter == "," and any(2 * len(_split(line, ",")) == width for line in above[-2:]):
+        cells = _split(lines[start], ",")
+        if all(cell[:1].isdigit() for cell in cells[1::2]):
+            raise DataError(
+                "decimal commas in columns that are divided by commas, too",
+                file=path,
+                place=f"line {start + 1}",
+                expected=f"{width // 2} columns, as in the header",
+                found=f"{width} cells: {lines[start][:60]}",
+                hint="export with semicolons or tabs between the columns, or with decimal points",
+            )
     if parts is not None:
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)

@@ -101,7 +101,8 @@ class Table:
                 try:
                     values[index, column] = float(cell)
                 except ValueError:
-                    raise self.error(index, name, "a number with a decimal point", cell) from None
+                    hint = "write the numbers of this table with decimal points" if "," in cell else None
+                    raise self.error(index, name, "a number with a decimal point", cell, hint=hint) from None
             bad = np.flatnonzero(~np.isfinite(values[:, column]))
             if bad.size:
                 raise self.error(int(bad[0]), name, "a finite number", self.rows[bad[0]][self.columns[name]])

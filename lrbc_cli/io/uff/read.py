@@ -195,7 +195,10 @@ def _frequency(function: UffFunction, path: Path) -> NDArray[np.float64]:
     is_frequency = axis.kind == _FREQUENCY or (axis.kind in (_UNKNOWN, _GENERAL) and (unit is None or unit.time == -1))
     if not is_frequency or (unit is not None and unit.dimension != (0, 0, -1)):
         found = f"data type {axis.kind}, {axis.label or 'no label'} [{axis.unit or 'no unit'}]"
-        raise DataError("the abscissa of an FRF is not a frequency", file=path, place=place, expected="frequency in Hz", found=found)
+        hint = _INSTEAD[1] if unit is not None and unit.time == 1 else "export FRFs over the frequency"
+        raise DataError(
+            "the abscissa of an FRF is not a frequency", file=path, place=place, expected="frequency in Hz", found=found, hint=hint
+        )
     frequency = function.abscissa * (unit.factor if unit is not None else 1.0)
     if "rad" in axis.unit.lower():
         frequency = frequency / (2 * np.pi)

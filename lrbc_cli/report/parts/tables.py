@@ -166,7 +166,10 @@ def bolt_table(job: JobRecord) -> Markup | None:
         spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
         cells: list[str | Cell] = [
             Cell(
-                tag("b", _MARKS.get(verdict, "–"), aria_hidden="true"), " ", WORDS.get(verdict, verdict), class_=f"verdict {bolt.verdict}"
+                tag("b", _MARKS.get(verdict, "–"), aria_hidden="true"),
+                " ",
+                WORDS.get(verdict, verdict),
+                class_=f"verdict {verdict}" if verdict in _MARKS else "verdict none",
             ),
             fmt.probability(bolt.probability_loose if job.explained else None),
             fmt.fixed(bolt.log10_stiffness),

@@ -1,0 +1,435 @@
+"""Mistakes that people make with models, measurements and campaign files: each is found by check, with a message that names the fix."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import re
+import shutil
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from campaigns import Folder, Result, lrbc
+from campaigns import frame as make_frame
+from campaigns import plate as make_plate
+from samples import reduced_cache
+
+Damage = Callable[[Folder], object]
+Rows = Callable[[np.ndarray], np.ndarray]
+
+FRFS = ("frf/tight.csv", "frf/loose-2.csv", "frf/loose-all.csv")
+COLUMNS = "frequency_hz,acc1_real,acc1_imag,acc2_real,acc2_imag,acc3_real,acc3_imag,acc4_real,acc4_imag"
+EDGE = "      vectors: data/model/edge.mtx\n      positions: data/model/edge.csv\n"
+
+
+def config(*pairs: tuple[str, str]) -> Damage:
+    """Replace texts of the campaign file, one after the other."""
+    return lambda folder: [folder.replace(old, new) for old, new in pairs]
+
+
+def text(name: str, change: Callable[[str], str]) -> Damage:
+    """Change a text file; it must change."""
+
+    def damage(folder: Folder) -> None:
+        path = folder.data / name
+        before = path.read_text()
+        assert change(before) != before
+        path.write_text(change(before))
+
+    return damage
+
+
+def write(name: str, content: bytes) -> Damage:
+    return lambda folder: (folder.data / name).write_bytes(content)
+
+
+def all_of(*damages: Damage) -> Damage:
+    return lambda folder: [damage(folder) for damage in damages]
+
+
+def numbers(name: str, change: Rows, header: str | None = None, plain: str = "%.9g") -> Damage:
+    """Change the numbers below the header of a CSV file, after the words of each row."""
+
+    def change_text(content: str) -> str:
+        first, *rows = content.splitlines()
+        cells = [row.split(",") for row in rows]
+        words = {"dofs": 3, "bolts": 1}.get(Path(name).stem, 0)
+        values = change(np.array([[float(cell) for cell in row[words:]] for row in cells]))
+        lines = [",".join([*row[:words], *(plain % value for value in own)]) for row, own in zip(cells, values, strict=True)]
+        return "\n".join([header or first, *lines]) + "\n"
+
+    return text(name, change_text)
+
+
+def times(factor: float, first: int = 0, last: int | None = None) -> Rows:
+    def change(rows: np.ndarray) -> np.ndarray:
+        rows = rows.copy()
+        rows[:, first:last] *= factor
+        return rows
+
+    return change
+
+
+def integrated(rows: np.ndarray) -> np.ndarray:
+    """Velocities of accelerations."""
+    values = (rows[:, 1::2] + 1j * rows[:, 2::2]) / (2j * np.pi * rows[:, :1])
+    return np.column_stack([rows[:, :1], *(part for value in values.T for part in (value.real, value.imag))])
+
+
+def gap(rows: np.ndarray) -> np.ndarray:
+    rows = rows.copy()
+    rows[100:300, 1:3] = np.nan
+    return rows
+
+
+def first_lines(share: float) -> Callable[[str], str]:
+    return lambda content: "".join((lines := content.splitlines(keepends=True))[: int(share * len(lines))])
+
+
+def cut_gz(name: str) -> Damage:
+    def damage(folder: Folder) -> None:
+        path = folder.data / name
+        path.write_bytes(gzip.compress(first_lines(0.6)(gzip.decompress(path.read_bytes()).decode()).encode()))
+
+    return damage
+
+
+def zipped(*names: str) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name in names:
+            archive.writestr(name, "x" * 100)
+    return content.getvalue()
+
+
+def table(head: str, columns: np.ndarray) -> bytes:
+    return "\n".join([head, *(",".join(f"{value:.6g}" for value in row) for row in columns)]).encode()
+
+
+def by_component(content: str) -> str:
+    """A DOF table that goes component by component."""
+    head, *rows = content.splitlines()
+    cells = sorted((row.split(",")[1:] for row in rows), key=lambda row: (row[1], int(row[0])))
+    return "\n".join([head, *(",".join([str(k), *row]) for k, row in enumerate(cells))]) + "\n"
+
+
+def scattered(content: str) -> str:
+    """The places of a DOF table without any order."""
+    head, *rows = content.splitlines()
+    places = {row.split(",")[1]: row.split(",", 3)[3] for row in rows}
+    other = dict(zip(places, np.random.default_rng(1).permutation(list(places.values())), strict=True))
+    return "\n".join([head, *(",".join([*row.split(",")[:3], other[row.split(",")[1]]]) for row in rows)]) + "\n"
+
+
+def without(record: str) -> Callable[[str], str]:
+    return lambda content: re.sub(rf"    -1\n    58\nFrequency response function {record}\n(.*\n)*?    -1\n", "", content)
+
+
+def decimal_commas(content: str) -> str:
+    head, *rows = content.splitlines()
+    return "\n".join([head, *(",".join(f"{float(cell):.6f}".replace(".", ",") for cell in row.split(",")) for row in rows)]) + "\n"
+
+
+def german(content: str) -> str:
+    return content.replace(",", ";").replace(".", ",")
+
+
+def grams(folder: Folder) -> None:
+    """The mass matrix in g, all else in SI."""
+    path = folder.data / "model" / "mass.mtx.gz"
+    scipy.io.mmwrite(folder.data / "model" / "grams.mtx", 1e3 * scipy.io.mmread(path, spmatrix=False), symmetry="symmetric", precision=17)
+    folder.replace("mass.mtx.gz", "grams.mtx")
+
+
+def conjugate(rows: np.ndarray) -> np.ndarray:
+    return rows * np.where(np.isin(np.arange(rows.shape[1]), range(2, 9, 2)), -1.0, 1.0)
+
+
+def exchanged(rows: np.ndarray) -> np.ndarray:
+    return rows[:, [0, 3, 4, 1, 2, *range(5, 9)]]
+
+
+HZ = np.arange(30.0, 501.0)
+COHERENCE = 1.0 - 0.05 * np.random.default_rng(1).random((HZ.size, 4))
+SECONDS = np.arange(2048) / 2048
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What was done, to which sample, and what check says; ``fix`` is the part that tells what to do."""
+
+    what: str
+    sample: str
+    damage: Damage
+    code: int
+    says: str
+    fix: str
+
+
+K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
+ACC1 = ", quantity: acceleration}\n  acc2"
+UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
+LOOSE = "frf: data/frf/loose-2.csv"
+
+#: Those that need a reduced model of their own.
+DEAR = {
+    "model in other units",
+    "DOF table component by component",
+    "DOF table in no order",
+    "loss factor in per cent",
+    "hammer and sensor exchanged",
+    "springs twice",
+}
+
+MISTAKES = [
+    Mistake(
+        "K and M exchanged",
+        "frame",
+        config((K, "K"), (M, K), ("stiffness: K ", f"stiffness: {M} ")),
+        3,
+        "in each other's place",
+        "exchange model.stiffness",
+    ),
+    Mistake(
+        "half a triangle",
+        "frame",
+        text("model/stiffness.mtx", lambda t: t.replace("real symmetric", "real general")),
+        3,
+        "only the lower triangle",
+        "symmetric: true",
+    ),
+    Mistake(
+        "stiffness cut at a line end",
+        "frame",
+        text("model/stiffness.mtx", first_lines(0.6)),
+        3,
+        "found:    2844 entries",
+        "truncated",
+    ),
+    Mistake("list of entries cut at a line end", "plate", cut_gz("plate.sti.gz"), 3, "the stiffness matrix ends early", "file cut"),
+    Mistake("mass cut at a line end", "plate", cut_gz("plate.mas.gz"), 3, "the mass matrix ends early", "file cut"),
+    Mistake("DOF map of another model", "plate", text("plate.dof", first_lines(0.9)), 3, "DOF map does not fit", "one model in one run"),
+    Mistake(
+        "DOF table component by component", "frame", text("model/dofs.csv", by_component), 0, "rows of the matrices go node by node", "sort"
+    ),
+    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, "connects DOFs that lie", "export matrices and table"),
+    Mistake("model in mm without units", "plate", config((UNITS, "")), 3, "do not fit the matrices", "`units: mm-N-t`"),
+    Mistake("t for kg", "plate", config(("units: mm-N-t", "units: mm-kg-ms")), 3, "do not fit the matrices", "`units: mm-N-t`"),
+    Mistake("units in capitals", "plate", config(("units: mm-N-t", "units: MM-N-T")), 2, "not a system of units", "units: mm-N-t"),
+    Mistake("DOF table in mm", "frame", numbers("model/dofs.csv", times(1e3)), 3, "do not fit the matrices", "millimetres"),
+    Mistake(
+        "matrix in a .zip",
+        "frame",
+        all_of(write("model/K.zip", zipped("stiffness.mtx")), config((K, "data/model/K.zip"))),
+        3,
+        "holds no matrix",
+        "unpack it, and name the matrix file that it holds: stiffness.mtx",
+    ),
+    Mistake(
+        "FRFs in a workbook",
+        "frame",
+        all_of(write("frf/loose-2.xlsx", zipped("[Content_Types].xml", "xl/workbook.xml")), config((LOOSE, LOOSE[:-3] + "xlsx"))),
+        3,
+        "Excel workbook",
+        "export one of these",
+    ),
+    Mistake("file misspelt", "frame", config((LOOSE, "frf: data/frf/loose_2.csv")), 3, "does not exist", "did you mean 'loose-2.csv'?"),
+    Mistake("folder misspelt", "frame", config((LOOSE, "frf: data/frfs/loose-2.csv")), 3, "does not exist", "there is no folder"),
+    Mistake("no bytes", "frame", write("frf/loose-2.csv", b""), 3, "empty", "export it again"),
+    Mistake("backslashes in quotes", "frame", config((LOOSE, r'frf: "data\frf\loose-2.csv"')), 2, "not valid YAML", "write paths with /"),
+    Mistake("backslashes", "frame", config((LOOSE, r"frf: data\frf\loose-2.csv")), 3, "does not exist", "write folders with /"),
+    Mistake("loss factor in per cent", "plate", config(("loss_factor: 0.01", "loss_factor: 1.0")), 0, "is 100%", "write 0.01"),
+    Mistake(
+        "loss factor of air",
+        "plate",
+        config(("loss_factor: 0.01}", "loss_factor: 0.01}\n    acoustic: {loss_factor: 0.02}")),
+        0,
+        "model.damping.acoustic has no effect",
+        "remove it",
+    ),
+    Mistake("point in mm", "frame", config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")), 3, "outside the model", "are these millimetres?"),
+    Mistake("wrong node", "plate", config(("near: [20, 100, 4]", "node: 9417")), 2, "node 9417", "numbered 101 to 509"),
+    Mistake("wrong component", "frame", config(("0.28, 0.0], component: UZ", "0.28, 0.0], component: UX")), 2, "UX", "TWIST, UZ"),
+    Mistake("two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct responses.acc2"),
+    Mistake(
+        "hammer and sensor exchanged",
+        "plate",
+        config(("[63.333, 60, 4]", "HIT"), ("[20, 100, 4]", "[63.333, 60, 4]"), ("HIT", "[20, 100, 4]")),
+        0,
+        "the hammer hit node 393",
+        "Correct excitation.hammer",
+    ),
+    Mistake(
+        "two sensors exchanged",
+        "frame",
+        all_of(*(numbers(name, exchanged) for name in FRFS)),
+        0,
+        "acc1 and acc2 in each other's place",
+        "exchange the places of responses.acc1 and responses.acc2",
+    ),
+    Mistake("sensor upside down", "frame", numbers(FRFS[1], times(-1, 3, 5)), 0, "reversed sign", "jobs.loose-2.scale: {acc2: -1}"),
+    Mistake("g for m/s²", "frame", all_of(*(numbers(n, times(1 / 9.81, 1)) for n in FRFS)), 0, "g/N", "jobs.tight.format.unit: g/N"),
+    Mistake(
+        "velocities", "frame", all_of(*(numbers(n, integrated) for n in FRFS)), 0, "likely velocity", "responses.acc1.quantity: velocity"
+    ),
+    Mistake("rad/s", "frame", numbers(FRFS[1], times(2 * np.pi, 0, 1)), 0, "are the frequencies in rad/s?", "{frequency_unit: rad/s}"),
+    Mistake("kHz", "frame", numbers(FRFS[1], times(1e-3, 0, 1)), 3, "no line of this measurement", "{frequency_unit: kHz}"),
+    Mistake("coherence for FRF", "frame", write(FRFS[1], table("f,acc1,acc2,acc3,acc4", np.c_[HZ, COHERENCE])), 3, "pair", "`coherence`"),
+    Mistake("time history", "frame", write(FRFS[1], table("time_s,acc1,acc2", np.c_[SECONDS, SECONDS, SECONDS])), 3, "time history", "H1"),
+    Mistake(
+        "time history in UFF",
+        "plate",
+        text("frf/b5-loose.uff", lambda t: re.sub(r"18(    0    0    0) Frequency            Hz", r"17\1 Time                 s ", t)),
+        3,
+        "not a frequency",
+        "H1",
+    ),
+    Mistake("no phase", "frame", write(FRFS[1], table("f,acc1,acc2,acc3,acc4", np.c_[HZ, 7 * COHERENCE])), 3, "pair", "magnitudes"),
+    Mistake("decimal commas", "frame", text(FRFS[1], decimal_commas), 3, "divided by commas, too", "with decimal points"),
+    Mistake("no record in a job", "plate", text("frf/b5-loose.uff", without("acc2")), 0, "no record of acc2", "measure acc2 again"),
+    Mistake("no record in the reference", "plate", text("frf/tight-1.uff", without("acc2")), 3, "no record of response acc2", "records"),
+    Mistake(
+        "a column renamed", "frame", text(FRFS[1], lambda t: t.replace("acc2_", "Sensor 2_")), 0, "no record of acc2", "{acc2: Sensor 2}"
+    ),
+    Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "name a job"),
+    Mistake(
+        "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "measurement of loose-2 once more", "its own file"
+    ),
+    Mistake(
+        "a copy", "frame", lambda f: shutil.copy(f.data / FRFS[1], f.data / FRFS[2]), 0, "measurement of loose-2 once more", "its own file"
+    ),
+    Mistake("gaps", "frame", numbers(FRFS[1], gap), 3, "not a finite number", "measure it again"),
+    Mistake("band too wide", "frame", config(("[30.0, 500.0]", "[30.0, 900.0]")), 0, "cover 54% of the band", "reduction.band: [30, 500]"),
+    Mistake("band in kHz", "frame", config(("[30.0, 500.0]", "[0.03, 0.5]")), 3, "no line", "Write it in Hz: [30, 500]"),
+    Mistake("bolts in mm", "frame", numbers("model/bolts.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),
+    Mistake(
+        "bolts along another edge",
+        "frame",
+        numbers("model/bolts.csv", lambda r: r[:, [1, 0, 2]]),
+        0,
+        "4 of 6 bolts",
+        "bolts file",
+    ),
+    Mistake("bolt misspelt", "frame", config(("removed: [B3, B4]", "removed: [B3, B04]")), 2, "'B04'", "did you mean 'B4'?"),
+    Mistake("no list", "frame", config(("removed: [B3, B4]", "removed: B3, B4")), 2, "wrong type", "write a list: [B3, B4]"),
+    Mistake(
+        "empty box",
+        "frame",
+        config((EDGE, "      component: ROTY\n      box: [[0.5, 0.6], [0.0, 0.4], [0, 0]]\n")),
+        2,
+        "no DOF ROTY lies in this box",
+        "lay it over the model",
+    ),
+    Mistake(
+        "terms twice",
+        "frame",
+        config(("bolts: data/model/bolts.csv", f"  again:\n    select:\n{EDGE}\nbolts: data/model/bolts.csv")),
+        0,
+        "left_edge and again hold the same 10 terms",
+        "take them out of one",
+    ),
+    Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
+    Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "name one matrix", "name its own file"),
+    Mistake("model in other units", "frame", grams, 0, "have little in common", "check the mass sum"),
+    Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "run the other way", "conjugate the FRF file"),
+    Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "likely acceleration", "responses.acc1.quantity: acceleration"),
+    Mistake("table of a German office", "frame", text("model/bolts.csv", german), 3, "'-0,01'", "with decimal points"),
+    Mistake("band reversed", "frame", config(("[30.0, 500.0]", "[500.0, 30.0]")), 2, "a range that is empty", "write [30, 500]"),
+    Mistake("a folder", "frame", config((LOOSE, "frf: data/frf")), 3, "a folder", "name a file in it"),
+    Mistake("singular", "frame", config(("\njobs:", "\njob:")), 2, "'job'", "did you mean 'jobs'?"),
+    Mistake("no logarithm", "frame", config(("initial: 6.5", "initial: 3.2e6")), 2, "left_edge.initial", "write 6.51"),
+    Mistake("no logarithms", "frame", config(("bounds: [2.0, 8.0]", "bounds: [1e2, 1e9]")), 2, "left_edge.bounds", "write 2 for 100"),
+    Mistake("terms in mm", "frame", numbers("model/edge.csv", times(1e3)), 3, "outside the model", "are these millimetres?"),
+    Mistake(
+        "bushing at no node",
+        "plate",
+        text("bushings.csv", lambda t: t.replace("B1,129,", "B1,1290,")),
+        3,
+        "node 1290",
+        "numbered 101 to 509",
+    ),
+    Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
+    Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),
+    Mistake("indented wrongly", "frame", config(("\n  reference: tight", "\nreference: tight")), 2, "line 51", "indentation"),
+    Mistake("a tab", "frame", config(("\n  reference: tight", "\n\treference: tight")), 2, "a tab", "replace tabs by blanks"),
+    Mistake("decimal commas in a point", "frame", config(("[0.16, 0.12, 0.0]", "[0,16, 0,12, 0,0]")), 2, "at most 3", "decimal points"),
+    Mistake("decimal comma", "frame", config(("initial: 6.5", "initial: 6,5")), 2, "'6,5'", "decimal point"),
+    Mistake("no such response", "frame", config(("acc2, acc3]", "acc2, acc5]")), 2, "'acc5'", "did you mean 'acc4'?"),
+    Mistake("no blank after a colon", "frame", config(("output: out", "output:out")), 2, "line 16", "a blank after the colon"),
+    Mistake(
+        "coherence of something else",
+        "frame",
+        all_of(
+            write("frf/coh.csv", table("f,x1,x2", np.c_[HZ, COHERENCE[:, 2:]])),
+            config((LOOSE, f"{LOOSE}\n    coherence: data/frf/coh.csv")),
+        ),
+        0,
+        "no coherence of the job belongs to a response (x1, x2)",
+        "name its columns",
+    ),
+]
+
+
+def check(folder: Folder, sample: str) -> Result:
+    return lrbc("check", folder.config, "--cache", reduced_cache(sample))
+
+
+def make(sample: str, path: Path) -> Folder:
+    return {"frame": make_frame, "plate": make_plate}[sample](path)
+
+
+@pytest.mark.parametrize("mistake", [pytest.param(m, id=m.what, marks=[pytest.mark.slow] if m.what in DEAR else []) for m in MISTAKES])
+def test_a_mistake_is_found_and_its_fix_named(tmp_path: Path, mistake: Mistake) -> None:
+    folder = make(mistake.sample, tmp_path)
+    mistake.damage(folder)
+    before = folder.listing()
+    result = check(folder, mistake.sample)
+    assert result.code == mistake.code, result.stderr
+    told = result.stderr if mistake.code else result.stdout.partition("\nwarnings\n")[2]
+    for part in (mistake.says, mistake.fix, *(["fix:"] if mistake.code and "expected:" not in told else [])):
+        assert part in told, f"{part!r} is not in:\n{told}"
+    assert folder.listing() == before
+
+
+@pytest.mark.parametrize("sample", ["frame", "plate"])
+def test_nothing_is_wrong_with_the_samples(tmp_path: Path, sample: str) -> None:
+    result = check(make(sample, tmp_path), sample)
+    assert (result.code, result.stderr) == (0, "")
+    assert "\nwarnings\n" not in result.stdout
+
+
+def test_every_wrong_response_and_group_is_told_at_once(tmp_path: Path) -> None:
+    folder = make_frame(tmp_path)
+    config(("near: [0.32, 0.28, 0.0]", "node: 9001"), ("near: [0.08, 0.20, 0.0]", "node: 9002"), ("row: 1,", "row: 7,"))(folder)
+    config((EDGE, "      component: ROTY\n      box: [[0.5, 0.6], [0.0, 0.4], [0, 0]]\n"))(folder)
+    result = check(folder, "frame")
+    assert result.code == 2
+    for part in ("node 9001", "node 9002", "responses.acc4.row", "left_edge.select.box"):
+        assert result.stderr.count(part + " ") or result.stderr.count(part + ":"), result.stderr
+    assert "4 things to mend" in result.stdout
+
+
+def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:
+    folder = make_frame(tmp_path)
+    config(("jobs:", "watch: {folder: data/frf, pattern: '*.csv'}\n\njobs:"))(folder)
+    shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "second.dat")
+    (folder.data / "frf" / "remarks.pdf").write_bytes(b"%PDF")
+    told = check(folder, "frame").stdout.partition("\nwarnings\n")[2]
+    assert "second.dat" in told
+    assert "add '*.dat' there" in told
+    assert "remarks" not in told
+    assert FRFS[1].partition("/")[2] not in told
+
+
+def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path) -> None:
+    """Nothing is kept of it."""
+    folder = make_frame(tmp_path)
+    numbers(FRFS[0], times(1 / 9.81, 1))(folder)
+    result = folder.run("check")
+    assert "job tight: not in the model's units" in result.stdout
+    assert not folder.cache.exists()
