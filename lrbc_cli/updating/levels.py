@@ -23,6 +23,9 @@ Floats = NDArray[np.float64]
 #: Totals, bounds and spans are told apart down to this share: round-off of their sums.
 ROUND_OFF = 1e-9
 
+#: How the description of an end goes on that was followed further, see ``Race.leave_out``.
+LEFT_OUT = ", then without"
+
 
 def hats(positions: Floats, knots: int) -> Floats:
     """(k, m) piecewise linear interpolation from evenly spaced knots to positions along an edge; knots that no term feels are left out."""
@@ -169,7 +172,8 @@ class Race:
                 rest = self._misfit.without(theta, share)
                 return descend(rest, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=more).theta
 
-            texts = [f"without the {100 * share:g} % of the values that '{description}' explains least" for share in shares]
+            first = description.partition(LEFT_OUT)[0]
+            texts = [f"{first}{LEFT_OUT} the {100 * share:g} % that it explains least" for share in shares]
             self.begin(zip(texts, side_by_side(beside, shares), strict=True), few)
             self.halve(before, more)
             if not self.ends[self.best][1].evaluation.total < (1.0 - self._tolerance) * end.evaluation.total:

@@ -116,6 +116,7 @@ def search(
     bounds: Floats,
     neighbours: Sequence[tuple[int, int]] = (),
     *,
+    names: Sequence[str] | None = None,
     levels: Sequence[float] = (-0.3, -0.7, -1.2, -2.0, -3.0),
     width: int | None = None,
     kept: int = 3,
@@ -133,6 +134,8 @@ def search(
     bounds : (size, 2) float array
     neighbours : sequence of (int, int)
         Columns of bolts that may have loosened together.
+    names : sequence of str or None
+        Of the bolts; None: numbers.
     levels : sequence of float
         Changes that are tried [decades].
     width, kept : int
@@ -167,8 +170,8 @@ def search(
 
     ways = [(neighbours, by_pairs), ((), by_pairs)] if paired else [(neighbours, exchange)]
     ends = [state for first, last in ways for state in _climb(table, first, last, width, gain)]
-    names = {int(column): i for i, column in enumerate(shapes.bolts)}
-    return {_describe(state, names): table.theta(state.changes) for state in sorted(ends)[:kept]}, table.evaluations
+    called = {int(column): f"bolt {i + 1}" if names is None else names[i] for i, column in enumerate(shapes.bolts)}
+    return {_describe(state, called): table.theta(state.changes) for state in sorted(ends)[:kept]}, table.evaluations
 
 
 def _changed(own: dict[int, float], other: dict[int, float]) -> Changes:
@@ -199,6 +202,6 @@ def _climb(
         best, beam = nearest[0], nearest
 
 
-def _describe(state: Combination, bolts: dict[int, int]) -> str:
-    parts = [f"bolt {bolts[column] + 1} by {change:g}" for column, change in state.changes]
+def _describe(state: Combination, called: dict[int, str]) -> str:
+    parts = [f"{called[column]} by {change:g}" for column, change in state.changes]
     return f"table of changes: {', '.join(parts) or 'none'}"

@@ -195,7 +195,7 @@ class _Job:
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, sought = None, 0
         further: dict[str, Floats] = {}
-        begin = self.prior if span is not None else self.start
+        begin, names = self.prior if span is not None else self.start, None if self.inputs.bolts is None else self.inputs.bolts.name
         if weight == "l-curve":
             curve = l_curve(misfit, begin, bounds)
             misfit = misfit.with_eta(curve.chosen)
@@ -204,7 +204,7 @@ class _Job:
             solution = self._descend(misfit, begin)
         else:
             if span is not None:
-                further, sought = search(misfit, self.shapes, bounds, self._pairs())
+                further, sought = search(misfit, self.shapes, bounds, self._pairs(), names=names)
                 further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
             # Coarse profiles are for values in a row.
             knots = () if self.shapes.joints_only else (1, 3, 5, 9)
@@ -214,7 +214,7 @@ class _Job:
             )
             if self.shapes.joints_only and solution.evaluation.misfit_db > method.rule.misfit_margin:
                 # Nothing that would be called explained: changes at two joints at once may lead there.
-                further, more = search(misfit, self.shapes, bounds, self._pairs(), paired=True)
+                further, more = search(misfit, self.shapes, bounds, self._pairs(), names=names, paired=True)
                 again = gauss_newton_by_levels(
                     misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
                 )
