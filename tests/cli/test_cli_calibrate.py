@@ -180,10 +180,11 @@ class TestWhetherItFits:
             ("jobs.tight.frf=data/frf/loose-2.csv", "the measurement"),
             ("parameters.left_edge.initial=6.0", "parameter groups"),
             ("reduction.band=[30.0, 480.0]", "the band"),
-            ("model.damping=data/model/mass.mtx.gz", "the damping"),
+            ("model.damping=data/model/damping.mtx.gz", "the damping"),
         ],
     )
     def test_what_does(self, copy: Folder, override: str, words: str) -> None:
+        shutil.copy(copy.data / "model" / "mass.mtx.gz", copy.data / "model" / "damping.mtx.gz")
         outcome = copy.run("reduce", "--dry-run", "--override", override)
         assert outcome.code == 0
         assert "warning: calibration: ignored: changed since" in outcome.stderr

@@ -296,7 +296,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
             for name, group in extras.items()
         }
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model, groups), *slips(campaign, model, [r.name for r in responses], groups, bolts, reader.dofs))
+    reader.warn(*doubts(model, groups), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
     recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])

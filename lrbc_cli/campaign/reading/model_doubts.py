@@ -184,7 +184,7 @@ def require_known_bolts(campaign: Campaign, bolts: PointTable | None) -> None:
 def slips(
     campaign: Campaign,
     model: FeModel,
-    responses: Sequence[str],
+    responses: Sequence[tuple[str, int]],
     groups: Sequence[TermGroup],
     bolts: PointTable | None,
     dofs: DofTable | None,
@@ -195,8 +195,8 @@ def slips(
     ----------
     campaign : Campaign
     model : FeModel
-    responses : sequence of str
-        Their names.
+    responses : sequence of (str, int)
+        Their names and inputs.
     groups : sequence of TermGroup
     bolts : PointTable or None
     dofs : DofTable or None
@@ -241,11 +241,11 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
             )
 
 
-def _one_place(model: FeModel, responses: Sequence[str]) -> Iterator[str]:
-    """Responses that have one row: what two sensors measured is compared with one FRF of the model."""
+def _one_place(model: FeModel, responses: Sequence[tuple[str, int]]) -> Iterator[str]:
+    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model."""
     seen: dict[tuple[object, ...], str] = {}
-    for i, (name, row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
-        first = seen.setdefault((row, int(model.output_power[i])), name)
+    for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
+        first = seen.setdefault((row, int(model.output_power[i]), own), name)
         if first != name:
             yield f"responses {first} and {name} are one DOF of the model: correct responses.{name}, or take one of them out"
 
