@@ -134,10 +134,8 @@ def search(
     bounds : (size, 2) float array
     neighbours : sequence of (int, int)
         Columns of bolts that may have loosened together.
-    names : sequence of str or None
-        Of the bolts; None: numbers.
-    levels : sequence of float
-        Changes that are tried [decades].
+    names, levels : sequences of str and float
+        Of the bolts, None: numbers; changes that are tried [decades].
     width, kept : int
         Lines of descent side by side, and best states returned. 8 among joints (by trial on virtual rigs: from 7 dB on the two best
         led astray), 2 along edges, where descents pass a change on from hat to hat.

@@ -112,6 +112,21 @@ def test_one_matrix_in_two_formats_is_no_stiffness_and_mass(tmp_path: Path) -> N
     assert any("holds the matrix of" in text for text in roles.doubts)
 
 
+@pytest.mark.parametrize(("file", "names"), [("dmig.pch", ["KAAX", "MAAX"]), ("se_test_n11.op4.gz", ["KAA", "MAA"])])
+def test_matrices_by_the_names_that_nastran_gives_them(file: str, names: list[str], tmp_path: Path) -> None:
+    content = (ROOT / "tests" / "data" / "nastran" / file).read_bytes()
+    (tmp_path / file.removesuffix(".gz")).write_bytes(gzip.decompress(content) if file.endswith(".gz") else content)
+    roles = draft(tmp_path / "new", recognise(tmp_path)).roles
+    assert [roles.operators[role].group for role in ("stiffness", "mass")] == names
+
+
+def test_a_matrix_of_another_model_is_named(tmp_path: Path) -> None:
+    K, M = (csc(matrix) for matrix in chain(12))
+    for name, matrix in (("K", K), ("M", M), ("other", csc(chain(5)[1]))):
+        scipy.io.mmwrite(tmp_path / f"{name}.mtx", matrix)
+    assert any(text.startswith("other.mtx") for text in draft(tmp_path / "new", recognise(tmp_path)).roles.spare)
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     folder, _ = drafted(files, tmp_path / "new")

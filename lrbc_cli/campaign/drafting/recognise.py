@@ -197,7 +197,10 @@ def _nodes(path: Path, found: FilesFound) -> bool:
 
 
 #: What reads files with an ending, where it says so.
-PROMISED = {".csv": _text_frfs, ".txt": _text_frfs, ".asc": _text_frfs, ".mtx": _matrices, ".gz": _matrices}
+PROMISED = {
+    **dict.fromkeys((".csv", ".txt", ".asc"), _text_frfs),
+    **dict.fromkeys((".mtx", ".gz", ".full", ".op4", ".pch"), _matrices),
+}
 
 
 def _can(read: Callable[[], object]) -> bool:

@@ -24,9 +24,9 @@ from lrbc_cli.reduction.vectors import highest_omega
 
 #: Names of operators, from whole names to parts of them.
 OPERATORS = {
-    "stiffness": re.compile(r"^(k|kaa|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti(\.gz)?$", re.IGNORECASE),
-    "mass": re.compile(r"^(m|maa|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas(\.gz)?$", re.IGNORECASE),
-    "damping": re.compile(r"^(c|d|caa|baa)$|damp|daempf|dämpf|visc|\.dmp(\.gz)?$", re.IGNORECASE),
+    "stiffness": re.compile(r"^(k|kaax?|stif)$|stiff|steif|(^|[_\W])k([_\W]|$)|stif\d|\.sti(\.gz)?$", re.IGNORECASE),
+    "mass": re.compile(r"^(m|maax?|mas)$|mass|(^|[_\W])m([_\W]|$)|\.mas(\.gz)?$", re.IGNORECASE),
+    "damping": re.compile(r"^(c|d|caax?|baax?)$|damp|daempf|dämpf|visc|\.dmp(\.gz)?$", re.IGNORECASE),
 }
 
 #: Names of tight states, the surest first.
@@ -152,7 +152,8 @@ def _operators(found: FilesFound, roles: Roles) -> None:
             # The stiffness has the largest entries, whatever the units.
             taken[role] = by_size.pop(0 if role == "stiffness" else -1)
             roles.doubts.append(f"model.{role}: taken by the size of its entries; nothing in its name says so")
-    roles.spare += [_called(found, matrix) for matrix in by_size]
+    other = [matrix for matrix in found.matrices if n not in matrix.matrix.shape]
+    roles.spare += [_called(found, matrix) for matrix in (*by_size, *other)]
     if {"stiffness", "mass"} <= set(taken):
         K, M = taken["stiffness"], taken["mass"]
         if highest_omega(K.matrix, M.matrix) < 1.0 < highest_omega(M.matrix, K.matrix) < np.inf:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
         If an entry cannot be read or there is no such matrix.
     """
     found = _parse(path)
-    square = [name for name, entries in found.items() if entries.form in _SQUARE]
+    square = _square(found)
     name = group.upper() if group else square[0] if len(square) == 1 else ""
     if name not in square:
         raise DataError(
@@ -73,6 +74,15 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
     component = [COMPONENTS[c - 1] if 0 < c <= len(COMPONENTS) else "SCALAR" for _, c in keys]
     labels = DofLabels(np.array([node for node, _ in keys], dtype=np.int64), np.array(component, dtype=np.str_))
     return MatrixFile(matrix, "nastran-dmig", notes, labels=labels)
+
+
+def dmig_names(path: Path) -> list[str]:
+    """The square matrices of a file; raises as ``read_dmig``."""
+    return _square(_parse(path))
+
+
+def _square(found: Mapping[str, _Entries]) -> list[str]:
+    return [name for name, entries in found.items() if entries.form in _SQUARE]
 
 
 def _parse(path: Path) -> dict[str, _Entries]:

@@ -97,8 +97,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     """
     content = whole(path)
     order = _order(content[:64])
-    with damaged(path, "OP4 file"):
-        found = list(_ascii(content) if order is None else _binary(content, order))
+    found = _matrices(path, content)
     chosen = [matrix for matrix in found if group is None or matrix.name.upper() == group.upper()]
     if len(chosen) != 1:
         raise DataError(
@@ -120,6 +119,17 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     result = from_coordinates(values, row, column, (matrix.rows, matrix.columns), path=path, place=matrix.name, file_size=len(content))
     result, notes = mirrored(result) if matrix.form == _SYMMETRIC else (result, ())
     return MatrixFile(result, "nastran-op4", notes)
+
+
+def op4_names(path: Path) -> list[str]:
+    """The matrices of a file; raises as ``read_op4``."""
+    return [matrix.name for matrix in _matrices(path, whole(path))]
+
+
+def _matrices(path: Path, content: bytes) -> list[_Op4Matrix]:
+    order = _order(content[:64])
+    with damaged(path, "OP4 file"):
+        return list(_ascii(content) if order is None else _binary(content, order))
 
 
 def _strings(matrix: _Op4Matrix, column: int, row: int, words: int, take: Any, integers: Any, big: bool) -> None:

@@ -13,13 +13,13 @@ from lrbc_cli.io.hdf5.matrices import ArrayNames, hdf5_matrix_names, read_hdf5_m
 from lrbc_cli.io.hdf5.tools import is_hdf5
 from lrbc_cli.io.matlab.variables import is_mat5, list_variables, read_mat5_matrix
 from lrbc_cli.io.matrices.ansys_full import is_ansys_full, read_ansys_full
-from lrbc_cli.io.matrices.dmig import is_dmig, read_dmig
+from lrbc_cli.io.matrices.dmig import dmig_names, is_dmig, read_dmig
 from lrbc_cli.io.matrices.foreign import written_by
 from lrbc_cli.io.matrices.harwell_boeing import is_harwell_boeing, read_harwell_boeing
 from lrbc_cli.io.matrices.matrix_market import is_matrix_market, read_matrix_market
 from lrbc_cli.io.matrices.npz import SIGNATURE as NPZ_SIGNATURE
 from lrbc_cli.io.matrices.npz import npz_matrix_names, read_npz_matrix
-from lrbc_cli.io.matrices.op4 import is_op4, read_op4
+from lrbc_cli.io.matrices.op4 import is_op4, op4_names, read_op4
 from lrbc_cli.io.matrices.triplets import read_triplets, triplets_format
 from lrbc_cli.io.sparse import MatrixFile, require_square
 
@@ -139,6 +139,14 @@ def read_vectors(path: Path, group: str | None = None, format: str | None = None
     return read_hdf5_matrix(path, group, arrays)
 
 
+#: Formats that tell matrices apart by a name where a file holds several.
+_SEVERAL: dict[str, Callable[[Path], list[str]]] = {
+    "nastran-op4": op4_names,
+    "nastran-dmig": dmig_names,
+    "ansys-full": lambda _: ["K", "M"],
+}
+
+
 def matrix_names(path: Path) -> list[str | None]:
     """What the matrices of a file are called; None alone where it holds one without a name.
 
@@ -152,6 +160,9 @@ def matrix_names(path: Path) -> list[str | None]:
         return [*hdf5_matrix_names(path)]
     if format == "mat-v5":
         return [name for name, shape, kind in list_variables(path) if kind in ("sparse", "double", "single") and len(shape) == 2]
+    if format in _SEVERAL:
+        names = _SEVERAL[format](path)
+        return [*names] if len(names) > 1 else [None]
     return [*npz_matrix_names(path)] if format == "npz" else [None]
 
 
