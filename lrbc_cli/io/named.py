@@ -164,7 +164,9 @@ class _NamedFrfs:
             for key, array in self.named.arrays.items():
                 if _group(key) == group and key != name and self._is_axis(key, array):
                     self._used.add(key)
-                    return self._frequencies(array.ravel(), key, frequency_unit(_last(key), self.named.axis_unit(key)))
+                    told = self.layout.frequency_unit
+                    unit = told or frequency_unit(_last(key), self.named.axis_unit(key), self.path, f"variable {key}")
+                    return self._frequencies(array.ravel(), key, unit)
         return None
 
     def _is_axis(self, key: str, array: NDArray[Any]) -> bool:
@@ -186,16 +188,14 @@ class _NamedFrfs:
         """That nothing is called a frequency, and what may be one."""
         arrays = self.named.arrays
         vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
-        told = (
-            f"frequency: {vectors[0]}, frequency_unit: {frequency_unit(vectors[0])}" if vectors else "frequency: ..., frequency_unit: ..."
-        )
+        name, unit = (vectors[0], frequency_unit(vectors[0], "", self.path, place)) if vectors else ("...", "...")
         return DataError(
             "no variable of frequencies was recognised",
             file=self.path,
             place=place,
             expected="one called f, freq, frequency or omega, or a matrix with the frequencies in its first column",
-            found=listing([f"{name} {array.shape}" for name, array in arrays.items()]),
-            hint=f"say which it is, and its unit, under the job: 'format: {{{told}}}'",
+            found=listing([f"{key} {array.shape}" for key, array in arrays.items()]),
+            hint=f"say which it is, and its unit, under the job: 'format: {{frequency: {name}, frequency_unit: {unit}}}'",
         )
 
     def is_coherence(self, name: str) -> bool:

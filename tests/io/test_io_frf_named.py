@@ -240,7 +240,14 @@ def test_attributes_of_groups_and_axes(tmp_path: Path) -> None:
         assert (found.name, found.quantity) == ("acc1", "acceleration")
         np.testing.assert_allclose(found.frequency_hz, HZ, rtol=1e-12)
         np.testing.assert_allclose(found.values, GRAVITY * H, rtol=1e-15)
+    for unit in ("rpm", "1/min", "mHz"):
+        with h5py.File(path, "a") as file:
+            file["acc1/f"].attrs["units"] = unit
+        with pytest.raises(DataError, match="unit of the frequencies is not understood"):
+            read_frf(path)
+        assert len(read_frf(path, TextLayout(frequency_unit="kHz")).records) == 1
     with h5py.File(path, "a") as file:
+        file["acc1/f"].attrs["units"] = "Hz"
         file["acc1/value"].attrs["unit"] = "mm/s^2/N"
     with pytest.raises(DataError, match="two units are stated"):
         read_frf(path)

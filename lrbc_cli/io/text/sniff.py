@@ -13,7 +13,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import LONGEST_NUMBER
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import Heading, read_headings, stated_unit
+from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, stated_unit
 
 # Each digit can be matched in one way only: what is no number is found out in linear time.
 _POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
@@ -40,6 +40,8 @@ class TextTable:
         One a column.
     unit : str
         That of the values, where a line above the table states it.
+    axis_unit : str
+        That of the frequencies, likewise.
     notes : tuple of str
         What was found out rather than told.
     delimiter : str
@@ -50,6 +52,7 @@ class TextTable:
     lines: NDArray[np.int64]
     headings: tuple[Heading, ...]
     unit: str
+    axis_unit: str
     notes: tuple[str, ...]
     delimiter: str
 
@@ -118,7 +121,15 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     if first or unusable:
         several = f"{first + unusable} lines" if first + unusable > 1 else "line"
         notes.append(f"the first {several} of numbers cannot be used (empty or not finite); left out")
-    return TextTable(rows[first:], numbers[first:], headings, stated_unit(above), tuple(notes), delimiter)
+    return TextTable(
+        values=rows[first:],
+        lines=numbers[first:],
+        headings=headings,
+        unit=stated_unit(above),
+        axis_unit=stated_axis_unit(above),
+        notes=tuple(notes),
+        delimiter=delimiter,
+    )
 
 
 def _split(line: str, delimiter: str) -> list[str]:
