@@ -280,12 +280,21 @@ class _NamedFrfs:
         columns = _columns(array, axis.size)
         labels = self.labels(name, columns)
         units = self.named.units_of(name, self.path) if self.layout.unit is None else ()
+        if len(units) not in (0, 1, len(columns)):
+            raise DataError(
+                "the units do not fit the channels",
+                file=self.path,
+                place=f"variable {name}",
+                expected=f"one unit, or {len(columns)}",
+                found=f"{len(units)}: {listing(units)}",
+                hint="correct the list, or say 'format: {unit: ...}' under the job",
+            )
         quality = self._coherence_of(name, array.shape, axis)
         for index, (label, column) in enumerate(zip(labels, columns, strict=True)):
             bad = first_bad(column)
             if bad is not None:
                 raise not_finite(self.path, f"{label}, row {bad + 1}", column[bad])
-            unit = units[index] if len(units) == len(columns) else units[0] if len(units) == 1 else ""
+            unit = units[index] if len(units) == len(columns) else next(iter(units), "")
             notes: list[str] = []
             factor, quantity = conversion(unit, self.layout, self.path, f"variable {name}", notes, self.warnings)
             for note in notes:
