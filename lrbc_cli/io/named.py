@@ -222,7 +222,7 @@ class _NamedFrfs:
                 continue
             if array.dtype.kind == "c":
                 found[name] = (array, axis)
-            elif self._holds_parts(name, array):
+            elif self._holds_parts(name, array, axis.size):
                 found[name] = (self._of_parts(array, name), axis)
             elif heading(_last(name)).part == "real":
                 partner = next((key for key in arrays if _group(key) == _group(name) and _are_parts(_last(name), _last(key))), None)
@@ -233,9 +233,21 @@ class _NamedFrfs:
         self._used |= found.keys()
         return found
 
-    def _holds_parts(self, name: str, array: NDArray[Any]) -> bool:
+    def _holds_parts(self, name: str, array: NDArray[Any], count: int) -> bool:
         """Whether the last dimension of a real array is said to hold the two parts of complex numbers."""
-        return self.layout.representation is not None and array.shape[-1] == 2 and array.ndim > 1 and not self.is_coherence(name)
+        one_part = self.is_coherence(name) or heading(_last(name)).part in ("real", "imag")
+        if self.layout.representation is None or array.shape[-1] != 2 or array.ndim < 2 or one_part:
+            return False
+        if list(array.shape).count(2) > 1 + (count == 2):
+            raise DataError(
+                "it is not clear which dimension holds the parts of the FRFs",
+                file=self.path,
+                place=f"variable {name}",
+                expected="one dimension of 2",
+                found=array.shape,
+                hint="store complex values, or the parts as two arrays NAME_real and NAME_imag",
+            )
+        return True
 
     def _of_parts(self, array: NDArray[Any], name: str) -> NDArray[np.complex128]:
         representation, phase = self.layout.representation or "", self.layout.phase
