@@ -82,7 +82,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.sections["method"] = inputs.method.choices
     out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
-    out.sections["before measuring"] = [
+    out.sections["more"] = [
         "lrbc check --picture draws the structure with bolts, sensors and updated terms",
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
     ]

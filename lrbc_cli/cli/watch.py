@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from lrbc_cli.campaign.jobs.run import unseen
 from lrbc_cli.cli.common import cache_folder, progress
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
@@ -81,4 +82,4 @@ def watch(
         return 0
     if any(found.assumed is None and found.named("loose") for found in run.findings.values()):
         return 6
-    return 7 if not_clear(run.findings) or not (watched is None or watched.in_reach) else 0
+    return 7 if not_clear(run.findings) or unseen(session.campaign) else 0

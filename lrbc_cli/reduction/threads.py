@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -84,7 +85,8 @@ def solved(A: Complexes, B: Complexes) -> Complexes:
     """
     if A.ndim > 3:
         each = np.broadcast_to(B, (*A.shape[:-1], B.shape[-1]))
-        return solved(A.reshape(-1, *A.shape[-2:]), each.reshape(-1, *B.shape[-2:])).reshape(each.shape)
+        states = math.prod(A.shape[:-2])
+        return solved(A.reshape(states, *A.shape[-2:]), each.reshape(states, *B.shape[-2:])).reshape(each.shape)
     lines, n = A.shape[:2]
     if lines * float(n) ** 3 < THREADED or n > MOST_TERMS or (os.cpu_count() or 1) < 2 or _beside.get():
         return np.asarray(np.linalg.solve(A, B))

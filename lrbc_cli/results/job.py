@@ -327,6 +327,8 @@ class Provenance(Record):
     calibration: CalibrationInUse | None = None
     certificate: Certificate | None = None
     rests_on: RestsOn | None = None
+    #: Figures of the measurement by which a copy of it is known, see ``Measurement.means``.
+    measured_db: Vector | None = None
     files: dict[str, str] | None = None
     judgement: IdentityRecord | None = None
 
@@ -418,7 +420,7 @@ class JobRecord(_JobBase):
             assumed=None if tight is None else tight.role,
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
-            measurement=(self.provenance.parts or {}).get("measurement", ""),
+            measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
         )
 
 

@@ -42,8 +42,8 @@ class JobFinding:
         Bolts of a baseline that come out loose all the same.
     missing : sequence of str
         Responses that the job should have been identified from, and does not hold.
-    measurement : str
-        Digest of the content of its files; empty where it is not known.
+    measurement : sequence of float
+        Figures of what was measured [dB], the same whatever file holds it; empty where they are not known.
     """
 
     status: str
@@ -53,7 +53,7 @@ class JobFinding:
     assumed: str | None = None
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
-    measurement: str = ""
+    measurement: Sequence[float] = ()
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -94,18 +94,23 @@ def open_points(job: JobFinding) -> list[str]:
     return points
 
 
-def once_more(jobs: Mapping[str, JobFinding]) -> dict[str, str]:
-    """What is wrong with jobs that hold the measurement of another; one that holds that of the reference job is not validated anyway."""
-    holders: dict[str, list[str]] = {}
-    for name, job in jobs.items():
-        if job.measurement and job.assumed != "reference":
-            holders.setdefault(job.measurement, []).append(name)
-    return {
-        name: f"the measurement of {_names([other for other in names if other != name])} once more; was another file meant?"
-        for names in holders.values()
-        if len(names) > 1
-        for name in names
-    }
+def once_more(jobs: Mapping[str, JobFinding], *, copied_db: float = 2e-4) -> dict[str, str]:
+    """What is wrong with jobs that hold the measurement of another; one that holds that of the reference job is not validated anyway.
+
+    Measurements whose figures differ by no more than ``copied_db`` are one, written with other digits: no two blows of a hammer give the
+    same means over hundreds of lines.
+    """
+    known = {name: job.measurement for name, job in jobs.items() if job.measurement and job.assumed != "reference"}
+    found = {}
+    for name, own in known.items():
+        same = [
+            other
+            for other, figures in known.items()
+            if other != name and len(own) == len(figures) and all(abs(a - b) <= copied_db for a, b in zip(own, figures, strict=True))
+        ]
+        if same:
+            found[name] = f"the measurement of {_names(same)} once more; was another file meant?"
+    return found
 
 
 def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:

@@ -173,6 +173,10 @@ class Watch:
             self._once(f"the campaign goes on as it was: {error}")
             return
         self._known, campaign = now, self.session.campaign
+        for name in before.jobs.keys() - campaign.jobs.keys():
+            # Renamed or taken away: what it was is another job's, or nobody's.
+            self.findings.pop(name, None)
+            self.failed.discard(name)
         other = campaign.model_dump(exclude={"jobs"}) != before.model_dump(exclude={"jobs"})
         self._cold |= other
         for name, job in campaign.jobs.items():

@@ -103,6 +103,15 @@ def test_no_measurement_is_dropped_whose_name_is_taken(tmp_path: Path) -> None:
     assert {name: job["coherence"] for name, job in jobs.items() if "coherence" in job} == {"tight-2": "../tight-2 coherence.csv"}
 
 
+def test_one_matrix_in_two_formats_is_no_stiffness_and_mass(tmp_path: Path) -> None:
+    K = csc(chain(12)[0])
+    scipy.io.mmwrite(tmp_path / "a.mtx", K)
+    scipy.io.savemat(tmp_path / "b.mat", {"x": K * (1 + 1e-9)})
+    roles = draft(tmp_path / "new", recognise(tmp_path)).roles
+    assert list(roles.operators) == ["stiffness"]
+    assert any("holds the matrix of" in text for text in roles.doubts)
+
+
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     files = box(tmp_path / "box").data
     folder, _ = drafted(files, tmp_path / "new")

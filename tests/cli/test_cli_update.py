@@ -498,6 +498,8 @@ def test_fail_on_loose(frame: Folder) -> None:
     told = frame.run("update", "--fail-on-loose")
     assert "\nloose-2: B3, B4 loose; 4 tight\n" in told.stdout
     assert "\na bolt is loose\n" in told.stdout
+    wide = frame.run("update", "--fail-on-loose", "--override", "update.loose_change=-3")
+    assert "update.loose_change: -3 calls a bolt tight that lost up to 99.9 % of its stiffness" in wide.stderr
 
 
 def with_a_tight_job(folder: Folder) -> Folder:
@@ -541,7 +543,10 @@ def test_an_all_clear(frame: Folder) -> None:
 def test_measurements_that_nobody_took_are_no_all_clear(frame: Folder) -> None:
     """A file copied under the name of another state, and a folder that is out of reach: neither shows that the bolts are tight."""
     folder = with_a_tight_job(frame)
-    shutil.copy(folder.data / "frf" / "again.csv", folder.data / "frf" / "later.csv")
+    # The same numbers with fewer digits: another export of what was measured before.
+    header, *rows = (folder.data / "frf" / "again.csv").read_text().splitlines()
+    fewer = [",".join(f"{float(value):.7g}" for value in row.split(",")) for row in rows]
+    (folder.data / "frf" / "later.csv").write_text("\n".join([header, *fewer]) + "\n")
     tree = folder.tree()
     tree["jobs"]["later"] = {"frf": "data/frf/later.csv"}
     folder.write(tree)
@@ -558,6 +563,10 @@ def test_measurements_that_nobody_took_are_no_all_clear(frame: Folder) -> None:
     assert "measured, the watched folder, is not there" in folder.run("update").stderr
     (folder.path / "measured").mkdir()
     assert folder.run("update", "--fail-on-loose").code == 0
+    shutil.copy(folder.data / "frf" / "again.csv", folder.path / "measured" / "again.dat")
+    told = folder.run("update", "--fail-on-loose", "--json")
+    assert told.code == 7
+    assert "again.dat in " in told.json["not_clear"][""][0]
 
 
 @pytest.mark.parametrize(

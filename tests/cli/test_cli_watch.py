@@ -93,7 +93,7 @@ def watching(folder: Folder, *args: str) -> Iterator[Watching]:
         run.process.wait()
 
 
-NAMES = ("tight", "loose-2", "touch-x-after", "third")
+NAMES = ("tight", "loose-2", "touch-x-after", "third", "moved")
 
 
 def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
@@ -129,8 +129,13 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
         assert not (folder.out / "third").exists()
         (frf / "third.csv.part").rename(frf / "third.csv")
         run.tells("third: B3, B4 loose")
+        (frf / "loose-2.csv").rename(frf / "moved.csv")
+        run.tells("moved: B3, B4 loose")
+        # A copy is told as one, what was renamed is not.
+        run.says("third: the measurement of touch-x-after once more")
+        assert "the measurement of loose-2" not in run.err.read_text()
         assert run.live
-        assert run.err.read_text().count("\a") == 3
+        assert run.err.read_text().count("\a") == 4
         if sys.platform != "win32":
             run.process.send_signal(signal.SIGINT)
             assert run.process.wait(LIMIT) == 130
@@ -147,7 +152,7 @@ def test_measurements_arrive(begun: Folder, tmp_path: Path) -> None:
     # The same jobs exist for every command, and nothing is left to do.
     plans = folder.run("update", "--dry-run", "--json").json["jobs"]
     assert {name: plan["run"] or plan["judge"] for name, plan in plans.items()} == dict.fromkeys(
-        ("tight", "loose-2", "touch-x-after", "third"), False
+        ("tight", "moved", "touch-x-after", "third"), False
     )
 
 

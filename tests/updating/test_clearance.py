@@ -51,13 +51,13 @@ def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
 
 
 def test_one_measurement_under_two_names_shows_one_state() -> None:
-    once, again = job("tttttt", measurement="a"), job("tttttt", measurement="a")
-    jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement="b"), "unknown": job("tttttt")}
+    once, again = job("tttttt", measurement=(1.0, 2.0)), job("tttttt", measurement=(1.00001, 2.00001))
+    jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement=(1.0, 2.001)), "unknown": job("tttttt")}
     assert not_clear(jobs) == {name: [text] for name, text in once_more(jobs).items()}
     assert list(not_clear(jobs)) == ["after", "later"]
     assert once_more(jobs)["after"].startswith("the measurement of later once more")
     # That of the reference job is told where it is identified: its numbers validate nothing.
-    assert once_more({"tight": replace(REFERENCE, measurement="a"), "after": once}) == {}
+    assert once_more({"tight": replace(REFERENCE, measurement=(1.0, 2.0)), "after": once}) == {}
 
 
 @pytest.mark.parametrize("jobs", [{}, {"tight": REFERENCE}, {"tight": REFERENCE, "again": job("tttttt", assumed="baseline")}])

@@ -85,6 +85,13 @@ def test_pairs_at_their_own_levels_are_tried_where_single_changes_end(seed: int)
     assert len(few) == 3
 
 
+def test_bounds_that_allow_no_change_leave_nothing_to_solve() -> None:
+    misfit, _, shapes, _ = joints({2: -1.0})
+    held = np.column_stack([misfit.prior, misfit.prior])
+    starts, _ = search(misfit, shapes, held, PAIRS)
+    np.testing.assert_array_equal(next(iter(starts.values())), misfit.prior)
+
+
 def test_without_bolts_there_is_nothing_to_search() -> None:
     misfit, parameters, shapes, _ = joints({})
     none = dataclasses.replace(shapes, bolts=np.full(PADS, -1))

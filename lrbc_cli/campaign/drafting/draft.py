@@ -242,7 +242,7 @@ class Draft:
                 f"n{record.response_node}-{LABELS[record.response_direction].lower()}" if record.response_node else f"r{number}",
             )
             name = plain if plain not in names else f"{plain}-{number}"
-            further = "" if name == record.name else f", record: {_record(record)}"
+            further = "" if name == record.name else f", record: {_record(record, number)}"
             names.append(name)
             point = self.roles.points.get(record.name.strip().lower())
             place = (
@@ -409,8 +409,10 @@ def _state_of(path: Path, records: Sequence[FrfRecord]) -> str:
     return (path.stem[:at] + path.stem[at + len(channel) :]).strip("-_. ") or path.parent.name
 
 
-def _record(record: FrfRecord) -> str:
-    return quoted(record.name) if record.name else f"{{node: {record.response_node}, direction: {record.response_direction}}}"
+def _record(record: FrfRecord, number: int) -> str:
+    if record.name or record.response_node is None:
+        return quoted(record.name) if record.name else str(number)
+    return f"{{node: {record.response_node}, direction: {record.response_direction}}}"
 
 
 def _quantity(name: str) -> str | None:

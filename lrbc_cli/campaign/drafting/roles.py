@@ -123,9 +123,21 @@ def _require_one_model(found: FilesFound) -> None:
     )
 
 
+def _same(one: MatrixFound, other: MatrixFound, digits: float = 1e-5) -> bool:
+    """Whether two files hold one matrix, as far as their digits tell."""
+    A, B = one.matrix, other.matrix
+    return A.shape == B.shape and bool(abs(A - B).max() <= digits * abs(A).max())
+
+
 def _operators(found: FilesFound, roles: Roles) -> None:
     n, taken = found.size, roles.operators
-    square = [matrix for matrix in found.matrices if matrix.matrix.shape == (n, n)]
+    square: list[MatrixFound] = []
+    for matrix in found.matrices:
+        first = next((other for other in square if _same(matrix, other)), None)
+        if matrix.matrix.shape == (n, n) and first is None:
+            square.append(matrix)
+        elif first is not None:
+            roles.doubts.append(f"{found.called(matrix.path)} holds the matrix of {found.called(first.path)} once more: left out")
     for role, pattern in OPERATORS.items():
         # A whole name counts before a part of one: K_x is no K.
         named = [m for m in square if pattern.search(m.name) or (m.group is None and pattern.search(m.path.name))]

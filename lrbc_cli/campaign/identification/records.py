@@ -65,6 +65,15 @@ class Measurement:
         outside = f" ({low} below and {high} above the band left out)" if low or high else ""
         return f"{axis.size} lines from {axis[0]:g} to {axis[-1]:g} Hz{outside}"
 
+    @property
+    def means(self) -> Floats:
+        """(2 R,) means of the level of each response, over all lines alike and with weights that rise along them [dB]; 0 without values."""
+        size = np.abs(self.values)
+        valid = np.isfinite(size) & (size > 0)
+        level = np.where(valid, 20.0 * np.log10(np.where(valid, size, 1.0)), 0.0)
+        rising = np.linspace(0.0, 1.0, max(level.shape[0], 1))[: level.shape[0], None]
+        return np.asarray(np.concatenate([level.sum(axis=0), (rising * level).sum(axis=0)]) / np.tile(np.maximum(valid.sum(axis=0), 1), 2))
+
 
 def with_job(inputs: Inputs, name: str) -> Inputs:
     """The inputs with a job that has no file: whoever identifies it hands over its measurement."""

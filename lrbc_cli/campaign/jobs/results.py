@@ -177,6 +177,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         "provenance": {
             "versions": versions(),
             "inputs": inputs.hashes | result.measurement.hashes,
+            "measured_db": result.measurement.means,
             "calibration": calibration_tree(inputs),
             **({} if stage is None else {"certificate": certificate_tree(stage)}),
         },

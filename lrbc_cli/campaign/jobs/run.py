@@ -19,6 +19,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction, with_rows
 from lrbc_cli.campaign.structure import structure_of
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, write
@@ -122,10 +123,18 @@ def run_jobs(
     names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
     outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
-    watched = inputs.campaign.watch
-    if not wanted and watched is not None and not watched.in_reach:
-        outcome.unseen = f"{watched.folder}, the watched folder, is not there"
+    outcome.unseen = "" if wanted else unseen(inputs.campaign)
     return outcome, stage
+
+
+def unseen(campaign: Campaign) -> str:
+    """Why there may be measurements in a watched folder that are nobody's job; empty where there are none."""
+    watched = campaign.watch
+    if watched is None:
+        return ""
+    if not watched.in_reach:
+        return f"{watched.folder}, the watched folder, is not there"
+    return "; ".join(watched.passed_over([path for job in campaign.jobs.values() for path in job.all_files]))
 
 
 class _Run:
