@@ -98,16 +98,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     headings = read_headings(above, delimiter, width if parts is None else len(parts))
     notes = []
     if parts is None and delimiter == "," and any(2 * len(_split(line, ",")) == width for line in above[-2:]):
-        cells = _split(lines[start], ",")
-        if all(cell[:1].isdigit() for cell in cells[1::2]):
-            raise DataError(
-                "decimal commas in columns that are divided by commas, too",
-                file=path,
-                place=f"line {start + 1}",
-                expected=f"{width // 2} columns, as in the header",
-                found=f"{width} cells: {lines[start][:60]}",
-                hint="export with semicolons or tabs between the columns, or with decimal points",
-            )
+        _refuse_decimal_commas(lines[start], start + 1, width, path)
     if parts is not None:
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
@@ -130,6 +121,19 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         notes=tuple(notes),
         delimiter=delimiter,
     )
+
+
+def _refuse_decimal_commas(line: str, number: int, width: int, path: Path) -> None:
+    """Refuse a line of twice as many cells as the header has, where the second of each two can be decimals."""
+    if all(cell[:1].isdigit() for cell in _split(line, ",")[1::2]):
+        raise DataError(
+            "decimal commas in columns that are divided by commas, too",
+            file=path,
+            place=f"line {number}",
+            expected=f"{width // 2} columns, as in the header",
+            found=f"{width} cells: {line[:60]}",
+            hint="export with semicolons or tabs between the columns, or with decimal points",
+        )
 
 
 def _split(line: str, delimiter: str) -> list[str]:
