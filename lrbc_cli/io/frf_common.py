@@ -15,14 +15,31 @@ from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
 _CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")
+_FREQUENCY_UNITS = re.compile(r"(?<![a-z])(k?hz|hertz|cps|rad(s|ians?)?)(?![a-z])|^(1/s(ec)?|s(\^?-|⁻)[1¹])$")
 #: Hertz of one unit of frequency.
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 1.0 / (2.0 * np.pi)}
 
 
-def frequency_unit(name: str, unit: str = "") -> str:
-    """Unit of frequencies by what is said of it, else by their name: ``omega``, ``w`` and the like are rad/s, all others Hz."""
-    for text in (fold(unit), fold(name)):
-        if "hz" in text:
+def frequency_unit(name: str, unit: str, path: Path, place: str) -> str:
+    """Unit of frequencies by what is said of it, else by their name: ``omega``, ``w`` and the like are rad/s, all others Hz.
+
+    Raises
+    ------
+    DataError
+        If a unit is stated that is not one of these.
+    """
+    said = fold(unit).strip("[](). -")
+    if said and not _FREQUENCY_UNITS.search(said):
+        raise DataError(
+            "the unit of the frequencies is not understood",
+            file=path,
+            place=place,
+            expected=", ".join(HERTZ),
+            found=unit,
+            hint="convert them, or say 'format: {frequency_unit: ...}' under the job if the label is wrong",
+        )
+    for text in (said, fold(name)):
+        if "hz" in text or "hertz" in text:
             return "kHz" if "khz" in text else "Hz"
         if re.search(r"(?<![a-z])rad(s|ians?)?(?![a-z])", text):
             return "rad/s"

@@ -164,7 +164,9 @@ class _NamedFrfs:
             for key, array in self.named.arrays.items():
                 if _group(key) == group and key != name and self._is_axis(key, array):
                     self._used.add(key)
-                    return self._frequencies(array.ravel(), key, frequency_unit(_last(key), self.named.axis_unit(key)))
+                    told = self.layout.frequency_unit
+                    unit = told or frequency_unit(_last(key), self.named.axis_unit(key), self.path, f"variable {key}")
+                    return self._frequencies(array.ravel(), key, unit)
         return None
 
     def _is_axis(self, key: str, array: NDArray[Any]) -> bool:
@@ -186,16 +188,14 @@ class _NamedFrfs:
         """That nothing is called a frequency, and what may be one."""
         arrays = self.named.arrays
         vectors = [_last(key) for key, array in arrays.items() if array.size == max(array.shape) == count and array.dtype.kind == "f"]
-        told = (
-            f"frequency: {vectors[0]}, frequency_unit: {frequency_unit(vectors[0])}" if vectors else "frequency: ..., frequency_unit: ..."
-        )
+        name, unit = (vectors[0], frequency_unit(vectors[0], "", self.path, place)) if vectors else ("...", "...")
         return DataError(
             "no variable of frequencies was recognised",
             file=self.path,
             place=place,
             expected="one called f, freq, frequency or omega, or a matrix with the frequencies in its first column",
-            found=listing([f"{name} {array.shape}" for name, array in arrays.items()]),
-            hint=f"say which it is, and its unit, under the job: 'format: {{{told}}}'",
+            found=listing([f"{key} {array.shape}" for key, array in arrays.items()]),
+            hint=f"say which it is, and its unit, under the job: 'format: {{frequency: {name}, frequency_unit: {unit}}}'",
         )
 
     def is_coherence(self, name: str) -> bool:
@@ -222,7 +222,7 @@ class _NamedFrfs:
                 continue
             if array.dtype.kind == "c":
                 found[name] = (array, axis)
-            elif self._holds_parts(name, array):
+            elif self._holds_parts(name, array, axis.size):
                 found[name] = (self._of_parts(array, name), axis)
             elif heading(_last(name)).part == "real":
                 partner = next((key for key in arrays if _group(key) == _group(name) and _are_parts(_last(name), _last(key))), None)
@@ -233,9 +233,21 @@ class _NamedFrfs:
         self._used |= found.keys()
         return found
 
-    def _holds_parts(self, name: str, array: NDArray[Any]) -> bool:
+    def _holds_parts(self, name: str, array: NDArray[Any], count: int) -> bool:
         """Whether the last dimension of a real array is said to hold the two parts of complex numbers."""
-        return self.layout.representation is not None and array.shape[-1] == 2 and array.ndim > 1 and not self.is_coherence(name)
+        one_part = self.is_coherence(name) or heading(_last(name)).part in ("real", "imag")
+        if self.layout.representation is None or array.shape[-1] != 2 or array.ndim < 2 or one_part:
+            return False
+        if list(array.shape).count(2) > 1 + (count == 2):
+            raise DataError(
+                "it is not clear which dimension holds the parts of the FRFs",
+                file=self.path,
+                place=f"variable {name}",
+                expected="one dimension of 2",
+                found=array.shape,
+                hint="store complex values, or the parts as two arrays NAME_real and NAME_imag",
+            )
+        return True
 
     def _of_parts(self, array: NDArray[Any], name: str) -> NDArray[np.complex128]:
         representation, phase = self.layout.representation or "", self.layout.phase
@@ -280,12 +292,21 @@ class _NamedFrfs:
         columns = _columns(array, axis.size)
         labels = self.labels(name, columns)
         units = self.named.units_of(name, self.path) if self.layout.unit is None else ()
+        if len(units) not in (0, 1, len(columns)):
+            raise DataError(
+                "the units do not fit the channels",
+                file=self.path,
+                place=f"variable {name}",
+                expected=f"one unit, or {len(columns)}",
+                found=f"{len(units)}: {listing(units)}",
+                hint="correct the list, or say 'format: {unit: ...}' under the job",
+            )
         quality = self._coherence_of(name, array.shape, axis)
         for index, (label, column) in enumerate(zip(labels, columns, strict=True)):
             bad = first_bad(column)
             if bad is not None:
                 raise not_finite(self.path, f"{label}, row {bad + 1}", column[bad])
-            unit = units[index] if len(units) == len(columns) else units[0] if len(units) == 1 else ""
+            unit = units[index] if len(units) == len(columns) else next(iter(units), "")
             notes: list[str] = []
             factor, quantity = conversion(unit, self.layout, self.path, f"variable {name}", notes, self.warnings)
             for note in notes:

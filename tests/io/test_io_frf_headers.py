@@ -148,6 +148,60 @@ def test_pulse_files_that_cannot_be_trusted(tmp_path: Path) -> None:
     np.testing.assert_allclose(result.records[0].values, STANDARD_GRAVITY * G, rtol=1e-11)
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_axis_unit_of_pulse_functions(tmp_path: Path, count: int) -> None:
+    """``X-Axis unit:`` converts as a heading does; one that is not understood is refused unless the campaign says which it is."""
+
+    def functions(unit: str, scale: float) -> Path:
+        lines = list(PULSE)
+        for number in range(count):
+            head = block(f"Frequency Response H1(acc{number},hammer)", "Pa/N", "Complex")[:-4]
+            head = [line.replace("unit:\tHz", f"unit:\t{unit}") for line in head]
+            lines += [*head, *rows(np.arange(1.0, 5.0), scale * HZ, H.real, H.imag, delimiter="\t", decimal=".")]
+        return write(tmp_path, lines)
+
+    for unit, scale in (("Hz", 1.0), ("kHz", 1e-3), ("rad/s", 2 * np.pi), ("s^-1", 1.0)):
+        found = read_frf(functions(unit, scale)).records
+        assert len(found) == count
+        for record in found:
+            np.testing.assert_allclose(record.frequency_hz, HZ, rtol=1e-11)
+    for unit in ("rpm", "mHz", "Orders"):
+        with pytest.raises(DataError, match="unit of the frequencies is not understood") as caught:
+            read_frf(functions(unit, 1.0))
+        assert caught.value.found == unit
+        assert read_frf(functions(unit, 1.0), TextLayout(frequency_unit="Hz")).records[0].frequency_hz[0] == HZ[0]
+
+
+def test_units_of_pulse_functions(tmp_path: Path) -> None:
+    """What is not understood is a warning, an inverse FRF refused, a spectrum left out; the campaign's word holds."""
+
+    def functions(*units: str) -> Path:
+        titles = (f"Frequency Response H1(acc{number},hammer)" for number in range(len(units)))
+        return write(
+            tmp_path, [*PULSE, *(line for t, u in zip(titles, units, strict=True) for line in block(t, u, "Complex", H.real, H.imag))]
+        )
+
+    for units in (["furlong/N"], ["furlong/N", "g/N"]):
+        result = read_frf(functions(*units))
+        assert result.warnings == ("unit 'furlong/N' not understood; SI taken: say which under 'format: {unit: ...}' of the job",)
+        np.testing.assert_allclose(result.records[0].values, H, rtol=1e-11)
+    for units in (["N/g"], ["g/N", "N/(m/s²)"]):
+        with pytest.raises(DataError, match="this is not the unit of an FRF") as caught:
+            read_frf(functions(*units))
+        assert caught.value.found == units[-1]
+    for unit in ("m/s^2", "g", "Pa", "N"):
+        result = read_frf(functions("g/N", unit))
+        assert [record.number for record in result.records] == [1]
+        assert f"left out: record 2 (Frequency Response H1(acc1,hammer) in {unit}, not over a force)" in result.notes
+        with pytest.raises(DataError, match="holds no FRF"):
+            read_frf(functions(unit))
+    (found,) = read_frf(functions("m/s^2"), TextLayout(unit="g/N")).records
+    np.testing.assert_allclose(found.values, STANDARD_GRAVITY * H, rtol=1e-11)
+    # A lone function of real values is no FRF either: its frequencies were taken as real parts.
+    with pytest.raises(DataError, match="holds no FRF"):
+        read_frf(write(tmp_path, [*PULSE, *block("Autospectrum(acc1)", "g^2", "Real", OTHER_DB)]))
+
+
 def test_french_module_and_phase(tmp_path: Path) -> None:
     db = 20 * np.log10(np.abs(H))
     lines = [

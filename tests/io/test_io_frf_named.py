@@ -176,11 +176,11 @@ def test_references_that_lead_nowhere_or_in_a_circle(tmp_path: Path) -> None:
     assert any(record.name == "FRF" for record in read_frf(path).records)
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, 3])
 def test_parts_in_the_last_dimension(tmp_path: Path, count: int) -> None:
     """Real arrays (lines, responses, 2) are FRFs where the campaign says what they hold, and nothing is guessed where it does not."""
-    path, values = tmp_path / "frf.h5", TWO[:, :count]
-    names = ["mic01", "mic02"][:count]
+    path, values = tmp_path / "frf.h5", np.column_stack([TWO, -1j * H])[:, :count]
+    names = ["mic01", "mic02", "mic03"][:count]
     arrays = {"real-imag": (values.real, values.imag), "magnitude-phase": (np.abs(values), np.angle(values, deg=True))}
     arrays["db-phase"] = (20 * np.log10(np.abs(values)), np.angle(values, deg=True))
     for representation, parts in arrays.items():
@@ -197,6 +197,24 @@ def test_parts_in_the_last_dimension(tmp_path: Path, count: int) -> None:
     assert "if the last dimension of run.H holds real and imaginary part" in str(caught.value.hint)
     with pytest.raises(DataError, match="unit of the phase is not known"):
         read_frf(path, TextLayout(representation="magnitude-phase"))
+
+
+def test_parts_in_either_of_two_dimensions(tmp_path: Path) -> None:
+    """Where two dimensions are 2 nothing tells the parts from the responses."""
+    for axis in (0, 1):
+        path = mat(tmp_path, f=HZ, H=np.stack([TWO.real, TWO.imag], axis=axis))
+        with pytest.raises(DataError, match="which dimension holds the parts"):
+            read_frf(path, TextLayout(representation="real-imag"))
+    found = read_frf(mat(tmp_path, f=HZ, H_real=TWO.real, H_imag=TWO.imag), TextLayout(representation="real-imag")).records
+    np.testing.assert_allclose([record.values for record in found], TWO.T, rtol=1e-15)
+
+
+def test_units_that_do_not_fit_the_channels(tmp_path: Path) -> None:
+    path = mat(tmp_path, f=HZ, H=TWO, units=np.array(["g/N", "g/N", "Pa/N"], object))
+    with pytest.raises(DataError, match="units do not fit the channels") as caught:
+        read_frf(path)
+    assert (caught.value.expected, caught.value.found) == ("one unit, or 2", "3: g/N, g/N, Pa/N")
+    assert len(read_frf(path, TextLayout(unit="g/N")).records) == 2
 
 
 def test_hdf5_of_any_origin(tmp_path: Path) -> None:
@@ -240,7 +258,14 @@ def test_attributes_of_groups_and_axes(tmp_path: Path) -> None:
         assert (found.name, found.quantity) == ("acc1", "acceleration")
         np.testing.assert_allclose(found.frequency_hz, HZ, rtol=1e-12)
         np.testing.assert_allclose(found.values, GRAVITY * H, rtol=1e-15)
+    for unit in ("rpm", "1/min", "mHz"):
+        with h5py.File(path, "a") as file:
+            file["acc1/f"].attrs["units"] = unit
+        with pytest.raises(DataError, match="unit of the frequencies is not understood"):
+            read_frf(path)
+        assert len(read_frf(path, TextLayout(frequency_unit="kHz")).records) == 1
     with h5py.File(path, "a") as file:
+        file["acc1/f"].attrs["units"] = "Hz"
         file["acc1/value"].attrs["unit"] = "mm/s^2/N"
     with pytest.raises(DataError, match="two units are stated"):
         read_frf(path)

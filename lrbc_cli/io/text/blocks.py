@@ -1,4 +1,4 @@
-"""Text files of B&K PULSE with several functions, one below the other, each under keys such as ``Data Type:`` and ``Title1:``."""
+"""Text files of B&K PULSE with functions, one below the other, each under keys such as ``Data Type:`` and ``Title1:``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.header import fold
+from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
 
 _KEY = re.compile(r"\s*\"?([A-Za-z][^:\t]{1,39}?)\s*:\s*(.*?)[\"\s]*")
 _NUMBERS = re.compile(r"\s*[-+]?[\d.,]+(?:[eE][-+]?\d+)?\t.*")
@@ -39,7 +40,20 @@ class Block:
     @property
     def is_frf(self) -> bool:
         """Whether it may be an FRF: neither of real numbers nor called a spectrum or correlation, such as the complex cross spectrum."""
-        return fold(self.keys.get("data type", "")) != "real" and not re.search("spe[ck]tr|[ck]orrelation", fold(self.title))
+        return fold(self.keys.get("data type", "")) != "real" and not re.search("spe[ck]tr|[ck]orrelation|^fft", fold(self.title))
+
+    @property
+    def unit(self) -> str:
+        """Unit of its values, as written."""
+        return self.keys.get("amplitudeunit", "")
+
+    @property
+    def is_spectrum(self) -> bool:
+        """Whether its unit is that of a response or a force alone."""
+        unit = parse_unit(self.unit)
+        if unit is None or response_quantity(unit) is not None:
+            return False
+        return numerator_quantity(unit) is not None or unit.dimension == (0, 1, 0)
 
     @property
     def is_coherence(self) -> bool:
@@ -53,7 +67,7 @@ class Block:
 
 
 def blocks(lines: list[str], path: Path) -> list[Block]:
-    """The functions of a file of PULSE, where it holds several; nothing of any other file.
+    """The functions of a file of PULSE; nothing of any other file.
 
     Raises
     ------
@@ -74,14 +88,12 @@ def blocks(lines: list[str], path: Path) -> list[Block]:
             sizes.append(numbers)
             numbers = 0
     sizes.append(numbers)
-    if len(starts) == 1:
-        return []
     for start, end, size in zip(starts, [*starts[1:], len(lines)], sizes, strict=True):
         part = tuple(lines[start:end])
         keys = {fold(match[1]): match[2] for line in part if (match := _KEY.fullmatch(line))}
         block = Block(part, start, keys)
         stated = keys.get("x-axis size", "")
-        if stated.isdecimal() and int(stated) != size:
+        if size and stated.isdecimal() and int(stated) != size:
             raise DataError(
                 "a function is not complete", file=path, place=block.place, expected=f"{stated} lines, as its X-Axis size says", found=size
             )

@@ -78,8 +78,8 @@ def read_frf_text(path: Path, layout: TextLayout | None = None) -> FrfSet:
     return found
 
 
-def _of_table(table: TextTable, path: Path, layout: TextLayout) -> FrfSet:
-    """All FRFs of one table."""
+def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = "") -> FrfSet:
+    """All FRFs of one table ``within`` the file."""
     notes = list(table.notes)
     at = _frequency_column(table, layout, path)
     frequency = _frequencies(table, at, layout, path, notes)
@@ -93,7 +93,7 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout) -> FrfSet:
     records = []
     warnings: list[str] = []
     for pair in pairs:
-        name, about = pair.name, f"column {table.called(pair.first)}"
+        name, about = pair.name, f"{within}column {table.called(pair.first)}"
         values = combined(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
         scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = None
@@ -137,13 +137,15 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
             coherences.append((block, frequency, _coherence(table, len(table.headings) - 1, path, block.title, told)))
         elif not block.is_frf:
             notes.leave_out(block.title or "real values", number)
+        elif block.is_spectrum and layout.unit is None:
+            notes.leave_out(f"{block.title} in {block.unit}, not over a force", number)
         else:
-            found = _of_table(table, path, layout)
+            found = _of_table(table, path, layout, f"{block.place}, ")
             told += [note for note in found.notes if not note.startswith("numbers from line")]
             warnings += found.warnings
             records += [(block, replace(record, number=number, place=block.place)) for record in found.records]
     if not records:
-        hint = "export FRFs (H1, response over hammer force), complex"
+        hint = "export FRFs (H1, response over hammer force), complex; or say 'format: {unit: ...}' if the unit is wrong"
         raise DataError("the file holds no FRF", file=path, expected="complex values", found=notes.left_out or "coherence only", hint=hint)
     result = []
     for block, record in records:
@@ -152,7 +154,7 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
         name = record.name or ((block.signals[0] or block.title) if len(records) > 1 else "")
         coherence = fitting[0] if len(fitting) == 1 and block.signals[0] else record.coherence
         result.append(replace(record, name=name, coherence=coherence))
-    told.append(f"{len(several)} functions one below the other")
+    told += [f"{len(several)} functions one below the other"] * (len(several) > 1)
     return FrfSet(str(path), tuple(result), (*dict.fromkeys(told), *notes.lines()), tuple(dict.fromkeys(warnings)))
 
 
@@ -314,11 +316,12 @@ def _data_columns(table: TextTable, at: int, path: Path) -> list[int]:
 
 
 def _frequencies(table: TextTable, at: int, layout: TextLayout, path: Path, notes: list[str]) -> NDArray[np.float64]:
-    unit = layout.frequency_unit or frequency_unit(table.headings[at].text, table.headings[at].unit)
+    place, one = f"column {table.called(at)}", table.headings[at]
+    unit = layout.frequency_unit or frequency_unit(one.text, one.unit or table.axis_unit, path, place)
     if unit != "Hz":
-        notes.append(f"frequencies of column {table.called(at)} converted from {unit} to Hz")
+        notes.append(f"frequencies of {place} converted from {unit} to Hz")
     frequency = np.array(table.values[:, at] * HERTZ[unit])
-    check_frequencies(frequency, path, f"column {table.called(at)}")
+    check_frequencies(frequency, path, place)
     return frequency
 
 

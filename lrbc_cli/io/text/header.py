@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from lrbc_cli.io.units import decibel, numerator_quantity, parse_unit, response_quantity
@@ -37,6 +37,10 @@ _UNIT_KEYS = {
     *("einheit", "yeinheit", "einheity", "yachseneinheit", "einheityachse", "einheitordinate", "amplitudeneinheit"),
     *("unite", "uniteordonnee", "unitey", "uniteamplitude"),
 }
+#: Those of them that may speak of something else.
+_VAGUE_KEYS = {"unit", "units", "einheit", "unite"}
+#: Keys that state the unit of the frequencies.
+_AXIS_KEYS = {"xaxisunit", "xunit", "xunits", "unitx", "abscissaunit", "xeinheit", "einheitx", "xachseneinheit", "einheitabszisse"}
 _KEY = re.compile(r"[\s\"#%]*([^:=;\t]{2,40}?)\"?\s*[:=;\t]+\s*\"?([^;\t]*?)[\"\s;]*")
 #: Characters of a heading, or of a line with a key, that are looked at: what is longer is a name.
 _LONGEST = 300
@@ -96,15 +100,23 @@ def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Hea
 
 
 def stated_unit(lines: Sequence[str]) -> str:
-    """Unit of an FRF that a line above the table states (``AmplitudeUnit: (m/s²)/N``); empty where none does."""
+    """Unit of an FRF that a line above the table states (``AmplitudeUnit: (m/s²)/N``), understood or not; empty where none does."""
+    stated = [(key, value) for key, value in _stated(lines) if key in _UNIT_KEYS]
+    known = [value for _, value in stated if decibel(value) is not None or _is_response(value)]
+    return next(iter(known or [value for key, value in stated if key not in _VAGUE_KEYS]), "")
+
+
+def stated_axis_unit(lines: Sequence[str]) -> str:
+    """Unit of the frequencies that a line above the table states (``X-Axis unit: kHz``); empty where none does."""
+    return next((value for key, value in _stated(lines) if key in _AXIS_KEYS), "")
+
+
+def _stated(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Keys above a table, letters only, with their values."""
     for line in lines:
         match = _KEY.fullmatch(line) if len(line) <= _LONGEST else None
-        if match is None or "".join(filter(str.isalpha, fold(match.group(1)))) not in _UNIT_KEYS:
-            continue
-        value = match.group(2).strip()
-        if decibel(value) is not None or _is_response(value):
-            return value
-    return ""
+        if match is not None and (value := match.group(2).strip()):
+            yield "".join(filter(str.isalpha, fold(match.group(1)))), value
 
 
 def heading(cell: str) -> Heading:

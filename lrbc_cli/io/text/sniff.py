@@ -13,7 +13,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import LONGEST_NUMBER
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import Heading, read_headings, stated_unit
+from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, stated_unit
 
 # Each digit can be matched in one way only: what is no number is found out in linear time.
 _POINT = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eEdD][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)|", re.IGNORECASE)
@@ -40,6 +40,8 @@ class TextTable:
         One a column.
     unit : str
         That of the values, where a line above the table states it.
+    axis_unit : str
+        That of the frequencies, likewise.
     notes : tuple of str
         What was found out rather than told.
     delimiter : str
@@ -50,6 +52,7 @@ class TextTable:
     lines: NDArray[np.int64]
     headings: tuple[Heading, ...]
     unit: str
+    axis_unit: str
     notes: tuple[str, ...]
     delimiter: str
 
@@ -95,16 +98,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     headings = read_headings(above, delimiter, width if parts is None else len(parts))
     notes = []
     if parts is None and delimiter == "," and any(2 * len(_split(line, ",")) == width for line in above[-2:]):
-        cells = _split(lines[start], ",")
-        if all(cell[:1].isdigit() for cell in cells[1::2]):
-            raise DataError(
-                "decimal commas in columns that are divided by commas, too",
-                file=path,
-                place=f"line {start + 1}",
-                expected=f"{width // 2} columns, as in the header",
-                found=f"{width} cells: {lines[start][:60]}",
-                hint="export with semicolons or tabs between the columns, or with decimal points",
-            )
+        _refuse_decimal_commas(lines[start], start + 1, width, path)
     if parts is not None:
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
@@ -118,7 +112,28 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     if first or unusable:
         several = f"{first + unusable} lines" if first + unusable > 1 else "line"
         notes.append(f"the first {several} of numbers cannot be used (empty or not finite); left out")
-    return TextTable(rows[first:], numbers[first:], headings, stated_unit(above), tuple(notes), delimiter)
+    return TextTable(
+        values=rows[first:],
+        lines=numbers[first:],
+        headings=headings,
+        unit=stated_unit(above),
+        axis_unit=stated_axis_unit(above),
+        notes=tuple(notes),
+        delimiter=delimiter,
+    )
+
+
+def _refuse_decimal_commas(line: str, number: int, width: int, path: Path) -> None:
+    """Refuse a line of twice as many cells as the header has, where the second of each two can be decimals."""
+    if all(cell[:1].isdigit() for cell in _split(line, ",")[1::2]):
+        raise DataError(
+            "decimal commas in columns that are divided by commas, too",
+            file=path,
+            place=f"line {number}",
+            expected=f"{width // 2} columns, as in the header",
+            found=f"{width} cells: {line[:60]}",
+            hint="export with semicolons or tabs between the columns, or with decimal points",
+        )
 
 
 def _split(line: str, delimiter: str) -> list[str]:
