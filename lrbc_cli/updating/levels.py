@@ -16,15 +16,15 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
-from lrbc_cli.updating.starts import basins, group_levels, moved_values, single_values, uniform_changes, uniform_values, zoom
+from lrbc_cli.updating.starts import basins, group_levels, hops, moved_values, single_values, uniform_changes, uniform_values, zoom
 
 Floats = NDArray[np.float64]
 
 #: Totals, bounds and spans are told apart down to this share: round-off of their sums.
 ROUND_OFF = 1e-9
 
-#: How the description of an end goes on that was followed further, see ``Race.leave_out``.
-LEFT_OUT = ", then without"
+#: How the description of an end goes on that was followed further, see ``Race.look_beside``.
+BESIDE = ", then"
 
 
 def hats(positions: Floats, knots: int) -> Floats:
@@ -156,10 +156,11 @@ class Race:
             self.iterations += end.iterations
         return ends
 
-    def leave_out(self, shares: Sequence[float], limits: tuple[int, int], rounds: int) -> None:
-        """Follow the best end without the values that it explains least, then with all again, until no round leads lower.
+    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int) -> None:
+        """Descend from places beside the best end until no round leads lower: those of ``hops``, and where it leads without some values.
 
-        A peak that passes a line is a ridge in the cost, narrow and steep: without that line there is none, and the rest leads on.
+        A peak that passes a line is a ridge in the cost, narrow and steep. Beyond it there is another valley; and without the values that
+        the end explains least there is no ridge, so that the rest leads on.
         """
         few, more = limits
         for _ in range(rounds):
@@ -168,13 +169,14 @@ class Race:
             if not np.isfinite(end.evaluation.total):
                 return
 
-            def beside(share: float, theta: Floats = end.theta) -> Floats:
+            def without(share: float, theta: Floats = end.theta) -> Floats:
                 rest = self._misfit.without(theta, share)
-                return descend(rest, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=more).theta
+                return descend(rest, theta, self._bounds, span, tolerance=self._tolerance, max_iterations=more).theta
 
-            first = description.partition(LEFT_OUT)[0]
-            texts = [f"{first}{LEFT_OUT} the {100 * share:g} % that it explains least" for share in shares]
-            self.begin(zip(texts, side_by_side(beside, shares), strict=True), few)
+            first = description.partition(BESIDE)[0]
+            places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
+            texts = [f"{first}{BESIDE} without the {100 * share:g} % that it explains least" for share in shares]
+            self.begin([*places, *zip(texts, side_by_side(without, shares), strict=True)], few)
             self.halve(before, more)
             if not self.ends[self.best][1].evaluation.total < (1.0 - self._tolerance) * end.evaluation.total:
                 return
@@ -262,7 +264,7 @@ def gauss_newton_by_levels(
         Where there is a span: of each descent, and of the better half of them; only the best goes on to its end (successive halving,
         Jamieson and Talwalkar, AISTATS 2016).
     left_out : sequence of float
-        Where there is a span: shares of the values without which the best end is followed further, see ``Race.leave_out``.
+        Where there is a span: shares of the values without which the best end is followed further, see ``Race.look_beside``.
     rounds : int
         How often.
     unexplained_db : float
@@ -302,7 +304,7 @@ def gauss_newton_by_levels(
         moved = side_by_side(lambda place: single_values(misfit, place, bounds), (found.theta, *apart[:1]))
         race.begin([("single values moved by tables", place) for place in moved])
     if span is not None and more < max_iterations:
-        race.leave_out(left_out, (few, more), rounds)
+        race.look_beside(span, left_out, (few, more), rounds)
     race.go_on([race.best])
     return race.solution()
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, FrfModel, Misfit
-from lrbc_cli.updating.optimise import Objective
+from lrbc_cli.updating.optimise import Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
@@ -164,6 +164,45 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
         else:
             step *= 0.5
     return theta
+
+
+def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
+    """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
+
+    A peak that passes a line is a ridge in the cost, narrow and steep; beyond it there is another valley.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    end : Solution
+        Its Jacobian is to z.
+    bounds : (size, 2) float array
+    span : (size, m) float array
+        Each of z is moved by so much either way.
+    step : float
+        [decades].
+    kept : int
+        Places to begin at.
+
+    Returns
+    -------
+    list of (size,) float array
+        One of each of z at most.
+    """
+    model, here = misfit.model, end.evaluation
+    found: list[tuple[float, int, Floats]] = []
+    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    for k in np.flatnonzero(~model.parameters.is_damping @ np.abs(span) > 0).tolist():
+        slope, column = float(here.jacobian[:, k] @ here.residual), here.jacobian[:, k]
+        ratios = []
+        for way in (step, -step):
+            theta = np.clip(end.theta + way * span[:, k], *bounds.T)
+            promised = float(column @ column) * way**2 + 2.0 * slope * way
+            rise = misfit.sum(theta, frf) - here.total
+            ratios.append((rise / promised if promised > 0.0 else np.inf, theta))
+        ratio, theta = min(ratios, key=lambda one: one[0])
+        found.append((ratio, k, theta))
+    return [theta for ratio, _, theta in sorted(found, key=lambda one: one[:2])[:kept] if np.isfinite(ratio)]
 
 
 def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:

@@ -15,6 +15,7 @@ from lrbc_cli.updating.misfit import Misfit, port_model
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.search import Search, search
 from lrbc_cli.updating.shapes import Shapes
+from lrbc_cli.updating.starts import hops
 
 PAIRS = [(k, k + 1) for k in range(PADS - 1)]
 
@@ -110,12 +111,23 @@ def test_tables_are_what_full_evaluations_give() -> None:
     np.testing.assert_allclose(frf(several), [misfit.model.frf(theta) for theta in several], rtol=1e-9)
 
 
+def test_hops_pass_the_ridge_between_two_valleys() -> None:
+    """One value, lines wider apart than the peaks: beside an end in a wrong valley there are places that lead out of it."""
+    misfit = sharp_misfit(3.0, beta=1e-6)
+    bounds = misfit.model.parameters.bounds
+    stuck = descend(misfit, np.array([3.2]), bounds, np.eye(1))
+    assert stuck.evaluation.misfit_db > 1.0
+    places = hops(misfit, stuck, bounds, np.eye(1))
+    assert len(places) == 1
+    assert min(descend(misfit, place, bounds, np.eye(1)).evaluation.total for place in places) < stuck.evaluation.total
+
+
 def followed(misfit: Misfit, start: np.ndarray) -> tuple[float, Solution]:
     """Mean difference where a plain descent ends [dB], and where it ends after it went on without what it explains least."""
     race = Race(misfit, misfit.model.parameters.bounds, np.eye(start.size), 1e-4, 100)
     race.begin([("start", start)])
     stuck = race.ends[0][1].evaluation
-    race.leave_out((0.03, 0.2), (3, 8), 3)
+    race.look_beside(np.eye(start.size), (0.03, 0.2), (3, 8), 3)
     end = race.ends[race.best][1]
     assert end.evaluation.total <= stuck.total
     return stuck.misfit_db, end
@@ -130,4 +142,4 @@ def test_without_the_lines_of_a_ridge_a_descent_leaves_the_wrong_valley() -> Non
     rng = np.random.default_rng(0)
     ends = [followed(several, 3.0 + 0.05 * rng.normal(size=several.model.parameters.size)) for _ in range(8)]
     assert min(before for before, _ in ends) > 0.03
-    assert sum(end.evaluation.misfit_db < 1e-3 for _, end in ends) >= 6
+    assert sum(end.evaluation.misfit_db < 5e-3 for _, end in ends) >= 6

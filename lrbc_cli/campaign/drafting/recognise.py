@@ -88,7 +88,7 @@ class FilesFound:
     @property
     def size(self) -> int:
         """Rows of the model: of most square matrices, 0 where there is none."""
-        sizes = [found.matrix.shape[0] for found in self.matrices if found.matrix.shape[0] == found.matrix.shape[1]]
+        sizes = [found.matrix.shape[0] for found in self.matrices if found.matrix.shape[0] == found.matrix.shape[1] > 1]
         return max(sizes, key=lambda n: (sizes.count(n), n), default=0)
 
 
