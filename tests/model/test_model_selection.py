@@ -256,7 +256,9 @@ def test_the_border_of_a_field(nx, ny, hole, seed):
         keep = ~np.isin(i, (3, 4)) | ~np.isin(j, (3, 4))
         # Its corners are left out: nothing but elements would tell that half of one does not lie there.
         border |= keep & (((i >= 2) & (i <= 5) & np.isin(j, (3, 4))) | ((j >= 2) & (j <= 5) & np.isin(i, (3, 4))))
-    x, y = (np.concatenate([[0.0], np.cumsum(rng.uniform(0.9, 1.1, size=count - 1))]) for count in (nx, ny))
+    # About so small a hole more uneven steps leave it open, once in some thousand meshes, which nodes are its border.
+    least, most = (0.9, 1.1) if keep.all() else (0.95, 1.05)
+    x, y = (np.concatenate([[0.0], np.cumsum(rng.uniform(least, most, size=count - 1))]) for count in (nx, ny))
     plane = np.column_stack([x[i] + 0.1 * y[j], y[j], 0.0 * i])
     order = rng.permutation(np.flatnonzero(keep))
     found = outline(turned(0.05 * plane[order], seed))
