@@ -46,11 +46,17 @@ def side_by_side(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     if len(todo) < 2 or (os.cpu_count() or 1) < 2 or _beside.get():
         return [work(item) for item in todo]
 
+    settings = np.geterr()
+
+    def one(item: T) -> R:
+        with np.errstate(**settings):
+            return work(item)
+
     pool = ThreadPoolExecutor(2)
     try:
         with single_threaded(), in_turn():
-            # Settings such as numpy.errstate are those of the caller.
-            return [future.result() for future in [pool.submit(copy_context().run, work, item) for item in todo]]
+            # Settings are those of the caller; before NumPy 2 errors of floats were settings of a thread.
+            return [future.result() for future in [pool.submit(copy_context().run, one, item) for item in todo]]
     finally:
         pool.shutdown(cancel_futures=True)
 
