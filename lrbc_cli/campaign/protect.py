@@ -57,15 +57,26 @@ def _paths(value: object, keys: Keys) -> Iterator[tuple[Path, Keys]]:
             yield from _paths(item, (*keys, index))
 
 
+class _Place:
+    """Where a path leads: two are compared many times, and looked up once."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.real = path, os.path.realpath(path)
+        try:
+            status = path.stat()
+            self.node = (status.st_dev, status.st_ino) if status.st_ino else None
+        except OSError:
+            self.node = None  # not there or out of reach: the names decide
+
+    def same(self, other: _Place) -> bool:
+        if self.node is not None and other.node is not None:
+            return self.node == other.node
+        return self.real == other.real or (self.real.casefold() == other.real.casefold() and folds_case(Path(self.real).parent))
+
+
 def same_file(a: Path, b: Path) -> bool:
     """Whether two paths name one file: links resolved, case folded where the file system does; files need not exist."""
-    try:
-        if a.exists() and b.exists():
-            return a.samefile(b)
-    except OSError:
-        pass  # out of reach: the names decide
-    first, second = os.path.realpath(a), os.path.realpath(b)
-    return first == second or (first.casefold() == second.casefold() and folds_case(Path(first).parent))
+    return _Place(a).same(_Place(b))
 
 
 def folds_case(folder: Path) -> bool:
@@ -88,25 +99,21 @@ def require_inputs_apart(campaign: Campaign) -> None:
     ConfigError
         Naming the key of the input, and the file of the results that it is.
     """
-    places = [(campaign.output, IN_OUTPUT), (campaign.output / "calibration", IN_CALIBRATION)]
-    places += [(campaign.output / name, IN_JOB) for name in campaign.jobs]
-    for path, keys in input_files(campaign):
-        for folder, names in places:
-            written = _written(path, folder, names)
-            if written is not None:
-                raise _collision(campaign, path, keys, written)
-
-
-def _written(path: Path, folder: Path, names: tuple[str, ...]) -> Path | None:
-    """The file of the results in a folder that an input is."""
-    if not folder.is_dir() and path.parent != folder and path.parent.as_posix().casefold() != folder.as_posix().casefold():
-        return None  # what is not there cannot be a link
-    for name in names:
-        # A pattern can only hit a file of that name.
-        file = folder / (path.name if "*" in name and fnmatchcase(path.name.casefold(), name) else name)
-        if "*" not in file.name and same_file(file, path):
-            return file
-    return None
+    folders = [(campaign.output, IN_OUTPUT), (campaign.output / "calibration", IN_CALIBRATION)]
+    folders += [(campaign.output / name, IN_JOB) for name in campaign.jobs]
+    inputs = [(_Place(path), keys) for path, keys in input_files(campaign)]
+    parents = {place.path.parent.as_posix().casefold() for place, _ in inputs}
+    for folder, names in folders:
+        # What is not there cannot be a link.
+        there = folder.is_dir() or folder.as_posix().casefold() in parents
+        written = [_Place(folder / name) for name in names if there and "*" not in name]
+        patterns = [name for name in names if "*" in name]
+        for place, keys in inputs if there else ():
+            # A pattern can only hit a file of that name.
+            own = [_Place(folder / place.path.name) for name in patterns if fnmatchcase(place.path.name.casefold(), name)]
+            for file in (*written, *own):
+                if file.same(place):
+                    raise _collision(campaign, place.path, keys, file.path)
 
 
 def _collision(campaign: Campaign, path: Path, keys: Keys, written: Path) -> ConfigError:

@@ -8,7 +8,7 @@ import json
 import platform
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pydantic import ValidationError
 from pydantic.json_schema import models_json_schema
@@ -22,10 +22,14 @@ from lrbc_cli.results.fields import StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.remembered import Remembered
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 
 R = TypeVar("R", bound=StoredRecord)
+
+#: Records that were read, which are frozen; so many are kept.
+_records = Remembered[StoredRecord](256)
 
 
 def versions() -> dict[str, str]:
@@ -96,8 +100,8 @@ def read(path: Path, kind: type[R]) -> R | None:
     ConfigError
         Where the output folder cannot be read at all.
     """
-    tree = _tree(path, kind)
-    return None if tree is None else _record(path, kind, tree)
+    text = _text(path, kind)
+    return None if text is None else cast(R, _records.of(text.encode(), lambda: _record(path, kind, _tree(path, kind, text)), kind))
 
 
 def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
@@ -109,10 +113,15 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
         As ``read``; also where it is the result of another job.
     """
     path = output / name / file
-    tree = _tree(path, JobRecord)
-    if tree is None:
+    text = _text(path, JobRecord)
+    if text is None:
         return None
-    job: Job = _record(path, FailedJob, tree) if tree.get("status") == "failed" else _record(path, JobRecord, tree)
+
+    def parsed() -> Job:
+        tree = _tree(path, JobRecord, text)
+        return _record(path, FailedJob, tree) if tree.get("status") == "failed" else _record(path, JobRecord, tree)
+
+    job = cast(Job, _records.of(text.encode(), parsed, JobRecord))
     if job.job != name:
         raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
     return job
@@ -127,21 +136,28 @@ def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
         raise DataError("this result file is damaged", file=path, place=place, expected=expected, found=found, hint=kind.HINT) from error
 
 
-def _tree(path: Path, kind: type[StoredRecord]) -> dict[str, Any] | None:
-    """A document that says that it is what is expected."""
-    expected, hint = kind.form(), kind.HINT
+def _text(path: Path, kind: type[StoredRecord]) -> str | None:
+    """The text of a document; None where it is missing."""
     try:
-        if not path.is_file():
-            return None
-        tree = parse_json(read_json_text(path))
+        return read_json_text(path) if path.is_file() else None
     except OSError as error:
         problem = f"the results cannot be read ({error.strerror or error})"
         raise ConfigError(problem, file=path, hint="choose another folder in `output`") from error
+    except UnicodeDecodeError as error:
+        problem = "this result file is damaged: it is not UTF-8 text"
+        raise DataError(problem, file=path, place=f"byte {error.start}", hint=kind.HINT) from error
+    except ValueError as error:
+        raise DataError(f"this result file is damaged: {error}", file=path, hint=kind.HINT) from error
+
+
+def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
+    """A document that says that it is what is expected."""
+    expected, hint = kind.form(), kind.HINT
+    try:
+        tree = parse_json(text)
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise DataError("this result file is damaged: it is not JSON", file=path, place=place, found=error.msg, hint=hint) from error
-    except UnicodeDecodeError as error:
-        raise DataError("this result file is damaged: it is not UTF-8 text", file=path, place=f"byte {error.start}", hint=hint) from error
     except ValueError as error:
         raise DataError(f"this result file is damaged: {str(error)[:100]}", file=path, hint=hint) from error
     if not isinstance(tree, dict) or tree.get("format") != expected:

@@ -17,9 +17,14 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.fields import StoredRecord
+from lrbc_cli.results.remembered import Remembered
 from lrbc_cli.results.store import write_bytes
 
 HINT = StoredRecord.HINT
+
+#: Tables that were read; so many are kept.
+_tables = Remembered[dict[str, Floats]](256)
+
 FRF_COLUMNS = (*(f"{state}_{part}" for state in ("measured", "initial", "updated") for part in ("db", "phase_deg")), "coherence")
 
 
@@ -152,13 +157,19 @@ def require_files(folder: Path, hashes: Mapping[str, str]) -> None:
 def _read(file: Path) -> dict[str, Floats]:
     """Columns of a file of numbers with a header line; empty cells become NaN."""
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        content = file.read_bytes()
     except FileNotFoundError:
         raise DataError("this result file is missing", file=file, hint=HINT) from None
-    except UnicodeDecodeError as error:
-        raise _damaged(file, f"byte {error.start}", "UTF-8 text") from None
     except OSError as error:
         raise DataError(f"this result file cannot be read: {error.strerror}", file=file, hint=HINT) from None
+    return dict(_tables.of(content, lambda: _columns(file, content)))
+
+
+def _columns(file: Path, content: bytes) -> dict[str, Floats]:
+    try:
+        lines = content.decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise _damaged(file, f"byte {error.start}", "UTF-8 text") from None
     header = [name.strip() for name in lines[0].split(",")] if lines else []
     if len(set(header)) != len(header) or not all(header):
         raise _damaged(file, "line 1", "distinct column names")
@@ -168,7 +179,9 @@ def _read(file: Path) -> dict[str, Floats]:
             values = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
     if values.shape[1] != len(header):
         values = _with_gaps(file, lines, len(header))
-    return {name: np.ascontiguousarray(values[:, column]) for column, name in enumerate(header)}
+    columns = np.ascontiguousarray(values.T)
+    columns.flags.writeable = False
+    return dict(zip(header, columns, strict=True))
 
 
 def _with_gaps(file: Path, lines: Sequence[str], columns: int) -> Floats:

@@ -6,7 +6,7 @@ several levels. A change touches few terms, so that a table costs little more th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import FrfModel, Misfit, one_by_one
 from lrbc_cli.updating.shapes import Shapes
 
@@ -73,14 +74,22 @@ class Search:
             z[column] = change
         return np.clip(self._misfit.prior + self._T @ z, *self._bounds.T)
 
-    def _scores(self, frf: Callable[[Floats], Complexes], states: Sequence[Changes]) -> list[Combination]:
-        """Those of states that differ at the same bolts."""
-        new = [changes for changes in dict.fromkeys(states) if changes not in self._known]
-        for changes, y in zip(new, frf(np.stack([self.theta(changes) for changes in new])) if new else (), strict=True):
-            value = self._misfit.mean_db(y)
-            self._known[changes] = Combination(value if np.isfinite(value) else np.inf, changes)
-        self.evaluations += len(new)
-        return [self._known[changes] for changes in states]
+    def _scores(self, frf: Callable[[Floats], Complexes], groups: Iterable[Sequence[Changes]]) -> list[Combination]:
+        """Those of groups of states, each of which differ at the same bolts."""
+        wanted, seen, new = [list(states) for states in groups], set(self._known), list[list[Changes]]()
+        for states in wanted:
+            unknown = [changes for changes in dict.fromkeys(states) if changes not in seen]
+            seen.update(unknown)
+            new += [unknown] if unknown else []
+
+        def values(states: list[Changes]) -> list[float]:
+            return [self._misfit.mean_db(y) for y in frf(np.stack([self.theta(changes) for changes in states]))]
+
+        for states, found in zip(new, side_by_side(values, new), strict=True):
+            for changes, value in zip(states, found, strict=True):
+                self._known[changes] = Combination(value if np.isfinite(value) else np.inf, changes)
+        self.evaluations += sum(map(len, new))
+        return [self._known[changes] for states in wanted for changes in states]
 
     def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
         model = self._misfit.model
@@ -88,15 +97,15 @@ class Search:
 
     def start(self) -> Combination:
         """No change at all."""
-        return self._scores(one_by_one(self._misfit.model.frf), [()])[0]
+        return self._scores(one_by_one(self._misfit.model.frf), [[()]])[0]
 
-    def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> Iterator[Combination]:
+    def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> list[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
         frf, own = self._near(state.changes), dict(state.changes)
-        for columns in [*((column,) for column in self.columns), *pairs]:
-            yield from self._scores(frf, [_changed(own, dict.fromkeys(columns, level)) for level in (0.0, *self._levels)])
+        moved, levels = [*((column,) for column in self.columns), *pairs], (0.0, *self._levels)
+        return self._scores(frf, ([_changed(own, dict.fromkeys(columns, level)) for level in levels] for columns in moved))
 
-    def pairs(self, state: Combination, most: int) -> Iterator[Combination]:
+    def pairs(self, state: Combination, most: int) -> list[Combination]:
         """States that differ at two bolts, each at its own level: of those that singly come nearest, and of those that are changed."""
         frf, own = self._near(state.changes), dict(state.changes)
         singly: dict[int, float] = {}
@@ -104,10 +113,9 @@ class Search:
             for column, _ in set(changes) ^ set(state.changes) if len(dict(changes).keys() ^ own.keys()) <= 1 else ():
                 singly[column] = min(found.misfit_db, singly.get(column, np.inf))
         nearest = sorted({*sorted(singly, key=lambda column: (singly[column], column))[:most], *own})
-        levels = (0.0, *self._levels)
-        for columns in combinations(nearest, 2):
-            each = product(levels, levels)
-            yield from self._scores(frf, [_changed(own, dict(zip(columns, values, strict=True))) for values in each])
+        levels = list(product((0.0, *self._levels), repeat=2))
+        both = combinations(nearest, 2)
+        return self._scores(frf, ([_changed(own, dict(zip(columns, values, strict=True))) for values in levels] for columns in both))
 
 
 def search(

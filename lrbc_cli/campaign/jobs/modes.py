@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import pickle
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,13 @@ from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.terms import KIND_POWER, Parameterisation
 from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
+from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.results.remembered import Remembered
 
 log = logging.getLogger(__name__)
+
+#: Jobs start from the same reference state; so many states are kept.
+_modes = Remembered[Modes](8)
 
 
 def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any] | None:
@@ -23,8 +29,14 @@ def modes_tree(inputs: Inputs, stage: ReductionStage | None, result: Identificat
     if stage is None:
         return None
     model, band = stage.reduction.model, inputs.campaign.reduction.band
+
+    def modes(theta: Floats) -> Modes:
+        terms = polynomial(result.parameters, theta)
+        rests_on = (model.K, model.C, model.M, model.left, model.right, terms, np.array(band))
+        return _modes.of(pickle.dumps([np.asarray(part) for part in rests_on]), lambda: modes_of(model, terms, band))
+
     try:
-        before, after = (modes_of(model, polynomial(result.parameters, theta), band) for theta in (result.prior, result.solution.theta))
+        before, after = side_by_side(modes, (result.prior, result.solution.theta))
     except NumericalError as error:
         log.warning("job %s: %s", result.name, error.problem)
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import pickle
 from collections.abc import Iterable
@@ -15,25 +14,20 @@ from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
 from lrbc_cli.report.drawing.style import STYLES
 from lrbc_cli.report.html import Markup, figure, tag
+from lrbc_cli.results.remembered import Remembered
 
 # Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
 _SCALE = 10.0
 #: Height of letters in pixels, at least.
 _LEAST = 9.05
 
-#: Charts that were drawn, by a digest: whoever watches a campaign writes its page again for each new job. So many are kept.
-_drawn: dict[bytes, Markup] = {}
-_MOST = 2000
+#: Charts that were drawn; so many are kept.
+_drawn = Remembered[Markup](2000)
 
 
 def svg(chart: Chart) -> Markup:
     """Return the chart as one ``svg`` element with its alternative text."""
-    key = hashlib.sha256(pickle.dumps(chart)).digest()
-    if key not in _drawn:
-        if len(_drawn) >= _MOST:
-            _drawn.clear()
-        _drawn[key] = _element(lay_out(chart, header=False), label=chart.alt)
-    return _drawn[key]
+    return _drawn.of(pickle.dumps(chart), lambda: _element(lay_out(chart, header=False), label=chart.alt))
 
 
 def drawn(chart: Chart, files: Markup | None = None, *, title: str | None = None, **attributes: str | bool | None) -> Markup:
