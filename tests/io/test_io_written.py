@@ -52,6 +52,8 @@ def stated() -> Any:
         (("pyyeti_nonbigmat_binary.op4#KGG", "pyyeti_nonbigmat_binary.op4#MGG"), "nastran-op4"),
         (("pynastran.op4.gz#KGG", "pynastran.op4.gz#MGG"), "nastran-op4"),
         (("pynastran.bdf.gz#KAAX", "pynastran.bdf.gz#MAAX"), "nastran-dmig"),
+        (("sparskit_K.rsa.gz", "sparskit_M.rsa.gz"), "harwell-boeing"),
+        (("rbio_K.rb.gz", "rbio_M.rb.gz"), "harwell-boeing"),
     ],
     ids=lambda value: value[0].partition("#")[0] if isinstance(value, tuple) else value,
 )
