@@ -148,6 +148,23 @@ def test_round_trips(tmp_path: Path, kind: str) -> None:
         assert abs(read_matrix(packed).matrix - found.matrix).max() == 0.0
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "function K = Kaa()\nKaa = [\n1 1 2.0\n2 1 -1.0\n2 2 3.0\n];\nK = spconvert(Kaa);\n",
+        "function [k] = Kssr\r\nk = [ ...\r\n1 1 2.0\r\n2 1 -1.0\r\n2 2 3.0 ];\r\nk = spconvert(k);\r\n",
+        "% lower triangle\nKaa=[1 1 2.0e+00;\n2 1 -1.0e+00;\n2 2 3.0e+00];\n",
+    ],
+)
+def test_functions_of_sierra(tmp_path: Path, text: str) -> None:
+    """Its MATLAB tools call the files as functions, and complete the lower triangle that they give."""
+    path = tmp_path / "Kaa.m"
+    path.write_bytes(text.encode())
+    found = read_matrix(path)
+    assert (found.format, found.notes) == ("sierra-sd", ("stored as one triangle, the other was filled in",))
+    np.testing.assert_array_equal(found.matrix.toarray(), [[2.0, -1.0], [-1.0, 3.0]])
+
+
 def test_harwell_boeing_as_scipy_writes_it(tmp_path: Path) -> None:
     matrix = sp.random_array((40, 40), density=0.2, rng=np.random.default_rng(1), format="csc")
     for values in (matrix, (100 * matrix).astype(np.int64)):
@@ -208,6 +225,11 @@ def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
         ("       2       2       6       2K       1P,5E16.9\n       1       1       4\n 1.0 x\n", "cannot be read"),
         ("$MeshFormat\n4.1 0 8\n", "a mesh of gmsh"),
         ("*HEADING\n*NODE\n1, 0, 0, 0\n", "MATRIX GENERATE"),
+        (
+            "**\n** GENERATION OF SUBSTRUCTURE Z1\n*USER ELEMENT, NODES=2, LINEAR\n  1, 2\n   1, 2, 3\n*MATRIX,TYPE=STIFFNESS\n 2.0,\n",
+            "substructure",
+        ),
+        ("11, 101,1, 101,1,  9.89e+01\n11, 101,2, 101,1,  3.57e+01\n", "single elements"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:
