@@ -148,10 +148,51 @@ def test_round_trips(tmp_path: Path, kind: str) -> None:
         assert abs(read_matrix(packed).matrix - found.matrix).max() == 0.0
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "function K = Kaa()\nKaa = [\n1 1 2.0\n2 1 -1.0\n2 2 3.0\n];\nK = spconvert(Kaa);\n",
+        "function [k] = Kssr\r\nk = [ ...\r\n1 1 2.0\r\n2 1 -1.0\r\n2 2 3.0 ];\r\nk = spconvert(k);\r\n",
+        "% lower triangle\nKaa=[1 1 2.0e+00;\n2 1 -1.0e+00;\n2 2 3.0e+00];\n",
+    ],
+)
+def test_functions_of_sierra(tmp_path: Path, text: str) -> None:
+    """Its MATLAB tools call the files as functions, and complete the lower triangle that they give."""
+    path = tmp_path / "Kaa.m"
+    path.write_bytes(text.encode())
+    found = read_matrix(path)
+    assert (found.format, found.notes) == ("sierra-sd", ("stored as one triangle, the other was filled in",))
+    np.testing.assert_array_equal(found.matrix.toarray(), [[2.0, -1.0], [-1.0, 3.0]])
+
+
 def test_harwell_boeing_as_scipy_writes_it(tmp_path: Path) -> None:
     matrix = sp.random_array((40, 40), density=0.2, rng=np.random.default_rng(1), format="csc")
-    scipy.io.hb_write(tmp_path / "k.hb", sp.csc_matrix(matrix))
-    np.testing.assert_allclose(read_matrix(tmp_path / "k.hb").matrix.toarray(), matrix.toarray(), rtol=1e-14)
+    for values in (matrix, (100 * matrix).astype(np.int64)):
+        scipy.io.hb_write(tmp_path / "k.hb", sp.csc_matrix(values))
+        np.testing.assert_allclose(read_matrix(tmp_path / "k.hb").matrix.toarray(), values.toarray(), rtol=1e-14)
+
+
+HB = {
+    "values": ("(3E8.1)", " 2.0E+00 1.0E+00 3.0E+00"),
+    "without a letter before a long exponent": ("(3E11.3)", "  0.200E+01  0.100+001  300.0-002"),
+    "D, two a line": ("(1P,2D9.1)", "  2.0D+00  1.0D+00\n  3.0D+00"),
+    "1P without exponent": ("(1P3F6.1)", "  20.0  10.0  30.0"),
+    "one a line": ("(F5.1)", "  2.0\n  1.0\n  3.0"),
+}
+
+
+@pytest.mark.parametrize("layout", HB)
+@pytest.mark.parametrize("kind", ["RSA", "isa"])
+@pytest.mark.parametrize("right", ["", "F              1             0\n"], ids=["", "right-hand side"])
+@pytest.mark.parametrize("cards", [" 5 1 1 3", "             5             1             1             3             1"])
+def test_numbers_and_headers_of_harwell_boeing(tmp_path: Path, layout: str, kind: str, right: str, cards: str) -> None:
+    """A line on right-hand sides stands where the counts say none, and the other way round; files of Rutherford-Boeing have four counts."""
+    form, values = HB[layout]
+    path = tmp_path / "k.rsa"
+    path.write_text(f"title\n{cards}\n{kind}     2     2     3     0\n(3I3) (3I2) {form}\n{right}  1  3  4\n 1 2 2\n{values}\n")
+    found = read_matrix(path)
+    assert found.format == "harwell-boeing"
+    np.testing.assert_allclose(found.matrix.toarray(), [[2.0, 1.0], [1.0, 3.0]], rtol=1e-15)
 
 
 def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
@@ -179,10 +220,16 @@ def test_rows_at_the_end_may_be_missing(tmp_path: Path) -> None:
         ("title\n 1 1 1 1 0\nRSA 2 2 99999999999 0\n(1I14) (1I14) (3E25.17)\n1\n", "more data than the file holds"),
         (f"title\n 3 1 1 1 0\nRSA {'9' * 5000} 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "cannot be read"),
         ("title\n 3 1 1 1 0\nRSE 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "not assembled"),
+        ("title\n 3 1 1 1\nqsa 2 2 1 0\n(1I14) (1I14) (3E25.17)\n1\n", "has no values"),
         ("title\n 3 1 1 1 0\nRSA 2 2 1 0\n(9999I9999) (1I14) (3E25.17)\n1\n", "line 4"),
         ("       2       2       6       2K       1P,5E16.9\n       1       1       4\n 1.0 x\n", "cannot be read"),
         ("$MeshFormat\n4.1 0 8\n", "a mesh of gmsh"),
         ("*HEADING\n*NODE\n1, 0, 0, 0\n", "MATRIX GENERATE"),
+        (
+            "**\n** GENERATION OF SUBSTRUCTURE Z1\n*USER ELEMENT, NODES=2, LINEAR\n  1, 2\n   1, 2, 3\n*MATRIX,TYPE=STIFFNESS\n 2.0,\n",
+            "substructure",
+        ),
+        ("11, 101,1, 101,1,  9.89e+01\n11, 101,2, 101,1,  3.57e+01\n", "single elements"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:

@@ -14,6 +14,7 @@ import scipy.io
 import scipy.linalg
 import scipy.sparse as sp
 
+from lrbc_cli.campaign.reading.model_doubts import fixed_dofs
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.matrices.read import read_matrix
 from lrbc_cli.io.text.dof_maps import read_dof_map
@@ -28,8 +29,8 @@ def frequencies(K: Any, M: Any, first: int, last: int) -> Any:
     stiffness, mass = (A.toarray()[np.ix_(free, free)] for A in (K, M))
     shift = 1e-6 * stiffness.trace() / mass.trace()
     # With a share of the mass the stiffness of a free body is regular, and the mass may be singular.
-    values = 1.0 / scipy.linalg.eigh(mass, stiffness + shift * mass, eigvals_only=True)[::-1] - shift
-    return np.sqrt(values[first:last]) / (2 * np.pi)
+    values = 1.0 / scipy.linalg.eigh(mass, stiffness + shift * mass, eigvals_only=True)[::-1][first:last] - shift
+    return np.sqrt(values) / (2 * np.pi)
 
 
 def stated() -> Any:
@@ -52,6 +53,8 @@ def stated() -> Any:
         (("pyyeti_nonbigmat_binary.op4#KGG", "pyyeti_nonbigmat_binary.op4#MGG"), "nastran-op4"),
         (("pynastran.op4.gz#KGG", "pynastran.op4.gz#MGG"), "nastran-op4"),
         (("pynastran.bdf.gz#KAAX", "pynastran.bdf.gz#MAAX"), "nastran-dmig"),
+        (("sparskit_K.rsa.gz", "sparskit_M.rsa.gz"), "harwell-boeing"),
+        (("rbio_K.rb.gz", "rbio_M.rb.gz"), "harwell-boeing"),
     ],
     ids=lambda value: value[0].partition("#")[0] if isinstance(value, tuple) else value,
 )
@@ -154,6 +157,27 @@ def test_matrix_market_of_ansys_with_its_mapping() -> None:
     np.testing.assert_array_equal(full.labels.node, labels.node)
     np.testing.assert_array_equal(full.labels.component, labels.component)
     np.testing.assert_allclose(full.matrix.sum(axis=0), mass.diagonal(), rtol=1e-9)
+
+
+def test_matrix_input_of_abaqus(tmp_path: Path) -> None:
+    """A beam B33, 5 long, 0.5 x 0.5, E = 3e7, its turns held at one node and its place at the other; frequencies by the beam's theory."""
+    stiffness = read_matrix(DATA / "abaqus" / "eb3arxs4_STIF1.mtx")
+    assert stiffness.format == "abaqus"
+    labels = stiffness.labels
+    assert labels is not None
+    assert labels.node.tolist() == [-1] * 2 + [1] * 6 + [2] * 6
+    assert labels.component.tolist() == ["INNER1", "INNER2", *2 * ["UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ"]]
+    weights = {("UX", 1): 0.3, ("UY", 1): 0.5, ("UZ", 1): 0.7, ("ROTX", 2): 0.9}
+    of_row = [weights.get((c, k), 0.0) for c, k in zip(labels.component.tolist(), labels.node.tolist(), strict=True)]
+    held, told = fixed_dofs(stiffness.matrix, sp.csc_array(np.diag(of_row)))
+    assert told == "fixed DOFs left out: 6 with a penalty on the diagonal"
+    assert {labels.component[k] + str(labels.node[k]) for k in np.flatnonzero(held)} == {"ROTX1", "ROTY1", "ROTZ1", "UX2", "UY2", "UZ2"}
+    free = np.flatnonzero(~held)
+    found = frequencies(stiffness.matrix[free][:, free], sp.csc_array(np.diag(of_row))[free][:, free], 0, 4)
+    E, side, length, shear = 3e7, 0.5, 5.0, 3e7 / 2.6
+    bending, pull, twist = 3 * E * side**4 / 12 / length**3, E * side**2 / length, 0.1408333 * side**4 * shear / length
+    expected = np.sqrt([bending / 0.7, bending / 0.5, twist / 0.9, pull / 0.3]) / (2 * np.pi)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_coordinates_of_abaqus_with_both_triangles(tmp_path: Path) -> None:

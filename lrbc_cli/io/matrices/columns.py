@@ -14,6 +14,9 @@ from lrbc_cli.errors import DataError
 #: Bytes whose lines are counted at a time: the masks take a few times as much memory.
 _CHUNK = 2**24
 
+#: An exponent of three digits, for which Fortran leaves out the letter.
+_LONG_EXPONENT = re.compile(rb"(?<=[\d.])([-+]\d{3})(?= )")
+
 #: What Fortran and tables write beside what numpy reads: exponents with D, commas, semicolons.
 _PLAIN = bytes.maketrans(b"Dd,;\t", b"EE   ")
 
@@ -53,7 +56,9 @@ def read_fixed(text: bytes, width: int) -> Floats | None:
     cells = np.frombuffer(text, dtype=np.uint8).reshape(-1, width)
     spaced = np.full((cells.shape[0], width + 1), ord(" "), dtype=np.uint8)
     spaced[:, :width] = cells
-    return _numbers(spaced.tobytes().translate(_PLAIN))
+    plain = spaced.tobytes().translate(_PLAIN)
+    numbers = _numbers(plain)
+    return _numbers(_LONG_EXPONENT.sub(rb"E\1", plain)) if numbers is None else numbers
 
 
 def _numbers(text: bytes) -> Floats | None:

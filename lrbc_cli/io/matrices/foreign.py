@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 _ABAQUS = "in Abaqus: *MATRIX GENERATE, STIFFNESS, MASS and *MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT in a step of its own"
@@ -21,6 +22,9 @@ _STARTS: tuple[tuple[bytes, str, str], ...] = (
     (b"<?xml", "a file in XML", "export matrices as text"),
 )
 
+#: A substructure or elements: dense triangles under keywords, or entries that begin with the number of an element.
+_OF_ELEMENTS = re.compile(rb"(?:\s*\*\*.*\n)*\s*(?:\*USER ELEMENT|(?:-?\d+\s*,\s*){5}[-+.\d])", re.IGNORECASE)
+
 #: By the name's ending, where the content does not tell.
 _ENDINGS: dict[str, tuple[str, str]] = {
     ".odb": ("a database of Abaqus", _ABAQUS),
@@ -39,6 +43,11 @@ _ENDINGS: dict[str, tuple[str, str]] = {
 }
 
 
+def of_elements(start: bytes) -> bool:
+    """Whether the first bytes of a file are those of Abaqus ``*ELEMENT`` or ``*SUBSTRUCTURE MATRIX OUTPUT``, or element by element."""
+    return bool(_OF_ELEMENTS.match(start))
+
+
 def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
     """The program that wrote a file, None where it is not known, and what to export instead.
 
@@ -49,6 +58,8 @@ def written_by(path: Path, start: bytes) -> tuple[str | None, str]:
     start
         Its first bytes.
     """
+    if of_elements(start):
+        return "a substructure or single elements of Abaqus, not an assembled matrix", _ABAQUS
     first = start.lstrip().upper()
     for mark, program, hint in _STARTS:
         if first.startswith(mark.upper()):

@@ -1,4 +1,4 @@
-"""Harwell-Boeing files (Ansys HBMAT): assembled matrices in ASCII, real or complex, one triangle where symmetric."""
+"""Harwell-Boeing (Ansys HBMAT) and Rutherford-Boeing files: assembled matrices in ASCII, one triangle where symmetric."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from lrbc_cli.io.common import check_allocation, damaged, whole
 from lrbc_cli.io.matrices.columns import read_fixed
 from lrbc_cli.io.sparse import MatrixFile, from_compressed, mirrored
 
-_TYPE = re.compile(rb"\s*([RCP])([SUHZR])([AE])\b\s+(.*)", re.IGNORECASE)
-_FORMAT = re.compile(rb"\(\s*(?:\d+\s*P\s*,?\s*)?(\d+)\s*[IEDFG]\s*(\d+)", re.IGNORECASE)
+#: Real, complex, integers, a pattern, values in a file of their own; ...; assembled or elements.
+_TYPE = re.compile(rb"\s*([RCIPQ])([SUHZR])([AE])\b\s+(.*)", re.IGNORECASE)
+_FORMAT = re.compile(rb"\(\s*(?:(\d+)\s*P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
 
 #: Characters of a line at most: what a format claims is a length of memory.
 _LONGEST_LINE = 1000
@@ -28,6 +29,7 @@ class _HbHeader:
     shape: tuple[int, int]
     entries: int
     formats: tuple[tuple[int, int], ...]
+    scale: int
     lines: int
 
 
@@ -63,6 +65,9 @@ def _read(path: Path) -> MatrixFile:
         parts.append(_numbers(lines[at : at + cards], count, layout, path, f"{what}, lines {at + 1} to {at + cards}"))
         at += cards
     pointers, rows = (_integers(part, path) - 1 for part in parts[:2])
+    if header.scale:
+        # What 1P wrote without an exponent stands there ten times as large.
+        parts[2] /= 10.0**header.scale
     values = parts[2].view(np.complex128) if header.kind[0] == "C" else parts[2]
     matrix = from_compressed("csc", values, rows, pointers, header.shape, path=path, place="matrix", file_size=len(content))
     notes: tuple[str, ...] = ()
@@ -83,22 +88,25 @@ def _header(lines: list[bytes], path: Path) -> _HbHeader:
     if not found or len(numbers) < 3 or not all(map(bytes.isdigit, numbers[:3])):
         raise wrong(3, "a type such as RSA, rows, columns and entries")
     kind = (found[1] + found[2] + found[3]).decode().upper()
-    if kind[0] == "P" or kind[1] in "HZ" or kind[2] == "E":
+    if kind[0] in "PQ" or kind[1] in "HZ" or kind[2] == "E":
         raise DataError(
-            "the matrix has no values" if kind[0] == "P" else "the matrix is not assembled" if kind[2] == "E" else "this type is not read",
+            "the matrix has no values" if kind[0] in "PQ" else "the matrix is not assembled" if kind[2] == "E" else "this type is not read",
             file=path,
             place="line 3",
-            expected="RSA, RUA, CSA or CUA",
+            expected="RSA, RUA, CSA or CUA (ISA, IUA of integers)",
             found=kind,
             hint="export the assembled matrix with its values",
         )
     cards = lines[1].split()
     if len(cards) < 4 or not all(map(bytes.isdigit, cards[:4])):
         raise wrong(2, "the number of lines of each part")
-    formats = [(int(a), int(b)) for a, b in _FORMAT.findall(lines[3])]
+    described = _FORMAT.findall(lines[3])
+    formats = [(int(count or 1), int(width)) for _, count, _, width in described]
     if len(formats) < 3 or any(not 0 < count * width <= _LONGEST_LINE for count, width in formats):
         raise wrong(4, "Fortran formats of pointers, rows and values")
-    with_rhs = len(cards) > 4 and cards[4].isdigit() and int(cards[4]) > 0
+    scale, _, letter, _ = described[2]
+    # A line on right-hand sides, which some write where there are none; pointers have no letter.
+    with_rhs = bool(re.match(rb"\s*[FM]", lines[4], re.IGNORECASE))
     counts = [int(card) for card in cards]
     return _HbHeader(
         cards=(counts[1], counts[2], counts[3]),
@@ -106,6 +114,7 @@ def _header(lines: list[bytes], path: Path) -> _HbHeader:
         shape=(int(numbers[0]), int(numbers[1])),
         entries=int(numbers[2]),
         formats=tuple(formats[:3]),
+        scale=int(scale or 0) if letter in b"Ff" else 0,
         lines=5 if with_rhs else 4,
     )
 

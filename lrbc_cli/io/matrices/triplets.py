@@ -13,6 +13,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import whole
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.io.matrices.columns import is_number, read_columns
+from lrbc_cli.io.matrices.foreign import of_elements
 from lrbc_cli.io.sparse import MatrixFile, from_coordinates, mirrored
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
 
@@ -22,7 +23,8 @@ _ABAQUS = {**dict(enumerate(COMPONENTS, start=1)), 7: "WARP", 8: ACOUSTIC_COMPON
 #: What stands before the entries: blank lines, keywords, comments, words.
 _HEAD = re.compile(rb"\A(?:[ \t]*(?:[*%#!A-Za-z][^\r\n]*)?\r?\n)*")
 
-_SIERRA = re.compile(rb"^[ \t]*(\w+)[ \t]*=[ \t]*\[", re.MULTILINE)
+#: Dots continue a line of MATLAB.
+_SIERRA = re.compile(rb"^[ \t]*(\w+)[ \t]*=[ \t]*\[(?:[ \t]*\.\.\.)?", re.MULTILINE)
 
 #: DOFs of one node at most: labels of node and DOF are sorted as one number.
 _MOST = 2**16
@@ -30,7 +32,7 @@ _MOST = 2**16
 
 def triplets_format(start: bytes) -> str | None:
     """``abaqus`` (node, DOF, node, DOF, value), ``triplets`` (row, column, value), ``sierra-sd`` or None, by a file's first bytes."""
-    if b"\0" in start:
+    if b"\0" in start or of_elements(start):
         return None
     found = _SIERRA.search(start)
     if found and _row(start[found.end() :]) == 3:
