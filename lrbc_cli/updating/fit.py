@@ -237,21 +237,12 @@ def follow_noise(
         first = len(history)
         history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
         iterations += found.iterations
-        solution = replace(
-            found,
-            iterations=iterations,
-            evaluations=len(history),
-            history=tuple(history),
-            starts=solution.starts,
-        )
+        solution = replace(found, iterations=iterations, evaluations=len(history), history=tuple(history), starts=solution.starts)
         noise = noise_of(misfit, solution.evaluation, selected)
         if misfit.weighted and solution.evaluation.misfit_db > errors.runaway * kept[1].evaluation.misfit_db + errors.least_runaway_db:
             # Weights of a loosened state forgive the tight one: from there the noise would only grow.
-            misfit, solution, noise = (
-                kept[0],
-                replace(kept[1], iterations=iterations, evaluations=len(history), history=tuple(history)),
-                kept[2],
-            )
+            misfit, solution, noise = kept
+            solution = replace(solution, iterations=iterations, evaluations=len(history), history=tuple(history))
             break
         if round_ and abs(noise.variance - before) < change * max(before, errors.least_variance):
             break

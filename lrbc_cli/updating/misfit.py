@@ -284,6 +284,7 @@ class Misfit:
         prior: Floats,
         eta: float,
         penalty: Floats | None = None,
+        *,
         options: ResidualOptions | None = None,
         sigma: Floats | None = None,
         errors: ErrorModel = ERRORS,

@@ -219,18 +219,15 @@ def gauss_newton(
     theta, value = record.start(np.clip(start, lower, upper))
     if not _finite(value):
         return record.solution(theta, value, "failed", "the cost is not finite at the start values", 0)
-    damping = 1e-2
-    small = 0
+    damping, small = 1e-2, 0
     for iteration in range(1, max_iterations + 1):
         gradient = value.jacobian.T @ value.residual
         free = _free(theta, gradient, bounds)
-        if not free.any():
-            return record.solution(theta, value, "converged", "all parameters lie at their bounds", iteration - 1)
         if not gradient[free].any():
-            return record.solution(theta, value, "converged", "the gradient vanishes", iteration - 1)
+            reason = "the gradient vanishes" if free.any() else "all parameters lie at their bounds"
+            return record.solution(theta, value, "converged", reason, iteration - 1)
         normal = value.jacobian.T @ value.jacobian
         scale = np.maximum(np.diag(normal), 1e-8 * max(float(np.diag(normal).max()), np.finfo(float).tiny))
-        improved = False
         for _ in range(12):
             # Clipping a free step afterwards could leave no decrease at all, far from the minimum.
             step = _box_step(normal + damping * np.diag(scale), gradient, lower - theta, upper - theta)
@@ -244,13 +241,12 @@ def gauss_newton(
             candidate = record(trial)
             actual = value.total - candidate.total
             if _finite(candidate) and actual > 0 and actual > 1e-4 * predicted:
-                improved = True
                 record.accept()
                 damping *= 0.2 if actual > 0.75 * predicted else (1.0 if actual > 0.25 * predicted else 3.0)
                 damping = max(damping, 1e-9)
                 break
             damping = max(4.0 * damping, 1e-4)
-        if not improved:
+        else:
             return record.solution(theta, value, "converged", "no further decrease along the damped Gauss-Newton direction", iteration)
         decrease = (value.total - candidate.total) / value.total
         theta, value = trial, candidate
@@ -273,8 +269,7 @@ def bfgs(
     objective : callable
     start : (size,) float array
     bounds : (size, 2) float array
-    tolerance : float
-    max_iterations : int
+    tolerance, max_iterations : float, int
     max_step : float
         Longest change of one parameter in an iteration [decades].
 
@@ -283,12 +278,10 @@ def bfgs(
     Solution
     """
     record = _Recorder(objective)
-    lower, upper = bounds.T
-    theta, value = record.start(np.clip(start, lower, upper))
+    theta, value = record.start(np.clip(start, *bounds.T))
     if not _finite(value):
         return record.solution(theta, value, "failed", "the cost is not finite at the start values", 0)
-    hessian = np.eye(theta.size)
-    fresh = True
+    hessian, fresh = np.eye(theta.size), True
     for iteration in range(1, max_iterations + 1):
         gradient = value.gradient
         free = _free(theta, gradient, bounds)
@@ -301,11 +294,10 @@ def bfgs(
         except la.LinAlgError:
             direction[free] = -gradient[free]
             hessian, fresh = np.eye(theta.size), True
-        alpha = min(1.0, max_step / max(float(np.abs(direction).max()), np.finfo(float).tiny))
-        if fresh:
-            # The first direction has no length of its own: a tenth of a decade for the largest entry is a cautious start.
-            alpha = 0.1 / max(float(np.abs(direction).max()), np.finfo(float).tiny)
-        found = _line_search(record, theta, value, direction, gradient, alpha, lower, upper, max_step)
+        longest = max(float(np.abs(direction).max()), np.finfo(float).tiny)
+        # The first direction has no length of its own: a tenth of a decade for the largest entry is a cautious start.
+        alpha = 0.1 / longest if fresh else min(1.0, max_step / longest)
+        found = _line_search(record, theta, value, direction, alpha=alpha, bounds=bounds, max_step=max_step)
         if found is None:
             if fresh:
                 return record.solution(theta, value, "converged", "no decrease along the steepest descent", iteration)
@@ -315,14 +307,12 @@ def bfgs(
         step, change = trial - theta, candidate.gradient - gradient
         curvature = float(step @ change)
         if curvature > 1e-12 * float(np.linalg.norm(step) * np.linalg.norm(change)):
-            if fresh:
-                hessian = np.eye(theta.size) * (float(change @ change) / curvature)
+            hessian = np.eye(theta.size) * (float(change @ change) / curvature) if fresh else hessian
             Hs = hessian @ step
             hessian = hessian + np.outer(change, change) / curvature - np.outer(Hs, Hs) / float(step @ Hs)
             fresh = False
-        difference = value.cost - candidate.cost
-        theta, value = trial, candidate
-        if difference < tolerance:
+        decrease, theta, value = value.cost - candidate.cost, trial, candidate
+        if decrease < tolerance:
             return record.solution(theta, value, "converged", f"two successive costs differ by less than {tolerance:g}", iteration)
     return record.solution(theta, value, "stopped", f"limit of {max_iterations} iterations", max_iterations)
 
@@ -332,22 +322,21 @@ def _line_search(
     theta: Floats,
     value: Evaluation,
     direction: Floats,
-    gradient: Floats,
+    *,
     alpha: float,
-    lower: Floats,
-    upper: Floats,
+    bounds: Floats,
     max_step: float,
 ) -> tuple[Floats, Evaluation] | None:
     """Armijo-Goldstein: between the lines of slope c and 1 - c of the directional derivative."""
     c = 1e-2
-    slope = float(gradient @ direction)
+    slope = float(value.gradient @ direction)
     if slope >= 0:
         return None
     low, high = 0.0, np.inf
     best: tuple[Floats, Evaluation] | None = None
     best_at = -1
     for _ in range(20):
-        trial = np.clip(theta + alpha * direction, lower, upper)
+        trial = np.clip(theta + alpha * direction, *bounds.T)
         candidate = record(trial)
         if not _finite(candidate) or candidate.cost > value.cost + c * alpha * slope:
             high = alpha

@@ -204,7 +204,7 @@ def measured_with_noise_known(case: Case, z: np.ndarray) -> Misfit:
     found = case.misfit(z)
     measured = 10.0 ** (found.target / 20.0) + 0j
     sigma = np.full(measured.shape, SIGMA)
-    return Misfit(found.model, measured, found.prior, found.eta, case.shapes.penalty(), found._data.options, sigma)
+    return Misfit(found.model, measured, found.prior, found.eta, case.shapes.penalty(), options=found._data.options, sigma=sigma)
 
 
 class TestRounds:

@@ -53,7 +53,7 @@ def misfit_of(options, *, eta=0.04, sigma=None, measured=None, formula="port"):
         if formula == "port"
         else reduced_model(pads_dynamic(model), S, parameters, ROWS)
     )
-    return Misfit(by, measured, parameters.initial, eta, None, options, sigma)
+    return Misfit(by, measured, parameters.initial, eta, options=options, sigma=sigma)
 
 
 def wavy(parameters, seed=2):

@@ -237,7 +237,8 @@ class _Job:
         if parts:
             unknown = np.all([np.isnan(part) for part in parts], axis=0)
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), self.method.residual, sigma, self.statistics.errors)
+        options, errors = self.method.residual, self.statistics.errors
+        return Misfit(self.model, measured, self.prior, eta, self._rows(), options=options, sigma=sigma, errors=errors)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -250,6 +250,14 @@ class _Reader(GroupReader):
         return unit_columns([dof], self.n, point.scale).T.tocsc(), self.point(dof), text, bool(acoustic[dof])
 
 
+def _lossy(campaign: Campaign, acoustic: NDArray[np.bool_]) -> Callable[[sp.csc_array], sp.csc_array]:
+    """What the loss factors of the fields make of a stiffness."""
+    damping = campaign.model.damping
+    if not isinstance(damping, ProportionalDamping):
+        return lambda K: K
+    return lambda K: hysteretic(K, acoustic, damping.structure.loss_factor, damping.acoustic.loss_factor)
+
+
 def read_as_exported(campaign: Campaign) -> Inputs:
     """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
 
@@ -288,17 +296,11 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     reader.notes += along
     reader.warn(*no_lines)
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
-    if isinstance(campaign.model.damping, ProportionalDamping):
-        eta = campaign.model.damping.structure.loss_factor, campaign.model.damping.acoustic.loss_factor
-        K = hysteretic(K, acoustic, *eta)
-        extras = {
-            name: {key: hysteretic(A, acoustic, *eta) if key == "stiffness" else A for key, A in group.items()}
-            for name, group in extras.items()
-        }
+    lossy = _lossy(campaign, acoustic)
+    K, extras = lossy(K), {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*doubts(model, groups), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
-    recipe = recipe_of(campaign, model)
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign)
     return Inputs(
@@ -313,7 +315,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         notes=tuple(reader.notes),
         warnings=tuple(reader.warnings),
         hashes=reader.hashes,
-        recipe=recipe,
+        recipe=recipe_of(campaign, model),
         shifts=reader.shifts,
     )
 

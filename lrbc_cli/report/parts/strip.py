@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -45,7 +45,25 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
     labels = [_shortened(job.job) for job in shown]
     left = 16.0 + GLYPH * SMALL * max(len(label) for label in labels)
     cell = float(np.clip((_WIDTH - left - RIGHT) / count, _NARROW, _WIDE))
-    items = verdict_key(shown)
+    items = [*verdict_key(shown), *_cells(shown, column, cell)]
+    every = max(1, int(np.ceil((GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
+    ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
+    along = any(group.arc_length is not None for job in shown for group in job.parameters.values())
+    x_axis = Axis("" if len(names) < 2 else "bolts in order along the edge" if along else "bolts", 0.0, count, ticks)
+    y_axis = Axis("", float(len(shown)), 0.0, tuple((row + 0.5, label) for row, label in enumerate(labels)))
+    alt = " ".join(
+        f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
+        for job in shown
+    )
+    panel = Panel(x_axis, y_axis, tuple(items), grid=False)
+    width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
+    unsure = [job.job for job in shown if not job.validated]
+    subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
+    return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
+
+
+def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float) -> list[Item]:
+    """A cell for each bolt of each job: its colour, its sign, and its probability where there is room."""
     filled: dict[str, list[tuple[tuple[float, ...], str]]] = {}
     marks: dict[str, list[tuple[float, float]]] = {}
     words: list[Item] = []
@@ -74,7 +92,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
                 words.append(Word(on, x + 0.5, row + 0.73, fmt.percent(bolt.probability_loose), 7.6))
             if bolt.removed:
                 framed.append(box)
-    items += [
+    items: list[Item] = [
         Tiles(role, np.array([box for box, _ in found]), "", tuple(text for _, text in found)) for role, found in sorted(filled.items())
     ]
     if hatched:
@@ -86,21 +104,7 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         items.append(Tiles("known", np.empty((0, 4)), "framed: known to be removed"))
         items.append(Curve("known", *_outlines(np.array(framed))))
     items += [Marks(role, np.array([x for x, _ in found]), np.array([y for _, y in found])) for role, found in sorted(marks.items())]
-    items += words
-    every = max(1, int(np.ceil((GLYPH * SMALL * max(len(name) for name in names) + 3.0) / cell)))
-    ticks = tuple((column[name] + 0.5, name) for edge in edges for name in edge[::every])
-    along = any(group.arc_length is not None for job in shown for group in job.parameters.values())
-    x_axis = Axis("" if len(names) < 2 else "bolts in order along the edge" if along else "bolts", 0.0, count, ticks)
-    y_axis = Axis("", float(len(shown)), 0.0, tuple((row + 0.5, label) for row, label in enumerate(labels)))
-    alt = " ".join(
-        f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
-        for job in shown
-    )
-    panel = Panel(x_axis, y_axis, tuple(items), grid=False)
-    width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
-    unsure = [job.job for job in shown if not job.validated]
-    subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
-    return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
+    return [*items, *words]
 
 
 def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
