@@ -336,6 +336,8 @@ class Provenance(Record):
 class _JobBase(StoredRecord):
     format: Literal["lrbc-result"]
     job: str
+    #: SHA-256 of all the rest, see ``store.digest_of``; results of earlier versions have none.
+    digest: str | None = None
 
 
 class FailedJob(_JobBase):

@@ -26,6 +26,7 @@ from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 
 R = TypeVar("R", bound=StoredRecord)
+J = TypeVar("J", JobRecord, FailedJob)
 
 
 def versions() -> dict[str, str]:
@@ -53,6 +54,25 @@ def write(path: Path, record: StoredRecord, *, compact: bool = False) -> str:
         Where the output folder cannot be written.
     """
     return write_bytes(path, _document(record.tree(), compact))
+
+
+def write_job(output: Path, job: J) -> J:
+    """Write the result of a job with a digest of itself, which ``read_job`` checks; what the file holds.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    sealed = job.model_copy(update={"digest": digest_of(job.tree())})
+    write(output / job.job / "result.json", sealed)
+    return sealed
+
+
+def digest_of(tree: Mapping[str, Any]) -> str:
+    """SHA-256 of what the result of a job says, but for the digest itself; layout and order of keys do not count."""
+    content = {key: value for key, value in tree.items() if key != "digest"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
@@ -106,7 +126,7 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
     Raises
     ------
     DataError, ConfigError
-        As ``read``; also where it is the result of another job.
+        As ``read``; also where it is the result of another job, or was changed after it was written.
     """
     path = output / name / file
     tree = _tree(path, JobRecord)
@@ -115,6 +135,10 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
     job: Job = _record(path, FailedJob, tree) if tree.get("status") == "failed" else _record(path, JobRecord, tree)
     if job.job != name:
         raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
+    found = digest_of(tree)
+    if job.digest not in (None, found):
+        problem = "this result file was changed after it was written"
+        raise DataError(problem, file=path, place="digest", expected=job.digest, found=found, hint=JobRecord.HINT)
     return job
 
 
