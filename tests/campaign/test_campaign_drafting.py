@@ -337,10 +337,21 @@ def test_places_to_fill_in_are_refused_until_they_are(tmp_path: Path) -> None:
         + "".join(",".join([str(f), *["1.0"] * 8]) + "\n" for f in range(20, 200))
     )
     folder, _ = drafted(files, tmp_path / "new")
-    refused = folder.run("check")
+    refused = folder.run("update")
     assert refused.code == 2
     for text in (".near: places that are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
         assert text in refused.stderr
+    # All that is to be mended, in the files too.
+    (files / "tight.csv").write_text("nothing\n")
+    told = folder.run("check")
+    assert told.code == 2
+    for name in ("excitation.hammer", *(f"responses.{name}" for name in columns)):
+        assert told.stderr.count(f"{name}.near: this place is not filled in yet") == 1
+    assert told.stderr.count("tight.csv") == told.stderr.count("fix:") - 1 == 1
+    tree = folder.run("check", "--json").json
+    assert (tree["exit_code"], len(tree["others"]), list(tree["errors"])) == (2, 4, ["tight"])
+    # The rest of the file is looked at as ever.
+    assert "did you mean" in folder.run("check", "--override", "reductoin.band=[1, 2]").stderr
 
 
 def test_the_edge_beside_a_row_of_bolts() -> None:
