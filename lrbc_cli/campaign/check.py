@@ -49,7 +49,7 @@ class Findings:
     predicted: dict[str, Any] | None = None
 
 
-def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
+def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False) -> Findings:
     """Examine the inputs of a campaign; changes nothing.
 
     Parameters
@@ -59,6 +59,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         Of the cache.
     detailed : bool
         Say for every job which record is which response.
+    pictured : bool
+        The structure is drawn, so that nobody has to be told how.
 
     Returns
     -------
@@ -83,7 +85,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
     out.sections["more"] = [
-        "lrbc check --picture draws the structure with bolts, sensors and updated terms",
+        *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
     ]
     model = inputs.model
