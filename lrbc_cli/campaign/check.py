@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.identification.first_look import first_look
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -70,8 +71,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     out = Findings()
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
-    if inputs.campaign.watch is not None:
-        out.warnings += inputs.campaign.watch.passed_over({path for job in inputs.campaign.jobs.values() for path in job.all_files})
+    out.warnings += passed_over(inputs.campaign)
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
