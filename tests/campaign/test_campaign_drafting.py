@@ -171,7 +171,8 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
         assert f"to do       {key}" in told.stdout
     checked = folder.run("check")
     assert checked.code == 2
-    assert "`near` of excitation hammer; letters in `near` of responses response1; letters in `box` of parameters edge" in checked.stderr
+    for place in ("excitation.hammer.near", "responses.response1.near", "parameters.edge.select.box"):
+        assert f"{place}: this place is not filled in yet" in checked.stderr
     text = folder.config.read_text()
     for place, filled in (("[[x0, x1], [y0, y1], [z0, z1]]", "[[0, 1], [0, 1], [0, 1]]"), ("[x, y, z]", "[0, 0, 0]")):
         text = text.replace(place, filled)
@@ -211,6 +212,8 @@ def test_quoted_texts_are_read_back(text: str) -> None:
         (["fixed-plate", "ref-plate", "tight"], "tight", ["ref-plate", "fixed-plate"]),
         (["tight", "tight-but-flange-left"], "tight", []),
         (["tight1", "tight2"], "tight1", ["tight2"]),
+        (["non-linear-sweep-tight", "canon-shot-tight-2-x"], "non-linear-sweep-tight", ["canon-shot-tight-2-x"]),
+        (["ref-nonlinear", "ref-non-contact-laser"], "ref-nonlinear", ["ref-non-contact-laser"]),
     ],
 )
 def test_the_tight_state_by_its_name(names: list[str], reference: str | None, baselines: list[str]) -> None:
@@ -242,6 +245,11 @@ def test_the_tight_state_by_its_name(names: list[str], reference: str | None, ba
         "tight-damaged",
         "ref-one-removed",
         "open-ref00",
+        "ref-non-serré",
+        "ref_nonserre_2",
+        "ref-desserré",
+        "tight-non",
+        "non2-tight",
     ],
 )
 def test_what_is_loose_by_its_name_is_no_tight_state(name: str) -> None:
