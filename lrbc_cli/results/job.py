@@ -15,10 +15,10 @@ from lrbc_cli.results.fields import (
     Points,
     Range,
     Record,
+    SealedRecord,
     Seconds,
     Share,
     Square,
-    StoredRecord,
     Vector,
     same_length,
     wrong,
@@ -333,11 +333,9 @@ class Provenance(Record):
     judgement: IdentityRecord | None = None
 
 
-class _JobBase(StoredRecord):
+class _JobBase(SealedRecord):
     format: Literal["lrbc-result"]
     job: str
-    #: SHA-256 of all the rest, see ``store.digest_of``; results of earlier versions have none.
-    digest: str | None = None
 
 
 class FailedJob(_JobBase):
