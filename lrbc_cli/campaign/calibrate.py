@@ -26,7 +26,7 @@ from lrbc_cli.model.factors import with_factors
 from lrbc_cli.reduction.certify import lines_between, measured_errors
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.results.model import CalibrationRecord
-from lrbc_cli.results.store import versions, write
+from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.extended import Nuisance
@@ -132,9 +132,8 @@ def run_calibration(
         return stored, True
     parts = key_parts(inputs)
     outcome = calibrate(inputs, folder, accept=accept, progress=progress)
-    record = calibration_record(inputs, outcome, parts, settings.job)
     write_csv(output / "calibration" / "frf.csv", *frf_rows(inputs, outcome))
-    write(output / FILE, record)
+    record = write_sealed(output / FILE, calibration_record(inputs, outcome, parts, settings.job))
     # The results that are there stay those of the jobs, but the report has to know the campaign.
     if not (output / "campaign.json").is_file():
         write_campaign(output, inputs)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.identification.first_look import first_look
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -49,7 +50,7 @@ class Findings:
     predicted: dict[str, Any] | None = None
 
 
-def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
+def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool = False) -> Findings:
     """Examine the inputs of a campaign; changes nothing.
 
     Parameters
@@ -59,6 +60,8 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
         Of the cache.
     detailed : bool
         Say for every job which record is which response.
+    pictured : bool
+        The structure is drawn, so that nobody has to be told how.
 
     Returns
     -------
@@ -68,8 +71,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out = Findings()
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
-    if inputs.campaign.watch is not None:
-        out.warnings += inputs.campaign.watch.passed_over({path for job in inputs.campaign.jobs.values() for path in job.all_files})
+    out.warnings += passed_over(inputs.campaign)
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
@@ -83,7 +85,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False) -> Findings:
     out.warnings += inputs.method.warnings
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
     out.sections["more"] = [
-        "lrbc check --picture draws the structure with bolts, sensors and updated terms",
+        *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
         "lrbc plan tells from the model alone which bolts these responses can see, and ranks them",
     ]
     model = inputs.model

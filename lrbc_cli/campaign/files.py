@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign.identification.records import layout_of
+from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign, MatrixRef
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import DofSource
@@ -40,6 +41,13 @@ def unusable_files(campaign: Campaign) -> dict[str, list[LrbcError]]:
                 said.add(error.message)
                 found.setdefault(key, []).append(error)
     return found
+
+
+def passed_over(campaign: Campaign) -> list[str]:
+    """What to do about measurements in the watched folder and below it that are nobody's, in words."""
+    if campaign.watch is None:
+        return []
+    return list(campaign.watch.passed_over({path for path, _ in input_files(campaign)}, campaign.output))
 
 
 def _of_model(campaign: Campaign) -> Iterator[Reading]:

@@ -13,7 +13,7 @@ from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, say
-from lrbc_cli.config import Campaign, load_campaign
+from lrbc_cli.config import Campaign, load_unfilled
 from lrbc_cli.errors import LrbcError
 
 
@@ -26,13 +26,17 @@ def check(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json:
 
     Where the model cannot be made, all files that cannot be read are named.
     """
-    campaign = load_campaign(config, overrides)
+    campaign, unfilled = load_unfilled(config, overrides)
+    if unfilled:
+        first = unfilled[0]
+        first.others = tuple(unfilled[1:])
+        return _without_model(campaign, first, as_json)
     try:
         inputs = load(config, overrides, calibration=calibration, warn=False)
     except LrbcError as error:
         return _without_model(campaign, error, as_json)
     drawn = _draw(inputs, tell=not as_json) if picture else []
-    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1)
+    findings = examine(inputs, cache_folder(cache), detailed=as_json or verbosity.level >= 1, pictured=picture)
     if as_json:
         say_json(findings.tree | ({"picture": drawn} if picture else {}))
     else:

@@ -19,7 +19,11 @@ from lrbc_cli.cli.terminal import say
 @campaign_options
 @calibration_option
 def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json: bool, calibration: bool) -> None:
-    """Tell how far the campaign is: jobs done, out of date, without a file, failed or not run yet, and the time left; change nothing."""
+    """Tell how far the campaign is, and the time left; change nothing.
+
+    Jobs are done, out of date, without a file, with files that cannot be used, failed or not run yet. A report page that is missing,
+    or older than the results, is told.
+    """
     inputs = load(config, overrides, calibration=calibration, warn=False)
     found = examine(inputs, cache_folder(cache))
     use = inputs.calibration
@@ -33,6 +37,7 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
                 "seconds_left": found.seconds_left,
                 "calibration": None if use is None else {"used": use.used, "text": use.text},
                 "cache": {"hit": found.cache.hit, "reason": found.cache.reason},
+                "report": {"file": inputs.campaign.output / "report.html", "trouble": found.page or None},
             }
         )
         return
@@ -43,6 +48,8 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
         say(f"{name:{width}}  {STATES[job.state]:{max(map(len, STATES.values()))}}  {job.reason}".rstrip(), finding=True)
     if use is not None:
         say(f"calibration: {use.text}")
+    if found.page:
+        say(f"report.html: {found.page}; next: lrbc report {config}")
     say("\n".join(_ahead(inputs, found, config)))
 
 
@@ -50,7 +57,8 @@ def _ahead(inputs: Inputs, found: CampaignStatus, config: Path) -> list[str]:
     """What is to be done, and how long it will take."""
     todo = found.named("stale", "failed", "new")
     if not todo:
-        return ["nothing to run" + (", but FRF files are missing" if found.named("missing") else "")]
+        lacking = [words for state, words in (("missing", "missing"), ("unusable", "unusable")) if found.named(state)]
+        return ["nothing to run" + (f", but FRF files are {' or '.join(lacking)}" if lacking else "")]
     model = "" if found.cache.hit or inputs.campaign.update.evaluation == "full" else ", and a reduced model to build"
     left = "time left: not known before a job has run"
     if found.seconds_left is not None:

@@ -3,7 +3,7 @@
 from lrbc_cli.config.calibration import CalibrationConfig, FactorGroup
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.fields import ArraysConfig, MatrixRef, OperatorRef
-from lrbc_cli.config.loader import load_campaign
+from lrbc_cli.config.loader import load_campaign, load_unfilled
 from lrbc_cli.config.schema import campaign_schema
 from lrbc_cli.config.settings import (
     EveryLine,
@@ -60,5 +60,6 @@ __all__ = [
     "WatchConfig",
     "campaign_schema",
     "load_campaign",
+    "load_unfilled",
     "write_skeleton",
 ]

@@ -284,29 +284,50 @@ def refuse_gone(document: Document) -> None:
 #: Numbers that `lrbc init` leaves to be filled in.
 UNFILLED = {"x", "y", "z", "x0", "x1", "y0", "y1", "z0", "z1"}
 
-#: Where they stand, by section of the campaign file.
+#: Where they stand, by section of the campaign file, and what takes their place where the rest is to be read.
 PLACES = {"excitation": ("near",), "responses": ("near",), "parameters": ("select", "box")}
+ANYWHERE: dict[str, list[Any]] = {"near": [0.0, 0.0, 0.0], "box": [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]}
+UNFILLED_EXPECTED = "coordinates, as numbers"
+UNFILLED_HINT = (
+    "write them, or select by other keys (`lrbc guide campaign`); with a table name,x,y,z,component of hammer and responses "
+    "beside the files `lrbc init --from` fills them in"
+)
 
 
 def refuse_unfilled(document: Document) -> None:
     """Raise a ConfigError where places are those that `lrbc init` left to be filled in."""
-    values = document.root.plain()
-    found, first = list[str](), tuple[str, ...]()
+    unfilled = _unfilled(document)
+    found = []
     for section, keys in PLACES.items():
-        entries = values.get(section) if isinstance(values, Mapping) else None
-        names = [name for name, entry in entries.items() if UNFILLED & set(_texts(entry, keys))] if isinstance(entries, Mapping) else []
+        names = [place[1] for place in unfilled if place[0] == section]
         if names:
             found.append(f"letters in `{keys[-1]}` of {section} {', '.join(names[:6])}{' ...' if len(names) > 6 else ''}")
-            first = first or (section, names[0], *keys)
-    if found:
+    if unfilled:
         raise document.error(
-            "places that are not filled in yet",
-            *first,
-            expected="coordinates, as numbers",
-            found="; ".join(found),
-            hint="write them, or select by other keys (`lrbc guide campaign`); with a table name,x,y,z,component of hammer and responses "
-            "beside the files `lrbc init --from` fills them in",
+            "places that are not filled in yet", *unfilled[0], expected=UNFILLED_EXPECTED, found="; ".join(found), hint=UNFILLED_HINT
         )
+
+
+def without_unfilled(document: Document) -> tuple[dict[tuple[str, ...], list[Any]], list[ConfigError]]:
+    """Values by key path that let the rest be read where places are still to be filled in, and an error for each of these."""
+    places = _unfilled(document)
+    errors = [
+        document.error("this place is not filled in yet", *keys, expected=UNFILLED_EXPECTED, hint=None if index else UNFILLED_HINT)
+        for index, keys in enumerate(places)
+    ]
+    return {keys: ANYWHERE[keys[-1]] for keys in places}, errors
+
+
+def _unfilled(document: Document) -> list[tuple[str, ...]]:
+    """Key paths of places with letters for numbers."""
+    values = document.root.plain()
+    return [
+        (section, name, *keys)
+        for section, keys in PLACES.items()
+        if isinstance(values, Mapping) and isinstance(entries := values.get(section), Mapping)
+        for name, entry in entries.items()
+        if UNFILLED & set(_texts(entry, keys))
+    ]
 
 
 def _texts(value: object, keys: Sequence[str] = ()) -> Iterator[str]:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
-from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled
+from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled, without_unfilled
 from lrbc_cli.config.watch import with_folder
 from lrbc_cli.errors import ConfigError
 
@@ -39,10 +39,29 @@ def load_campaign(path: Path, overrides: Sequence[str] = ()) -> Campaign:
     ConfigError
         With file, line and key path, for anything that is not a valid campaign.
     """
+    return _build(_document(path, overrides))
+
+
+def load_unfilled(path: Path, overrides: Sequence[str] = ()) -> tuple[Campaign, list[ConfigError]]:
+    """As ``load_campaign``, also where places are still to be filled in: these are anywhere, and there is an error for each.
+
+    The campaign then serves to look for what else is wrong, and for nothing more.
+    """
+    document = _document(path, overrides)
+    values, errors = without_unfilled(document)
+    for keys, value in values.items():
+        below, _ = document.node(keys)
+        node = parse(str(value), file=document.file, origin=below.origin)
+        assert node is not None
+        document = Document(document.file, _replace(document, document.root, list(keys), 0, node, below.origin))
+    return _build(document), errors
+
+
+def _document(path: Path, overrides: Sequence[str]) -> Document:
     document = read_document(Path(path))
     for override in overrides:
         document = Document(document.file, _override(document, override))
-    return _build(document)
+    return document
 
 
 def _build(document: Document) -> Campaign:

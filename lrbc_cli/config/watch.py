@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from fnmatch import fnmatch
@@ -21,6 +22,9 @@ MEASURED = {
     *(".uff", ".unv", ".bunv", ".ufb", ".uf58", ".csv", ".txt", ".asc", ".ascii", ".dat", ".frf", ".h5", ".hdf5", ".mat"),
     *(".tdms", ".lvm", ".xls", ".xlsx", ".npz", ".npy"),
 }
+
+#: Hidden files, and those by which editors and office programs mark a file as open.
+HIDDEN = (".", "~$")
 
 #: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
 OWN = {"frf", "coherence", "repeats", "removed"}
@@ -71,22 +75,25 @@ class WatchConfig(Strict):
         return True
 
     def files(self) -> Iterator[Path]:
-        """Files of the folder that match, by name; those that are hidden or out of reach are none."""
+        """Files of the folder that match, by name; those that are hidden, temporary or out of reach are none."""
         try:
             found = sorted(path for path in self.folder.iterdir() if not path.name.startswith((".", "~")))
         except OSError:
             return
-        for path in found:
-            if any(fnmatch(path.name.lower(), pattern.lower()) for pattern in self.patterns):
-                yield path
+        yield from filter(self._matches, found)
 
-    def passed_over(self, named: Collection[Path]) -> Iterator[str]:
-        """What to do about files of the folder that look like measurements and match no pattern, in words.
+    def _matches(self, path: Path) -> bool:
+        return any(fnmatch(path.name.lower(), pattern.lower()) for pattern in self.patterns)
+
+    def passed_over(self, named: Collection[Path], output: Path) -> Iterator[str]:
+        """What to do about files in the folder and below that look like measurements and are nobody's, in words.
 
         Parameters
         ----------
         named : collection of Path
             Files that the campaign names itself.
+        output : Path
+            Folder of the results, which holds no measurements.
         """
         mine = {*named, *self.files()}
         try:
@@ -94,11 +101,35 @@ class WatchConfig(Strict):
         except OSError:
             return
         for path in found:
-            if path.suffix.lower() in MEASURED and path not in mine and not path.name.startswith((".", "~")):
+            if path in mine or path.name.startswith(HIDDEN):
+                continue
+            if path.is_dir():
+                first = next((file for file in _below(path, output) if self._matches(file) and file not in mine), None)
+                if first is not None:
+                    yield (
+                        f"{first.relative_to(self.folder)} in {self.folder} lies in a sub-folder, so that nobody judges it, nor what else "
+                        "is in there: move measurements up into the watched folder, or name them under `jobs`; move all else out of it"
+                    )
+            elif path.name.startswith("~") and (path.suffix.lower() in MEASURED or self._matches(path)):
+                yield (
+                    f"{path.name} in {self.folder} begins with '~' as temporary files do, so that nobody judges it: rename it if it is a "
+                    "measurement, else remove it"
+                )
+            elif path.suffix.lower() in MEASURED:
                 yield (
                     f"{path.name} in {self.folder} matches no pattern of watch.pattern ({', '.join(self.patterns)}), so that nobody judges "
                     f"it: add '*{path.suffix}' there if it is a measurement, else move it out of the folder"
                 )
+
+
+def _below(folder: Path, output: Path) -> Iterator[Path]:
+    """Files of a folder and the folders in it, by name; not those that are hidden, nor the results."""
+    for at, folders, names in os.walk(folder):
+        if Path(at) == output:
+            folders.clear()
+            continue
+        folders[:] = sorted(name for name in folders if not name.startswith(HIDDEN))
+        yield from (Path(at, name) for name in sorted(names) if not name.startswith(HIDDEN))
 
 
 def with_folder(campaign: Campaign) -> Campaign:

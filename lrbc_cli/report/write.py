@@ -176,11 +176,11 @@ def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]
 def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
     for job in done:
         require_files(output / job.job, job.provenance.files or {})
-    unknown = [job.job for job in done if not job.provenance.files]
+    unknown = [job.job for job in done if not job.provenance.files or job.digest is None]
     if unknown:
         # Of an older version.
         some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
-        log.warning("%s: no hashes tell whether profile.csv and frf.csv belong to result.json; `lrbc update` identifies them anew", some)
+        log.warning("%s: no hashes tell whether result.json and its tables are as they were written; `lrbc update` writes them anew", some)
 
 
 def _structure(output: Path) -> StructureRecord | None:

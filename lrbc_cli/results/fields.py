@@ -64,6 +64,13 @@ class StoredRecord(Record):
         return super().checked({"format": cls.form(), "version": 1, **tree})
 
 
+class SealedRecord(StoredRecord):
+    """Base of the records that say by themselves whether they are as they were written; those of earlier versions do not."""
+
+    #: SHA-256 of all the rest, see ``store.digest_of``.
+    digest: str | None = None
+
+
 _AS_THEY_ARE = {str, int, bool, type(None)}
 
 

@@ -15,10 +15,10 @@ from lrbc_cli.results.fields import (
     Points,
     Range,
     Record,
+    SealedRecord,
     Seconds,
     Share,
     Square,
-    StoredRecord,
     Vector,
     same_length,
     wrong,
@@ -333,7 +333,7 @@ class Provenance(Record):
     judgement: IdentityRecord | None = None
 
 
-class _JobBase(StoredRecord):
+class _JobBase(SealedRecord):
     format: Literal["lrbc-result"]
     job: str
 

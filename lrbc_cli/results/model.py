@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, Seconds, StoredRecord, Vector, same_length, wrong
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, StoredRecord, Vector, same_length, wrong
 from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord, NoiseRecord, Provenance
 
 
@@ -197,7 +197,7 @@ class FactorCertificate(Record):
     held_out: Many[HeldOutRecord]
 
 
-class CalibrationRecord(StoredRecord):
+class CalibrationRecord(SealedRecord):
     """The factors of the reference model, what they rest on (``key`` and its ``parts``), and how well the model then agrees."""
 
     HINT: ClassVar[str] = "run `lrbc calibrate` to write it anew"

@@ -18,7 +18,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.results.evidence import EvidenceRecord
-from lrbc_cli.results.fields import StoredRecord, first_wrong, plain
+from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
@@ -27,6 +27,7 @@ from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 
 R = TypeVar("R", bound=StoredRecord)
+S = TypeVar("S", bound=SealedRecord)
 
 #: Records that were read, which are frozen; so many are kept.
 _records = Remembered[StoredRecord](256)
@@ -57,6 +58,25 @@ def write(path: Path, record: StoredRecord, *, compact: bool = False) -> str:
         Where the output folder cannot be written.
     """
     return write_bytes(path, _document(record.tree(), compact))
+
+
+def write_sealed(path: Path, record: S) -> S:
+    """Write a record with a digest of itself, by which it is known to be as it was written; what the file holds.
+
+    Raises
+    ------
+    ConfigError
+        Where the output folder cannot be written.
+    """
+    sealed = record.model_copy(update={"digest": digest_of(record.tree())})
+    write(path, sealed)
+    return sealed
+
+
+def digest_of(tree: Mapping[str, Any]) -> str:
+    """SHA-256 of what a record says, but for the digest itself; layout and order of keys do not count."""
+    content = {key: value for key, value in tree.items() if key != "digest"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
@@ -96,7 +116,7 @@ def read(path: Path, kind: type[R]) -> R | None:
     Raises
     ------
     DataError
-        Where it is damaged, of another version, or something else; names the key path.
+        Where it is damaged, of another version, changed after it was written, or something else; names the key path.
     ConfigError
         Where the output folder cannot be read at all.
     """
@@ -129,11 +149,15 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
 
 def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:
     try:
-        return kind.model_validate(tree)
+        record = kind.model_validate(tree)
     except ValidationError as error:
         place, expected, found = first_wrong(error)
         found = found if len(found) < 80 else found[:77] + "..."
         raise DataError("this result file is damaged", file=path, place=place, expected=expected, found=found, hint=kind.HINT) from error
+    if isinstance(record, SealedRecord) and record.digest not in (None, digest_of(tree)):
+        problem = "this result file was changed after it was written"
+        raise DataError(problem, file=path, place="digest", expected=record.digest, found=digest_of(tree), hint=kind.HINT)
+    return record
 
 
 def _text(path: Path, kind: type[StoredRecord]) -> str | None:

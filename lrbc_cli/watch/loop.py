@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.clearance import JobFinding, once_more
@@ -161,7 +162,7 @@ class Watch:
     def _reload(self) -> None:
         """Read the campaign file again where it, or what lies in the folder, is not what it was."""
         watch = self.session.campaign.watch
-        for text in () if watch is None else watch.passed_over(self._files()):
+        for text in passed_over(self.session.campaign):
             self._once(text)
         now = (signature([self.session.settings.config]), None if watch is None else tuple(watch.files()))
         if now == self._known:

@@ -14,7 +14,7 @@ from campaigns import Folder, lrbc
 
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.results.job import FailedJob, JobRecord
-from lrbc_cli.results.store import FILES, read_job, results_schema
+from lrbc_cli.results.store import FILES, digest_of, read_job, results_schema
 
 Spoil = Callable[[dict[str, Any]], Any]
 
@@ -33,8 +33,11 @@ def test_results_as_written_are_read(frame_once: Folder, tmp_path: Path) -> None
 
 
 def store(folder: Path, tree: dict[str, Any] | str) -> Path:
+    """Of a tree that has a digest, with the right one."""
     path = folder / "a" / "result.json"
     path.parent.mkdir()
+    if isinstance(tree, dict) and "digest" in tree:
+        tree["digest"] = digest_of(tree)
     path.write_text(tree if isinstance(tree, str) else json.dumps(tree))
     return path
 

@@ -171,7 +171,8 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
         assert f"to do       {key}" in told.stdout
     checked = folder.run("check")
     assert checked.code == 2
-    assert "`near` of excitation hammer; letters in `near` of responses response1; letters in `box` of parameters edge" in checked.stderr
+    for place in ("excitation.hammer.near", "responses.response1.near", "parameters.edge.select.box"):
+        assert f"{place}: this place is not filled in yet" in checked.stderr
     text = folder.config.read_text()
     for place, filled in (("[[x0, x1], [y0, y1], [z0, z1]]", "[[0, 1], [0, 1], [0, 1]]"), ("[x, y, z]", "[0, 0, 0]")):
         text = text.replace(place, filled)
@@ -211,6 +212,8 @@ def test_quoted_texts_are_read_back(text: str) -> None:
         (["fixed-plate", "ref-plate", "tight"], "tight", ["ref-plate", "fixed-plate"]),
         (["tight", "tight-but-flange-left"], "tight", []),
         (["tight1", "tight2"], "tight1", ["tight2"]),
+        (["non-linear-sweep-tight", "canon-shot-tight-2-x"], "non-linear-sweep-tight", ["canon-shot-tight-2-x"]),
+        (["ref-nonlinear", "ref-non-contact-laser"], "ref-nonlinear", ["ref-non-contact-laser"]),
     ],
 )
 def test_the_tight_state_by_its_name(names: list[str], reference: str | None, baselines: list[str]) -> None:
@@ -242,6 +245,11 @@ def test_the_tight_state_by_its_name(names: list[str], reference: str | None, ba
         "tight-damaged",
         "ref-one-removed",
         "open-ref00",
+        "ref-non-serré",
+        "ref_nonserre_2",
+        "ref-desserré",
+        "tight-non",
+        "non2-tight",
     ],
 )
 def test_what_is_loose_by_its_name_is_no_tight_state(name: str) -> None:
@@ -337,10 +345,21 @@ def test_places_to_fill_in_are_refused_until_they_are(tmp_path: Path) -> None:
         + "".join(",".join([str(f), *["1.0"] * 8]) + "\n" for f in range(20, 200))
     )
     folder, _ = drafted(files, tmp_path / "new")
-    refused = folder.run("check")
+    refused = folder.run("update")
     assert refused.code == 2
     for text in (".near: places that are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
         assert text in refused.stderr
+    # All that is to be mended, in the files too.
+    (files / "tight.csv").write_text("nothing\n")
+    told = folder.run("check")
+    assert told.code == 2
+    for name in ("excitation.hammer", *(f"responses.{name}" for name in columns)):
+        assert told.stderr.count(f"{name}.near: this place is not filled in yet") == 1
+    assert told.stderr.count("tight.csv") == told.stderr.count("fix:") - 1 == 1
+    tree = folder.run("check", "--json").json
+    assert (tree["exit_code"], len(tree["others"]), list(tree["errors"])) == (2, 4, ["tight"])
+    # The rest of the file is looked at as ever.
+    assert "did you mean" in folder.run("check", "--override", "reductoin.band=[1, 2]").stderr
 
 
 def test_the_edge_beside_a_row_of_bolts() -> None:

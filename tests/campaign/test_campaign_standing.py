@@ -15,7 +15,7 @@ from campaigns import Folder, environment, finished, two_jobs
 
 from lrbc_cli.campaign.jobs.standing import changes_of, other_baselines, other_reference, state_of
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import digest_of, read_job
 
 OTHERS = ["loose-2"]
 
@@ -54,9 +54,10 @@ def plans(folder: Folder, *args: str) -> dict[str, tuple[bool, str]]:
 
 
 def change(path: Path, edit: Any) -> None:
+    """As if it had been written like that: a result vouches for itself."""
     tree = json.loads(path.read_text())
     edit(tree)
-    path.write_text(json.dumps(tree))
+    path.write_text(json.dumps(tree | {"digest": digest_of(tree)} if "digest" in tree else tree))
 
 
 @pytest.fixture(scope="module")
@@ -292,6 +293,50 @@ def test_results_without_hashes(frame: Folder) -> None:
     assert report.stderr.count("warning: loose-2: no hashes") == 1
     assert plans(frame)["loose-2"] == (True, "the earlier result is of an older version, without hashes of its files")
     assert not plans(frame)["tight"][0]
+
+
+def test_a_result_that_was_edited(frame: Folder) -> None:
+    """A verdict that nothing was found for is shown by no command, and is no all-clear."""
+    path = frame.out / "loose-2" / "result.json"
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b'"verdict": "loose"', b'"verdict": "tight"'))
+    assert path.read_bytes() != whole
+    for words in (["report"], ["simulate", "--job", "loose-2", "--out", str(frame.path / "x.csv")]):
+        outcome = frame.run(*words)
+        assert outcome.code == 3
+        assert str(path) in outcome.stderr
+        assert "changed after it was written" in outcome.stderr
+        assert "lrbc update" in outcome.stderr
+    assert plans(frame) == {
+        "tight": (False, "nothing changed"),
+        "loose-2": (True, "the earlier result is unusable (this result file was changed after it was written)"),
+    }
+    assert frame.run("status", "--json").json["jobs"]["loose-2"]["state"] == "new"
+    outcome = frame.run("update", "--json", "--fail-on-loose")
+    assert (outcome.code, outcome.json["kept"]) == (6, ["tight"])
+    # The layout and the order of the keys say nothing.
+    tree = json.loads(path.read_text())
+    path.write_text(json.dumps(dict(reversed(tree.items()))))
+    assert not any(run for run, _ in plans(frame).values())
+
+
+def test_results_without_a_digest_are_judged_anew(frame: Folder) -> None:
+    """Those of earlier versions: what they say may be anyone's, the evidence beside them is as it was written."""
+    before = frame.result("loose-2")
+
+    def edit(tree: dict[str, Any]) -> None:
+        del tree["digest"]
+        tree.update(alternatives=[], decision_rule={}, bolts=[bolt | {"verdict": "tight"} for bolt in tree["bolts"]])
+
+    change(frame.out / "loose-2" / "result.json", edit)
+    report = frame.run("report", "--job", "loose-2")
+    assert report.code == 0
+    assert "warning: loose-2: no hashes" in report.stderr
+    assert plans(frame)["loose-2"] == (False, "the earlier result is of an older version, without a digest of itself")
+    outcome = frame.run("update", "--json", "--fail-on-loose")
+    assert (outcome.code, outcome.json["judged"], outcome.json["kept"]) == (6, ["loose-2"], ["tight"])
+    assert frame.result("loose-2") == before
+    assert frame.run("report").stderr == ""
 
 
 def test_the_result_of_another_job(frame: Folder) -> None:

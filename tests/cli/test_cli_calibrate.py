@@ -219,6 +219,8 @@ class TestWhetherItFits:
             text.replace('"value"', '"valeu"'),
             text.replace('"value": 0.', '"value": -0.'),
             text.replace('"key"', '"kee"'),
+            # A number that nothing found.
+            text.replace('"value": 0.', '"value": 0.9', 1),
             "[]",
         ):
             file.write_text(spoilt)

@@ -102,6 +102,8 @@ def test_the_picture(frame: Folder) -> None:
     names = ["structure.png", "structure.html"]
     assert section(result.stdout, "picture") == [str(frame.out / name) for name in names]
     assert result.stdout.startswith("picture\n")
+    assert "--picture" not in result.stdout
+    assert "lrbc check --picture draws" in frame.run("check").stdout
     assert {frame.path / name for name in frame.listing().keys() - before.keys()} == {frame.out / name for name in names}
     assert (frame.out / "structure.png").read_bytes().startswith(b"\x89PNG")
     assert frame.run("check", "--picture", "--json").json["picture"] == [str(frame.out / name) for name in names]

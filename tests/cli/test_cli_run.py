@@ -235,6 +235,39 @@ def test_progress_is_cleared_before_a_result(frame: Folder) -> None:
         assert not before or not before[-1].strip()
 
 
+def test_status_tells_why_a_file_cannot_be_used(small: Folder) -> None:
+    """As `watch` does; it is no job that only waits for its turn."""
+    tree = small.tree()
+    tree["jobs"]["half"] = {"frf": "data/frf/half.csv"}
+    small.write(tree)
+    (small.data / "frf" / "half.csv").write_text("frequency_hz,mic1\n")
+    told = small.run("status", "--json").json
+    assert told["jobs"]["half"]["state"] == "unusable"
+    assert "half.csv" in told["jobs"]["half"]["reason"]
+    assert "\n" not in told["jobs"]["half"]["reason"]
+    assert (told["counts"]["unusable"], told["counts"]["new"], told["seconds_left"]) == (1, 0, 0)
+    assert "nothing to run, but FRF files are unusable" in small.run("status").stdout
+    # A result of an earlier measurement is told.
+    (small.data / "frf" / "loose-2.csv").write_text("frequency_hz,mic1\n")
+    again = small.run("status", "--json").json["jobs"]["loose-2"]
+    assert again["state"] == "unusable"
+    assert again["reason"].endswith("there is a result of an earlier measurement")
+
+
+def test_status_tells_of_the_page(small: Folder) -> None:
+    def told() -> str | None:
+        trouble = small.run("status", "--json").json["report"]["trouble"]
+        assert (trouble is None) == ("report.html:" not in small.run("status").stdout)
+        return trouble
+
+    assert told() == "missing"
+    assert small.run("report").code == 0
+    assert told() is None
+    page = (small.out / "report.html").stat().st_mtime_ns
+    os.utime(small.out / "loose-2" / "result.json", ns=(page + 10**9, page + 10**9))
+    assert told() == "older than the results of loose-2"
+
+
 def test_a_line_is_cleared_once(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.line.show("at work")
     terminal.say("done")

@@ -20,6 +20,7 @@ from campaigns import box as make_box
 
 from lrbc_cli.campaign.jobs.table import CAMPAIGN_COLUMNS
 from lrbc_cli.io.frf import read_frf
+from lrbc_cli.results.store import digest_of
 
 
 def plans(folder: Folder, *args: str) -> dict[str, tuple[bool, str]]:
@@ -530,7 +531,8 @@ def test_an_all_clear(frame: Folder) -> None:
     path = folder.out / "again" / "result.json"
     whole = path.read_text()
     for old, new in [('"verdict": "tight"', '"verdict": "undecided"'), ('"status": "converged"', '"status": "unexplained"')]:
-        path.write_text(whole.replace(old, new, 1))
+        tree = json.loads(whole.replace(old, new, 1))
+        path.write_text(json.dumps(tree | {"digest": digest_of(tree)}))
         told = folder.run("update", "--fail-on-loose", "--json")
         assert (told.code, told.json["kept"], list(told.json["not_clear"])) == (7, ["tight", "again"], ["again"])
         said = folder.run("update", "--fail-on-loose").stdout

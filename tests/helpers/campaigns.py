@@ -130,6 +130,7 @@ class Folder:
         for path in sorted(self.out.glob("*/result.json")):
             tree = json.loads(path.read_text())
             tree.pop("seconds", None)
+            tree.pop("digest", None)
             tree["provenance"].pop("configuration", None)
             tree["provenance"]["inputs"] = {Path(name).name: digest for name, digest in tree["provenance"]["inputs"].items()}
             found[path.parent.name] = tree

@@ -172,6 +172,52 @@ def test_axis_unit_of_pulse_functions(tmp_path: Path, count: int) -> None:
         assert read_frf(functions(unit, 1.0), TextLayout(frequency_unit="Hz")).records[0].frequency_hz[0] == HZ[0]
 
 
+@pytest.mark.parametrize("lone", [True, False])
+@pytest.mark.parametrize(
+    ("kind", "unit", "columns"),
+    [
+        ("Real/Imaginary", "g/N", (H.real, H.imag)),
+        ("Imaginary/Real", "g/N", (H.imag, H.real)),
+        ("Magnitude/Phase", "g/N", (np.abs(H), np.angle(H))),
+        ("Magnitude/Phase", "g/N", (np.abs(H), np.angle(H, deg=True))),
+        ("Amplitude - Phase (deg)", "g/N", (np.abs(H), 1e-3 * np.angle(H, deg=True))),
+        ("Magnitude and Phase", "dB/1 g/N", (20.0 * np.log10(np.abs(H)), np.angle(H, deg=True))),
+        ("dB/Phase", "g/N", (20.0 * np.log10(np.abs(H)), np.angle(H, deg=True))),
+    ],
+)
+def test_pulse_functions_are_what_their_data_type_says(
+    tmp_path: Path, kind: str, unit: str, columns: tuple[np.ndarray, np.ndarray], lone: bool
+) -> None:
+    """A magnitude with its phase was taken for a real and an imaginary part."""
+    lines = [*PULSE, *block("Frequency Response H1(acc1,hammer) - Input", unit, kind, *columns)]
+    if not lone:
+        lines += block("Frequency Response H1(mic01,hammer) - Input", "Pa/N", "Complex", G.real, G.imag)
+    first, *others = read_frf(write(tmp_path, lines)).records
+    expected = H if "(deg)" not in kind else np.abs(H) * np.exp(1e-3j * np.angle(H))
+    np.testing.assert_allclose(first.values, STANDARD_GRAVITY * expected, rtol=1e-9)
+    assert first.quantity == "acceleration"
+    for other in others:
+        np.testing.assert_allclose(other.values, G, rtol=1e-11)
+    if unit.startswith("dB"):
+        return
+    # The campaign's word holds.
+    (told, *_) = read_frf(write(tmp_path, lines), TextLayout(representation="real-imag", unit="g/N")).records
+    np.testing.assert_allclose(told.values, STANDARD_GRAVITY * (columns[0] + 1j * columns[1]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "part"), [("Magnitude", "magnitude"), ("Amplitude", "magnitude"), ("Phase", "phase"), ("dB", "db")])
+def test_a_pulse_function_of_one_part_is_no_frf(tmp_path: Path, kind: str, part: str) -> None:
+    """Its frequencies were taken as real parts."""
+    title = "Frequency Response H1(acc1,hammer) - Input"
+    lines = [*PULSE, *block(title, "g/N", kind, np.abs(H))]
+    with pytest.raises(DataError, match="holds no FRF") as caught:
+        read_frf(write(tmp_path, lines))
+    assert caught.value.found == f"record 1 ({title}, {part} only)"
+    lines += block("Frequency Response H1(mic01,hammer) - Input", "Pa/N", "Complex", G.real, G.imag)
+    (found,) = read_frf(write(tmp_path, lines)).records
+    np.testing.assert_allclose(found.values, G, rtol=1e-11)
+
+
 def test_units_of_pulse_functions(tmp_path: Path) -> None:
     """What is not understood is a warning, an inverse FRF refused, a spectrum left out; the campaign's word holds."""
 

@@ -9,7 +9,7 @@ from fake_campaign import campaign_of, reduction_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.report import write_report
 from lrbc_cli.results.job import FailedJob
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import digest_of, read_job
 from lrbc_cli.results.tables import read_frf
 
 
@@ -154,7 +154,9 @@ def test_a_damaged_table_is_named(output, text, place):
 
 def hashed(output, job):
     files = {name: hashlib.sha256((output / job / name).read_bytes()).hexdigest() for name in ("frf.csv",)}
-    spoil(output / job / "result.json", "provenance", "files", value=files)
+    file = output / job / "result.json"
+    spoil(file, "provenance", "files", value=files)
+    spoil(file, "digest", value=digest_of(json.loads(file.read_text(encoding="utf-8"))))
 
 
 def test_tables_of_another_run_are_not_shown(output, caplog):

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.jobs.run import unseen
 from lrbc_cli.config import JobConfig, load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.watch.arrivals import Arrivals
@@ -100,6 +102,24 @@ def test_files_of_a_folder_are_jobs(tmp_path: Path) -> None:
     assert missing.jobs["loose-2"].frf == tmp_path / "frf" / "loose-2.csv"
     assert missing.jobs["loose-2"].removed == ("B3", "B4")
     assert load_campaign(CAMPAIGN, [f"watch.folder={json.dumps(str(tmp_path / 'nowhere'))}"]).jobs == load_campaign(CAMPAIGN).jobs
+
+
+def test_measurements_that_nobody_sees(tmp_path: Path) -> None:
+    """Those in sub-folders, and those named like temporary files; locks of editors, results and inputs are none."""
+    folder = tmp_path / "frf"
+    watch = folder_of(folder, "~measured.csv", "~$open.csv", ".~lock.a.csv#", "~WRL0001.tmp", "other.uff")
+    for name in ("later", "later/deep", "model", "notes", "output", ".trash"):
+        folder_of(folder / name)
+    for name in ("later/deep/b.csv", "later/deep/c.csv", "model/bolts.csv", "notes/read.me", "output/frf.csv", ".trash/a.csv"):
+        (folder / name).write_text("x")
+    own = [f"output={json.dumps(str(folder / 'output'))}", f"bolts={json.dumps(str(folder / 'model' / 'bolts.csv'))}"]
+    campaign = load_campaign(CAMPAIGN, [watch, "watch.pattern='*.csv'", *own])
+    assert list(campaign.jobs) == ["tight", "loose-2", "loose-all"]
+    told = passed_over(campaign)
+    named = [str(Path("later", "deep", "b.csv")), "other.uff", "~measured.csv"]
+    assert [text.partition(" in ")[0] for text in told] == named
+    assert unseen(campaign) == "; ".join(told)
+    assert passed_over(load_campaign(CAMPAIGN)) == []
 
 
 def test_settings_of_the_reference_job_hold_for_new_files(tmp_path: Path) -> None:

@@ -35,8 +35,10 @@ TIGHT = ("reference", "ref", "tight", "fest", "baseline", "fixed", "intact", "he
 #: Words of a name that rule a tight state out, whatever else it says: something is loose, gone or damaged; coherences are no FRFs.
 LOOSE = re.compile(
     "loos|lose|los$|lost|gel(oe|o)st|locker|slack|open|remov|missing|fehl|without|ohne|half|halb|hand$|partly|partial|teilw|free|frei|"
-    "damag|defe[kc]t|broken|crack|not?$|non$|nicht|un(?!it|damaged)|coh|koh"
+    "damag|defe[kc]t|broken|crack|not?$|non(serr|tight|fix)|desserr|nicht|un(?!it|damaged)|coh|koh"
 )
+#: In words joined by blanks: what comes behind may be about the bolts (French `non-serré`), or about how it was measured.
+DENIED = re.compile(" non (?!lin|contact)")
 #: A bolt in words joined by blanks.
 ONE_BOLT = re.compile(" (b|bolt|screw|schraube|joint) ?0*[1-9][0-9]* ")
 
@@ -246,9 +248,8 @@ def names_loose(text: str, bolts: Collection[str] = ()) -> bool:
     said = f" {' '.join(words)} "
     # Bolts that are numbers only: so are repeats.
     own = [" ".join(words_of(bolt)) for bolt in bolts if not bolt.strip().isdigit()]
-    return (
-        any(map(LOOSE.match, (*words, *_letters(words)))) or bool(ONE_BOLT.search(said)) or any(f" {bolt} " in said for bolt in own if bolt)
-    )
+    loose = any(map(LOOSE.match, (*words, *_letters(words)))) or DENIED.search(f" {' '.join(_letters(words))} ")
+    return bool(loose or ONE_BOLT.search(said)) or any(f" {bolt} " in said for bolt in own if bolt)
 
 
 def words_of(text: str) -> list[str]:

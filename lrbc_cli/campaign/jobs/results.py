@@ -27,14 +27,14 @@ from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
-from lrbc_cli.results.store import read_job, versions, write
+from lrbc_cli.results.store import read_job, versions, write, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.lcurve import LCurve
 from lrbc_cli.updating.misfit import decibel
 
 #: What of a result judging writes.
-JUDGED = ("status", "reason", "removed", "bolts", "taken_as_tight", "validity", "warnings", "notes")
+JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
 
 
 def unit_of(inputs: Inputs, group: TermGroup) -> str:
@@ -120,9 +120,7 @@ def write_judgement(
 
 
 def _written(folder: Path, tree: Mapping[str, Any]) -> JobRecord:
-    record = JobRecord.checked(tree)
-    write(folder / "result.json", record)
-    return record
+    return write_sealed(folder / "result.json", JobRecord.checked(tree))
 
 
 def with_judgement(inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
@@ -367,7 +365,7 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
         "reason": reason,
         "provenance": {"identity": identity, "versions": versions(), "inputs": inputs.hashes, "configuration": inputs.campaign.resolved()},
     }
-    write(path, FailedJob.checked(tree))
+    write_sealed(path, FailedJob.checked(tree))
 
 
 def write_campaign(output: Path, inputs: Inputs) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
@@ -134,7 +135,7 @@ def unseen(campaign: Campaign) -> str:
         return ""
     if not watched.in_reach:
         return f"{watched.folder}, the watched folder, is not there"
-    return "; ".join(watched.passed_over([path for job in campaign.jobs.values() for path in job.all_files]))
+    return "; ".join(passed_over(campaign))
 
 
 class _Run:

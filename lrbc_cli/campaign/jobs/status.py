@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
+from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import reduction_cost
-from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import ReductionRecord
 from lrbc_cli.results.store import read, read_job
 from lrbc_cli.updating.clearance import sentence
 
 #: States of a job, as a person reads them.
-STATES = {"done": "done", "stale": "out of date", "missing": "no FRF file", "failed": "failed", "new": "not run yet"}
+STATES = {
+    "done": "done",
+    "stale": "out of date",
+    "missing": "no FRF file",
+    "unusable": "unusable",
+    "failed": "failed",
+    "new": "not run yet",
+}
 
 
 @dataclass(frozen=True)
@@ -29,7 +37,7 @@ class JobStatus:
     state : str
         One of ``STATES``.
     reason : str
-        Which part changed, which file is missing, or the last error; of a job that is done what was found.
+        Which part changed, which file is missing, why its files cannot be used, or the last error; of a job that is done what was found.
     seconds : float or None
         What its last identification took.
     """
@@ -50,11 +58,14 @@ class CampaignStatus:
     seconds_left : float or None
         What the jobs that `lrbc update` would run will take, reduction included; None where nothing tells yet.
     cache : CacheDecision
+    page : str
+        What is wrong with ``report.html``: missing, or older than results; empty where nothing is.
     """
 
     jobs: dict[str, JobStatus]
     seconds_left: float | None
     cache: cache.CacheDecision
+    page: str = ""
 
     def named(self, *states: str) -> list[str]:
         """The jobs in one of these states."""
@@ -75,14 +86,14 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
     decision = cache.look_up(folder, parts)
     plans = {p.name: p for p in plan(inputs, parts, choose_jobs(inputs, ()))} if campaign.jobs else {}
     jobs = {name: _status(inputs, plans[name]) for name in campaign.jobs}
-    found = CampaignStatus(jobs, None, decision)
+    found = CampaignStatus(jobs, None, decision, _page(inputs))
     ahead = len(found.named("new", "failed")) + sum(plans[name].run or plans[name].waits for name in found.named("stale"))
     known = [job.seconds for job in jobs.values() if job.seconds is not None]
     if not ahead:
-        return CampaignStatus(jobs, 0.0, decision)
+        return replace(found, seconds_left=0.0)
     reduction = 0.0 if decision.hit or campaign.update.evaluation == "full" else _reduction_seconds(inputs)
     left = None if not known or reduction is None else reduction + ahead * median(known)
-    return CampaignStatus(jobs, left, decision)
+    return replace(found, seconds_left=left)
 
 
 def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
@@ -94,16 +105,48 @@ def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
         stored = None  # the plan says what is wrong with it
     seconds = stored.seconds.get("total") if isinstance(stored, JobRecord) else None
     missing = [str(file) for file in config.all_files if not file.is_file()]
+    before = "; there is a result of an earlier measurement" if isinstance(stored, JobRecord) else ""
     if missing:
-        before = "; there is a result of an earlier measurement" if isinstance(stored, JobRecord) else ""
         return JobStatus("missing", ", ".join(missing) + before, seconds)
     if isinstance(stored, FailedJob):
         return JobStatus("failed", (stored.reason.strip() or "no reason given").splitlines()[0])
+    trouble = _unusable(inputs, job) if job.run else None
+    if trouble is not None:
+        return JobStatus("unusable", trouble + before, seconds)
     if stored is None:
         return JobStatus("new", "" if job.reason == "no result yet" else job.reason)
     if not job.kept:
         return JobStatus("stale", job.reason + ("; it is only judged anew" if job.judge and not job.run else ""), seconds)
     return JobStatus("done", sentence(stored.finding), seconds)
+
+
+def _unusable(inputs: Inputs, job: JobPlan) -> str | None:
+    """Why the files of a job that is to run cannot be used, on one line, as ``lrbc watch`` finds it."""
+    try:
+        read_measurement(inputs, inputs.campaign.jobs[job.name], job.name)
+    except (LrbcError, OSError) as error:
+        return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
+    return None
+
+
+def _page(inputs: Inputs) -> str:
+    """What is wrong with the page, by the times of the files; nothing where there are no results yet."""
+    output = inputs.campaign.output
+    times = {name: time for name in inputs.campaign.jobs if (time := _written(output / name / "result.json"))}
+    page = _written(output / "report.html")
+    if not times or (page is not None and page >= max(times.values())):
+        return ""
+    if page is None:
+        return "missing"
+    return f"older than the results of {', '.join(name for name, time in times.items() if time > page)}"
+
+
+def _written(file: Path) -> int | None:
+    """When a file was last written [ns]; None where it is not there."""
+    try:
+        return file.stat().st_mtime_ns
+    except OSError:
+        return None
 
 
 def _reduction_seconds(inputs: Inputs) -> float | None:

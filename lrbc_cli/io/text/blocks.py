@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.header import fold
+from lrbc_cli.io.text.header import Heading, fold, heading
 from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
 
 _KEY = re.compile(r"\s*\"?([A-Za-z][^:\t]{1,39}?)\s*:\s*(.*?)[\"\s]*")
@@ -39,8 +39,30 @@ class Block:
 
     @property
     def is_frf(self) -> bool:
-        """Whether it may be an FRF: neither of real numbers nor called a spectrum or correlation, such as the complex cross spectrum."""
-        return fold(self.keys.get("data type", "")) != "real" and not re.search("spe[ck]tr|[ck]orrelation|^fft", fold(self.title))
+        """Whether it may be an FRF: neither of one part only nor called a spectrum or correlation, such as the complex cross spectrum."""
+        return len(self.parts) != 1 and not re.search("spe[ck]tr|[ck]orrelation|^fft", fold(self.title))
+
+    @property
+    def parts(self) -> tuple[Heading, ...]:
+        """What its columns hold by its data type (``Magnitude/Phase``, ``Real``); empty where that says ``Complex``."""
+        said = [heading(word) for word in re.split(r"\s*[-/,;&+]\s*|\s+and\s+", self.keys.get("data type", "").strip())]
+        known = all(one.part is not None and not one.name for one in said)
+        return tuple(Heading(part=one.part, unit=one.unit) for one in said) if known else ()
+
+    def stated(self, headings: tuple[Heading, ...]) -> tuple[Heading, ...]:
+        """The headings of its columns, the count of the lines and the frequency first, with the parts that they do not say themselves."""
+        axes = len(headings) - 2
+        if len(self.parts) != 2 or axes not in (1, 2) or any(one.part for one in headings):
+            return headings
+        return (*headings[:axes], *self.parts)
+
+    @property
+    def alone(self) -> str:
+        """What it is called where its values are of one part, and of which."""
+        part = next((one.part for one in self.parts), None)
+        if part in (None, "real"):
+            return self.title or "real values"
+        return f"{self.title or 'a function'}, {part} only"
 
     @property
     def unit(self) -> str:

@@ -35,7 +35,6 @@ from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 _PAIRS = {"real-imag": ("real", "imag"), "magnitude-phase": ("magnitude", "phase"), "db-phase": ("db", "phase")}
 
-
 _ANGLES = {"deg", "degree", "degrees", "degre", "degres", "grad", "°", "rad"}
 
 
@@ -136,10 +135,12 @@ def _of_blocks(several: list[Block], path: Path, layout: TextLayout) -> FrfSet:
             frequency = _frequencies(table, len(table.headings) - 2, layout, path, told)
             coherences.append((block, frequency, _coherence(table, len(table.headings) - 1, path, block.title, told)))
         elif not block.is_frf:
-            notes.leave_out(block.title or "real values", number)
+            notes.leave_out(block.alone, number)
         elif block.is_spectrum and layout.unit is None:
             notes.leave_out(f"{block.title} in {block.unit}, not over a force", number)
         else:
+            if layout.representation is None and not layout.columns:
+                table = replace(table, headings=block.stated(table.headings))
             found = _of_table(table, path, layout, f"{block.place}, ")
             told += [note for note in found.notes if not note.startswith("numbers from line")]
             warnings += found.warnings
