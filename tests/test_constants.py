@@ -39,11 +39,13 @@ ALLOWED = {
     "campaign files that are drafted from what is there, lists in messages, the picture": {
         *("ASSUMED_RATIO", "MOST_FILES", "_MOST", "MOST", "_CHUNK", "DIGITS"),
     },
+    "how much a process remembers": {"_modes"},
     "figures of `lrbc plan`, before anything is judged": {
         *("LOSSES", "LOSS", "SIGMA_DB", "FACTOR", "RANGE_DB", "DETECTABLE", "HIDDEN", "LINES", "NOISE_SHARE"),
         *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "REHEARSALS", "DRAWS", "REFERENCES"),
     },
     "the campaign file: its limits, and what its short forms stand for": {
+        "ANYWHERE",
         "DIRECTIONS",
         "FORM_DEFAULTS",
         "MAX_BYTES",

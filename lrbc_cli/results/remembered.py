@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from threading import Lock
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
@@ -19,7 +20,7 @@ class Remembered(Generic[T]):
     """
 
     def __init__(self, most: int) -> None:
-        self._most, self._known = most, dict[tuple[object, bytes], T]()
+        self._most, self._known, self._lock = most, dict[tuple[object, bytes], T](), Lock()
 
     def of(self, content: bytes, make: Callable[[], T], kind: object = None) -> T:
         """The value of a content, made where it is not known; what ``make`` raises is not kept.
@@ -33,9 +34,11 @@ class Remembered(Generic[T]):
             What is made of the content, where that differs.
         """
         key = (kind, hashlib.sha256(content).digest())
-        if key not in self._known:
-            value = make()
-            if len(self._known) >= self._most:
+        with self._lock:
+            if key in self._known:
+                return self._known[key]
+        value = make()
+        with self._lock:
+            while len(self._known) >= self._most:
                 del self._known[next(iter(self._known))]
-            self._known[key] = value
-        return self._known[key]
+            return self._known.setdefault(key, value)

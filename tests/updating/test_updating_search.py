@@ -133,6 +133,7 @@ def followed(misfit: Misfit, start: np.ndarray) -> tuple[float, Solution]:
     return stuck.misfit_db, end
 
 
+@pytest.mark.slow
 def test_without_the_lines_of_a_ridge_a_descent_leaves_the_wrong_valley() -> None:
     """Lines wider apart than the peaks: each valley ends where a peak would pass a line."""
     stuck, end = followed(sharp_misfit(3.0, beta=1e-6), np.array([3.02]))
