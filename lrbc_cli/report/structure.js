@@ -10,7 +10,7 @@
   };
   const RULER = 28, FONT = 12;
 
-  const start = (holder) => {
+  const start = (holder, order) => {
     const scene = JSON.parse(holder.querySelector("script").textContent);
     const stage = holder.querySelector(".stage"), bars = [...holder.querySelectorAll(".controls")], told = holder.querySelector(".told");
     const control = (name) => holder.querySelector(`.controls [name=${name}]`);
@@ -259,14 +259,50 @@
       if (event.target.name === "size") (size = Number(event.target.value)), later();
     });
     holder.addEventListener("change", (event) => {
-      if (event.target.name === "shape") deform(event.target.value && scene.jobs[Number(control("shown") ? control("shown").value : scene.first)].shapes[event.target.value]);
+      if (event.target.name === "shape") deform(shapeOf(event.target.value));
       if (event.target.name === "shown") choose(Number(event.target.value));
       if (event.target.name === "names") names = event.target.checked;
       if (event.target.name === "air") air = event.target.checked;
       later();
     });
-    const select = control("shown");
+    const select = control("shown"), chooser = control("shape");
+    const shapeOf = (value) => value && scene.jobs[select ? Number(select.value) : scene.first].shapes[value];
     choose(select ? Number(select.value) : scene.first);
+
+    // A page that loads itself anew stays as its reader left it; storage may be switched off.
+    const kept = `structure ${order} ${location.pathname}`, label = (list) => (list && list.selectedOptions.length ? list.selectedOptions[0].text : "");
+    let touched = false;
+    const recalled = () => {
+      try {
+        return JSON.parse(sessionStorage.getItem(kept));
+      } catch {
+        return null;
+      }
+    };
+    const pick = (list, text) => {
+      const found = list && [...list.options].find((option) => option.text === text);
+      if (found) list.value = found.value;
+      return found;
+    };
+    const before = recalled();
+    if (before) {
+      touched = true;
+      if (pick(select, before.job)) choose(Number(select.value));
+      if (before.shape && pick(chooser, before.shape)) deform(shapeOf(chooser.value)), play(before.playing);
+      ({ view: [azimuth, elevation, zoom], phase, size, names, air } = before);
+      for (const [name, value] of Object.entries({ names, air })) if (control(name)) control(name).checked = value;
+      if (control("size")) control("size").value = size;
+    }
+    for (const event of ["pointerdown", "keydown", "change"]) holder.addEventListener(event, () => (touched = true));
+    addEventListener("pagehide", () => {
+      const now = { job: label(select), shape: chooser && chooser.value ? label(chooser) : "", playing: wanted, view: [azimuth, elevation, zoom], phase, size, names, air };
+      try {
+        if (touched) sessionStorage.setItem(kept, JSON.stringify(now));
+      } catch {
+        // The next page begins as the first did.
+      }
+    });
+
     for (const bar of bars) bar.hidden = false;
     stage.querySelector(".still").replaceWith(svg);
     holder.classList.add("turns");
@@ -282,5 +318,5 @@
     new IntersectionObserver((entries) => ((seen = entries.at(-1).isIntersecting), go())).observe(stage);
     new ResizeObserver(() => requestAnimationFrame(resized)).observe(stage);
   };
-  for (const holder of document.querySelectorAll(".turnable")) start(holder);
+  document.querySelectorAll(".turnable").forEach(start);
 })();
