@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.identification.copies import copied_text
 from lrbc_cli.campaign.identification.first_look import first_look
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -189,12 +190,14 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             out.errors[name] = error
             lines.append(f"{name}: unusable, see its error")
             continue
-        readable[name] = measurement
         first = held.setdefault(tuple(measurement.hashes.values()), name)
         if first != name:
             out.warnings.append(
                 f"job {name}: the measurement of {first} once more; was another file meant? Write its own file under jobs.{name}.frf"
             )
+        else:
+            out.warnings += _copies(inputs, name, measurement, readable)
+        readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
@@ -215,6 +218,13 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _copies(inputs: Inputs, name: str, own: Measurement, others: Mapping[str, Measurement]) -> list[str]:
+    """A warning where the numbers of a measurement are those of another job's; only the first is named."""
+    names, limits = [response.name for response in inputs.responses], inputs.statistics.validation
+    texts = (copied_text(own, other, job, names, limits) for job, other in others.items())
+    return [f"job {name}: {text} Write its own file under jobs.{name}.frf" for text in texts if text][:1]
 
 
 def _packed(notes: Sequence[str], width: int = 120) -> list[str]:

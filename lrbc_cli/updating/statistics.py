@@ -20,12 +20,20 @@ class ValidationChannels:
         Share of the lines on which such a response has values. A choice.
     copied : float
         Relative difference below which two records are one: no file has more digits than that, and no two sensors as many in common.
+    copied_db : float
+        Scatter of the level against another measurement up to which both are one, written with fewer digits: rounding to three digits
+        leaves 0.006 dB, the noise of a measurement of its own more, see ``copied_responses``.
+    least_common, same_line : int, float
+        Lines in common from which that can be told, and the relative distance up to which two lines are one.
     least_span : float
         Share of the reference job's lines that a job's reach over: a file that was cut off on its way shows less. A choice.
     """
 
     least_lines: float = 0.8
     copied: float = 1e-6
+    copied_db: float = 0.01
+    least_common: int = 10
+    same_line: float = 1e-5
     least_span: float = 0.98
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.campaign.identification.copies import copied_text
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
@@ -131,15 +134,25 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     if tight is None:
         return None
     limits, axis = inputs.statistics.validation, own.frequency_hz
-    if own.values.shape == tight.values.shape and np.array_equal(axis, tight.frequency_hz):
-        both = np.isfinite(own.values) & np.isfinite(tight.values)
-        if both.any() and np.allclose(own.values[both], tight.values[both], rtol=limits.copied, atol=0.0):
-            return f"it has the numbers of the measurement of {reference.job}; was another file meant?"
+    for name, other in {reference.job: tight, **_baselines(inputs, result.name)}.items():
+        copied = copied_text(own, other, name, [response.name for response in inputs.responses], limits)
+        if copied:
+            return copied
     within = (tight.frequency_hz >= axis[0] * (1 - 1e-6)) & (tight.frequency_hz <= axis[-1] * (1 + 1e-6))
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
     return None
+
+
+def _baselines(inputs: Inputs, job: str) -> dict[str, Measurement]:
+    """Measurements of the baselines other than a job, those that can be read."""
+    found = {}
+    for name in inputs.campaign.update.baselines:
+        with suppress(LrbcError):
+            if name != job:
+                found[name] = read_measurement(inputs, inputs.campaign.jobs[name], name)
+    return found
 
 
 def validation_channels(

@@ -1,0 +1,94 @@
+"""One measurement under two names, whatever its digits, units and lines; and two measurements of one state, which are two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import Folder, frame
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lrbc_cli.campaign.identification.copies import copied_responses
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.updating.statistics import ValidationChannels
+
+LIMITS = ValidationChannels()
+
+
+def measured(seed: int, noise: float, lines: int = 200) -> Measurement:
+    """Two responses of three modes, with noise relative to their rms."""
+    hz = np.linspace(20.0, 400.0, lines)
+    modes = np.array([60.0, 170.0, 310.0])
+    values = np.stack([sum(a / (f**2 - hz**2 + 0.04j * f * hz) for a, f in zip(s, modes, strict=True)) for s in ((1, 2, 3), (2, -1, 1))], 1)
+    rng = np.random.default_rng(seed)
+    values = values + noise * np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) * (
+        rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape)
+    )
+    return Measurement(hz, values, np.full(values.shape, np.nan), (), (), (), {})
+
+
+def changed(one: Measurement, values: np.ndarray, rows: slice = slice(None)) -> Measurement:
+    return Measurement(one.frequency_hz[rows], values[rows], one.coherence[rows], (), (), (), {})
+
+
+def rounded(values: np.ndarray, digits: int) -> np.ndarray:
+    part = np.vectorize(lambda x: float(f"{x:.{digits}g}"))
+    return part(values.real) + 1j * part(values.imag)
+
+
+@given(digits=st.integers(3, 9), factor=st.sampled_from([1.0, 1.01, -9.81, 1e-3j]), first=st.integers(0, 40), every=st.integers(1, 3))
+def test_a_copy_is_known(digits: int, factor: complex, first: int, every: int) -> None:
+    one = measured(1, 0.003)
+    copy = changed(one, factor * rounded(one.values, digits), slice(first, None, every))
+    assert copied_responses(copy, one, LIMITS).tolist() == [0, 1]
+    assert copied_responses(one, copy, LIMITS).tolist() == [0, 1]
+
+
+@given(st.integers(2, 10_000), st.sampled_from([0.001, 0.003, 0.03]))
+def test_two_measurements_of_one_state_are_two(seed: int, noise: float) -> None:
+    assert not copied_responses(measured(seed, noise), measured(1, noise), LIMITS).size
+
+
+def test_one_response_of_an_earlier_measurement() -> None:
+    one, two = measured(1, 0.003), measured(2, 0.003)
+    mixed = two.values.copy()
+    mixed[:, 1] = one.values[:, 1]
+    assert copied_responses(changed(two, mixed), one, LIMITS).tolist() == [1]
+    few = slice(0, LIMITS.least_common - 1)
+    assert not copied_responses(changed(one, one.values, few), one, LIMITS).size
+    assert not copied_responses(changed(one, one.values * np.nan), one, LIMITS).size
+
+
+def cells(change: Callable[[np.ndarray], np.ndarray], form: str = "%.9g") -> Callable[[Folder], None]:
+    """The measurement of the tight state once more, with other numbers in its cells."""
+
+    def put(folder: Folder) -> None:
+        header, *rows = (folder.data / "frf" / "tight.csv").read_text().splitlines()
+        values = change(np.array([row.split(",") for row in rows], dtype=float))
+        text = "\n".join([header, *(",".join(form % value for value in row) for row in values)])
+        (folder.data / "frf" / "loose-2.csv").write_text(text + "\n")
+
+    return put
+
+
+@pytest.mark.parametrize(
+    "put",
+    [
+        cells(lambda a: a, "%.4g"),
+        cells(lambda a: a * np.r_[1.0, np.full(8, 1.01)]),
+        cells(lambda a: a[::2]),
+    ],
+    ids=["four digits", "another calibration", "every second line"],
+)
+def test_the_tight_state_under_another_name_is_no_all_clear(tmp_path: Path, put: Callable[[Folder], None]) -> None:
+    folder = frame(tmp_path / "frame")
+    put(folder)
+    folder.write(folder.tree() | {"jobs": {name: {"frf": f"data/frf/{name}.csv"} for name in ("tight", "loose-2")}})
+    warned = folder.run("check").stdout + folder.run("check").stderr
+    assert "job loose-2: it has the numbers of the measurement of tight; was another file meant? Write its own file under" in warned
+    done = folder.run("update", "--fail-on-loose")
+    assert done.code == 7, done.stdout
+    assert "it has the numbers of the measurement of tight" in done.stdout
