@@ -13,7 +13,7 @@ from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.config import load_campaign
-from lrbc_cli.report import VECTORS, summary_text, write_report
+from lrbc_cli.report import NO_RESULT, VECTORS, missing_jobs, summary_text, write_report
 
 
 def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str, ...]:
@@ -38,9 +38,12 @@ def report(
     require_own_output(campaign)
     require_inputs_apart(campaign)
     workers = min(2, os.cpu_count() or 1)
-    page = write_report(campaign.output, jobs=jobs or None, workers=workers, figures=figures, progress=progress())
+    expected = list(campaign.jobs)
+    page = write_report(campaign.output, jobs=jobs or None, expected=expected, workers=workers, figures=figures, progress=progress())
     if as_json:
         say_json({"report": page})
     else:
         say(summary_text(campaign.output, jobs or None), finding=True)
+        for name in missing_jobs(campaign.output, jobs or None, expected):
+            say(f"{name}: {NO_RESULT}", finding=True)
         say(f"report: {page}")

@@ -59,7 +59,7 @@ def run(
     tell_troubles(outcome)
     output, code, page = inputs.campaign.output, outcome.exit_code(fail_on_loose), None
     try:
-        page = write_report(output, workers=min(2, os.cpu_count() or 1), progress=tell)
+        page = write_report(output, expected=list(inputs.campaign.jobs), workers=min(2, os.cpu_count() or 1), progress=tell)
     except LrbcError as error:
         complain(error.message)
         # What comes first in the table of exit codes: the report's error before those of single jobs.

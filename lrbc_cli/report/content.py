@@ -26,7 +26,7 @@ class FrfFigure:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything that the page shows; charts by job."""
+    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``."""
 
     campaign: CampaignRecord
     jobs: Sequence[Job]
@@ -44,6 +44,7 @@ class Content:
     plan: PlanRecord | None = None
     structure: StructureRecord | None = None
     shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)
+    missing: Sequence[str] = ()
 
     @property
     def along_edges(self) -> bool:

@@ -49,6 +49,7 @@ def write_report(
     output: Path,
     *,
     jobs: Sequence[str] | None = None,
+    expected: Sequence[str] = (),
     workers: int = 2,
     draw: bool = True,
     figures: Sequence[str] = (),
@@ -66,6 +67,8 @@ def write_report(
         The campaign's output folder.
     jobs
         Names of the jobs to show; all that have results where None.
+    expected
+        Names of jobs that the campaign file has; those without a result are named.
     workers
         Processes that draw figures.
     figures
@@ -92,7 +95,7 @@ def write_report(
         Where a result file is missing or damaged, or nothing can be written.
     """
     say = progress or (lambda line: None)
-    content, tasks = _contents(output, jobs, draw=draw)
+    content, tasks = _contents(output, jobs, expected, draw=draw)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
         drawn, unchanged = _draw_all(tasks, workers, halt, say)
@@ -107,7 +110,7 @@ def write_report(
     return page
 
 
-def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[Content, list[_Task]]:
+def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:
     """What the page shows, and the figures with their files: those that are files only are left out where nothing is drawn."""
     campaign, results = read_results(output, jobs)
     done = [job for job in results if isinstance(job, JobRecord)]
@@ -135,6 +138,7 @@ def _contents(output: Path, jobs: Sequence[str] | None, *, draw: bool) -> tuple[
         plan=plan,
         structure=structure,
         shapes=shapes,
+        missing=missing_jobs(output, jobs, expected),
     )
     whole = {"verdicts.png": content.strip, "damping.png": content.damping, "plan.png": None if plan is None else plan_chart(plan)}
     tasks: list[_Task] = [(chart, output / file) for file, chart in whole.items() if chart is not None]
@@ -236,6 +240,13 @@ def _calibration(output: Path) -> tuple[CalibrationRecord | None, Frf | None]:
     except DataError as error:
         log.warning("calibration.json is left out: %s (lrbc calibrate writes it anew)", error.problem)
         return None, None
+
+
+def missing_jobs(output: Path, jobs: Sequence[str] | None, expected: Sequence[str]) -> list[str]:
+    """Jobs of the campaign without a result that the page shows; none where single ones were asked for. Raises as ``read_results``."""
+    campaign, results = read_results(output, jobs)
+    shown = {job.job for job in results}
+    return [] if jobs else [name for name in dict.fromkeys((*campaign.jobs, *expected)) if name not in shown]
 
 
 def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[CampaignRecord, list[Job]]:

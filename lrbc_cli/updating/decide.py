@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lrbc_cli.updating.evidence import VALIDATION, BoltEvidence, Change, Evidence
+from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
@@ -167,8 +167,8 @@ class Judgement:
 def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
 
-    Where there are none, the channels used must stay below it, which is necessary and shows nothing: they were fitted. Nor does a
-    measurement that was not exchanged tell anything of the bolts.
+    The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
+    sensor may sit elsewhere than the model has it. Nor does a measurement that was not exchanged tell anything of the bolts.
     """
     limit, misfit, before = rule.largest_misfit, evidence.misfit_db, evidence.reference_misfit_db
     beside = ""
@@ -176,14 +176,17 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
         limit, beside = before + rule.misfit_margin, f", {rule.misfit_margin:g} dB above the reference job"
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
+    compared, fitted = evidence.compared, evidence.used_misfit_db
+    if misfit <= limit and fitted is not None and fitted > rule.largest_misfit:
+        compared, misfit, limit, beside = USED, fitted, rule.largest_misfit, ""
     within = misfit <= limit
     side = "within" if within else "above"
-    reason = f"mean misfit of the {evidence.compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
+    reason = f"mean misfit of the {compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "")
     if not within or not unvalidated:
-        return Validity(passed=within, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason)
+        return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"
-    return Validity(passed=None, compared=evidence.compared, misfit_db=misfit, limit_db=limit, reason=reason, unvalidated=unvalidated)
+    return Validity(passed=None, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason, unvalidated=unvalidated)
 
 
 def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: float = 0.0) -> Judgement:

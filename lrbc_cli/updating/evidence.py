@@ -137,6 +137,8 @@ class Evidence:
         Their mean misfit.
     reference_misfit_db : float or None
         The same of the reference job.
+    used_misfit_db : float or None
+        Mean misfit of the channels that were fitted.
     unvalidated : str
         Why none of them is a validation channel.
     doubted : str or None
@@ -165,4 +167,5 @@ class Evidence:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reference_misfit_db: float | None = None
+    used_misfit_db: float | None = None
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()

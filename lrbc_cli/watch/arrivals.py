@@ -65,6 +65,10 @@ class Arrivals:
         """Whether all files of a job are there."""
         return name in self._jobs
 
+    def through(self, name: str) -> bool:
+        """Whether all files of a job are there and were done with."""
+        return name in self._jobs and self._jobs[name].done
+
     def done(self, name: str) -> None:
         """Its files are done with, until one of them changes."""
         if name in self._jobs:

@@ -197,7 +197,8 @@ class Watch:
 
     def _one(self, name: str, once: bool) -> None:
         """Judge a job, unless its files are not complete yet or a tight state is missing."""
-        lacking = [other for other in self.session.needed(name) if not self.arrivals.there(other) or other in self.failed]
+        # One whose file is still being copied is no failure of this job.
+        lacking = [other for other in self.session.needed(name) if not self.arrivals.through(other) or other in self.failed]
         if lacking:
             self.findings[name] = JobFinding("waiting")
             self._once(f"{name}: waits for {', '.join(lacking)}, which tells what tight is")

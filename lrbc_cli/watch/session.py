@@ -164,7 +164,7 @@ class Session:
 
     def report(self, *, live: bool, figures: bool, halt: Callable[[], bool]) -> Path:
         """Write the page anew; raises as ``write_report`` does."""
-        return write_report(self.output, workers=1, live=live, draw=figures, halt=halt)
+        return write_report(self.output, expected=list(self.campaign.jobs), workers=1, live=live, draw=figures, halt=halt)
 
     def _read(self, campaign: Campaign) -> Inputs:
         require_own_output(campaign)

@@ -175,7 +175,8 @@ def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], No
 
 def cut(record: FrfRecord) -> FrfRecord:
     n = int(0.9 * record.frequency_hz.size)
-    return replace(record, frequency_hz=record.frequency_hz[:n], values=record.values[:n] * 1.001, coherence=None)
+    noise = 1.0 + 0.005 * np.random.default_rng(n).normal(size=n)
+    return replace(record, frequency_hz=record.frequency_hz[:n], values=record.values[:n] * noise, coherence=None)
 
 
 @pytest.mark.parametrize(

@@ -296,6 +296,12 @@ MISTAKES = [
     Mistake(
         "a column renamed", "frame", text(FRFS[1], lambda t: t.replace("acc2_", "Sensor 2_")), 0, "no record of acc2", "{acc2: Sensor 2}"
     ),
+    Mistake(
+        "a sensor elsewhere", "frame", config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.32, 0.20")), 0, "acc1 lies 10", "the place"
+    ),
+    Mistake(
+        "a sensor elsewhere, in y", "frame", config(("acc1: {near: [0.32, 0.28", "acc1: {near: [0.20, 0.28")), 0, "acc1 lies ", "the place"
+    ),
     Mistake("loose reference", "frame", config(("reference: tight", "reference: loose-2")), 0, "taken as the tight state", "name a job"),
     Mistake(
         "one file twice", "frame", config(("frf/loose-all.csv", "frf/loose-2.csv")), 0, "measurement of loose-2 once more", "its own file"

@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -299,7 +300,8 @@ def finished(kind: str) -> Folder:
 
 
 def measure_again(path: Path, to: Path) -> None:
-    """The same state once more, in a CSV file: another hammer blow gives no FRFs that are equal to the last digit."""
+    """The same state once more, in a CSV file: another hammer blow gives FRFs that differ by their noise."""
     header, *rows = path.read_text().splitlines()
-    cells = [row.split(",") for row in rows]
-    to.write_text("\n".join([header, *(",".join([f, *(repr(1.002 * float(value)) for value in values)]) for f, *values in cells)]) + "\n")
+    cells = np.array([row.split(",") for row in rows], dtype=float)
+    cells[:, 1:] *= 1.0 + 0.005 * np.random.default_rng(zlib.crc32(to.name.encode())).normal(size=cells[:, 1:].shape)
+    to.write_text("\n".join([header, *(",".join(map(repr, row)) for row in cells.tolist())]) + "\n")

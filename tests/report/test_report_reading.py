@@ -7,7 +7,7 @@ import pytest
 from fake_campaign import campaign_of, reduction_of
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import write_report
+from lrbc_cli.report import NO_RESULT, missing_jobs, write_report
 from lrbc_cli.results.job import FailedJob
 from lrbc_cli.results.store import digest_of, read_job
 from lrbc_cli.results.tables import read_frf
@@ -198,3 +198,20 @@ def test_empty_cells_are_absent_values(output):
     columns = read_frf(output / "bolts-04" / "frf.csv").responses["mic_1"]
     np.testing.assert_equal(columns["measured_db"], [1, np.nan])
     np.testing.assert_equal(columns["updated_db"], [np.nan, 2])
+
+
+def test_jobs_of_the_campaign_without_a_result_are_counted_and_named(output: Path) -> None:
+    """Neither a result that is gone nor an older record of the campaign makes the others look like all."""
+    whole = write_report(output, draw=False).read_text()
+    assert "bolts-04" in whole
+    assert NO_RESULT not in whole
+    page = write_report(output, expected=["bolts-00", "bolts-04", "bolts-09"], draw=False).read_text()
+    assert f"<li>bolts-09: {NO_RESULT}</li>" in page
+    assert "in 1 of 3 jobs" in page
+    assert "Jobs without result: 1" in page
+    (output / "bolts-04" / "result.json").unlink()
+    page = write_report(output, draw=False).read_text()
+    assert f"<li>bolts-04: {NO_RESULT}</li>" in page
+    assert "No loose bolt found in 1 of 2 jobs. Jobs without result: 1" in page
+    assert missing_jobs(output, None, ["bolts-09"]) == ["bolts-04", "bolts-09"]
+    assert missing_jobs(output, ["bolts-00"], ["bolts-09"]) == []

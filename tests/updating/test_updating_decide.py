@@ -197,6 +197,10 @@ class TestValidity:
     def test_far_above_the_reference_job_nothing_is_judged(self):
         """A model that explains the tight state to 0.1 dB and another one to 1.7 dB has not found that state."""
         bolts = (changed(-2.0, 0.1), changed(0.0, 0.1))
+        fitted = judge(evidence(*bolts, misfit_db=0.5, used_misfit_db=3.1), RULE)
+        assert fitted.validity.passed is False
+        assert fitted.validity.reason == "mean misfit of the channels used 3.10 dB, above the limit of 3 dB"
+        assert judge(evidence(*bolts, misfit_db=0.5, used_misfit_db=2.9), RULE).validity.passed
         near, far = (judge(evidence(*bolts, misfit_db=misfit, reference_misfit_db=0.1), RULE) for misfit in (1.59, 1.61))
         assert [bolt.verdict for bolt in near.bolts] == ["loose", "tight"]
         assert [bolt.verdict for bolt in far.bolts] == ["undecided", "undecided"]

@@ -34,6 +34,9 @@ MOST_LEFT = 6.0
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
 
+#: A response that lies so many times farther from the model than the median of all may not be where the model has it.
+ALONE = 2.0
+
 #: Predicted seconds up to which a reduced model is built for this where none is in the cache, and its tolerance.
 MOST_SECONDS, COARSE = 3.0, 3e-2
 
@@ -109,7 +112,17 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
             f"responses.{one} and responses.{two}, or jobs.{name}.records: {{{one}: {two}, {two}: {one}}}"
         )
     if not told and name == inputs.campaign.update.reference:
-        apart = [_apart(few.values[:, i], model[:, i]) for i in inputs.used]
+        every = np.array([_apart(few.values[:, i], model[:, i]) for i in range(len(inputs.responses))])
+        apart = every[inputs.used]
+        typical = float(np.median(every))
+        alone = np.flatnonzero(every > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
+        for i in alone if 2 * len(alone) < every.size else ():
+            response = inputs.responses[i].name
+            told["alone", i] = (
+                f"{response} lies {every[i]:.1f} dB from the model, constants taken out, where the median of all responses is "
+                f"{typical:.1f} dB: check the place and the component of responses.{response} (lrbc check --picture), and that the "
+                "channel is not another sensor's"
+            )
         if float(np.median(apart)) > UNLIKE:
             told["unlike",] = (
                 f"measured and computed FRFs have little in common, it seems: {min(apart):.1f} to {max(apart):.1f} dB apart at the start "

@@ -77,6 +77,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         compared=compared,
         misfit_db=misfit,
         reference_misfit_db=_reference_misfit(result, reference, compared),
+        used_misfit_db=mean_of(result.misfit_final[used]),
         unvalidated=unvalidated,
         doubted=_doubted(inputs, result, reference),
         setting=setting,

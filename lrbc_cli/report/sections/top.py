@@ -13,8 +13,11 @@ from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.sentence import job_sentence
+
+#: What is said of a job of the campaign that the results do not have.
+NO_RESULT = "no result, not judged"
 
 #: Sentences beyond this number are folded away.
 _SENTENCES = 24
@@ -26,6 +29,7 @@ def header(content: Content, written: datetime) -> Markup:
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
     sentences = [_sentence(content, job.job, job_sentence(job)) for job in content.jobs]
+    sentences += [tag("li", f"{name}: {NO_RESULT}") for name in content.missing]
     first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
     return tag(
         "header",
@@ -46,12 +50,13 @@ def _sentence(content: Content, job: str, text: str) -> Markup:
 
 def campaign_sentence(content: Content) -> str:
     """Say what was found in all jobs together; no silence may pass for an all-clear."""
-    compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
-    if not compared:
+    compared, missing = _compared(content)
+    if not compared and not missing:
         return "No job was compared with a tight state."
     judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
     loose = [job for job in judged if job.names("loose")]
-    of = f"{len(compared)} job{'' if len(compared) == 1 else 's'}"
+    count = len(compared) + len(missing)
+    of = f"{count} job{'' if count == 1 else 's'}"
     if loose:
         order = content.campaign.bolt_names
         text = f"Loose bolts in {len(loose)} of {of}: {tables.ranges(_union(loose), order)}."
@@ -61,11 +66,18 @@ def campaign_sentence(content: Content) -> str:
         return f"No verdict in {of}."
     counts = {
         "without verdict": len(compared) - len(judged),
+        "without result": len(missing),
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
     }
     open_points = [f"{what}: {count}" for what, count in counts.items() if count]
     return text + (f" Jobs {', '.join(open_points)}." if open_points else "")
+
+
+def _compared(content: Content) -> tuple[list[Job], list[str]]:
+    """Jobs that are compared with a tight state, and those that would be but have no result."""
+    compared = [job for job in content.jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
+    return compared, [name for name in content.missing if name != content.campaign.reference]
 
 
 def _union(jobs: Iterable[JobRecord]) -> list[str]:
@@ -74,11 +86,12 @@ def _union(jobs: Iterable[JobRecord]) -> list[str]:
 
 def _tiles(content: Content) -> Iterable[Markup]:
     jobs, done = content.jobs, content.done
-    compared = [job for job in jobs if not isinstance(job, JobRecord) or job.taken_as_tight is None]
+    compared, missing = _compared(content)
     judged = [job for job in compared if isinstance(job, JobRecord) and job.explained and job.observable]
     if any(job.bolts for job in done):
-        yield _loose(content, judged, len(compared))
-        yield _open(content, judged, len(compared))
+        count = len(compared) + len(missing)
+        yield _loose(content, judged, count)
+        yield _open(content, judged, count)
     known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
