@@ -7,6 +7,7 @@ as ignored and goes on, so that a run of hours would not stop. It is noted here,
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from types import FrameType
 
@@ -22,11 +23,23 @@ class _Interruption:
 _state = _Interruption()
 
 
+def _quiet() -> None:
+    """Let Python say nothing of an interruption that it cannot raise: it is raised again."""
+    before = sys.unraisablehook
+
+    def hook(told: sys.UnraisableHookArgs) -> None:
+        if not (_state.asked and issubclass(told.exc_type, KeyboardInterrupt)):
+            before(told)
+
+    sys.unraisablehook = hook
+
+
 def listen() -> None:
     """Note interruptions from now on; where they are ignored (``nohup``, a shell's background job) they stay so."""
     _state.asked = False
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _state.note)
+        _quiet()
 
 
 def stop_if_asked() -> None:

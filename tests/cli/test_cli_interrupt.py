@@ -197,6 +197,7 @@ def test_an_interruption_that_is_swallowed_stops_the_run_at_its_next_step(tmp_pa
         found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
         assert (found.returncode, found.stdout.split("\n")) == (130, ["goes on", ""]), found.stderr
         assert "interrupted; what was finished is kept" in found.stderr
+        assert "Traceback" not in found.stderr
 
 
 def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: Path) -> None:

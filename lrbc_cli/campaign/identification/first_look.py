@@ -35,7 +35,7 @@ MOST_LEFT = 6.0
 UNLIKE = 6.0
 
 #: A response that lies so many times farther from the model than the median of all may not be where the model has it.
-ALONE = 2.0
+ALONE = 3.0
 
 #: Predicted seconds up to which a reduced model is built for this where none is in the cache, and its tolerance.
 MOST_SECONDS, COARSE = 3.0, 3e-2
