@@ -65,10 +65,8 @@ def write_report(
     ----------
     output
         The campaign's output folder.
-    jobs
-        Names of the jobs to show; all that have results where None.
-    expected
-        Names of jobs that the campaign file has; those without a result are named.
+    jobs, expected
+        Names of the jobs to show, all that have results where None; and of those of the campaign file, of which each is counted.
     workers
         Processes that draw figures.
     figures
@@ -80,12 +78,11 @@ def write_report(
     halt
         From the moment on that it is true, image files and the page are left as they are.
     progress
-        Called with one line of text now and then.
+        Called with a line of text now and then.
 
     Returns
     -------
     Path
-        Of ``report.html``.
 
     Raises
     ------
