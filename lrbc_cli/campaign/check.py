@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -73,6 +74,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
     out.warnings += passed_over(inputs.campaign)
+    out.warnings += _unwritable(inputs.campaign.output)
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)
@@ -218,6 +220,15 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _unwritable(output: Path) -> list[str]:
+    """A warning where results cannot be written."""
+    there = next(path for path in (output, *output.parents) if path.exists())
+    if there.is_dir() and os.access(there, os.W_OK | os.X_OK):
+        return []
+    what = "cannot be written to" if there.is_dir() else "is a file"
+    return [f"output: {there} {what}, so that no result can be kept: choose another folder in `output`"]
 
 
 def _copies(inputs: Inputs, name: str, own: Measurement, others: Mapping[str, Measurement]) -> list[str]:

@@ -135,6 +135,11 @@ def decimal_commas(content: str) -> str:
     return "\n".join([head, *(",".join(f"{float(cell):.6f}".replace(".", ",") for cell in row.split(",")) for row in rows)]) + "\n"
 
 
+def whole(content: str) -> str:
+    head, *rows = content.splitlines()
+    return "\n".join([head, *(row.replace(".", ",") for row in rows)]) + "\n"
+
+
 def german(content: str) -> str:
     return content.replace(",", ";").replace(".", ",")
 
@@ -290,6 +295,8 @@ MISTAKES = [
         "H1",
     ),
     Mistake("no phase", "frame", write(FRFS[1], table("f,acc1,acc2,acc3,acc4", np.c_[HZ, 7 * COHERENCE])), 3, "pair", "magnitudes"),
+    Mistake("decimal commas, frequencies whole", "frame", text(FRFS[1], whole), 3, "divided by commas, too", "with decimal points"),
+    Mistake("an output that is a file", "frame", lambda f: (f.path / "out").write_text(""), 0, "is a file, so that no", "`output`"),
     Mistake("decimal commas", "frame", text(FRFS[1], decimal_commas), 3, "divided by commas, too", "with decimal points"),
     Mistake("no record in a job", "plate", text("frf/b5-loose.uff", without("acc2")), 0, "no record of acc2", "measure acc2 again"),
     Mistake("no record in the reference", "plate", text("frf/tight-1.uff", without("acc2")), 3, "no record of response acc2", "records"),

@@ -573,3 +573,8 @@ def test_damage_gives_a_data_error_or_frfs(tmp_path, data):
         for found in read(tmp_path, bytes(content)).records:
             assert np.all(np.isfinite(found.values))
             assert np.all(np.diff(found.frequency_hz) > 0)
+
+
+@pytest.mark.parametrize("printed", ["1.79769E+308", "1.23456E+300", "1.23456E-300", "1.0E+999", "inf", "nan"])
+def test_an_increment_at_the_end_of_the_numbers_stays_as_it_is(printed: str) -> None:
+    assert restore(printed) == pytest.approx(float(printed), nan_ok=True)

@@ -97,8 +97,9 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     above = lines[skip : start - unusable]
     headings = read_headings(above, delimiter, width if parts is None else len(parts))
     notes = []
-    if parts is None and delimiter == "," and any(2 * len(_split(line, ",")) == width for line in above[-2:]):
-        _refuse_decimal_commas(lines[start], start + 1, width, path)
+    for names in (len(_split(line, ",")) for line in above[-2:] if parts is None and delimiter == ","):
+        if names < width <= 2 * names:
+            _refuse_decimal_commas(lines[start], start + 1, names, path)
     if parts is not None:
         notes.append("complex cells read as real and imaginary part")
         headings = tuple(replace(one, part=part or one.part) for one, two in zip(headings, parts, strict=True) for part in two)
@@ -123,15 +124,19 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
     )
 
 
-def _refuse_decimal_commas(line: str, number: int, width: int, path: Path) -> None:
-    """Refuse a line of twice as many cells as the header has, where the second of each two can be decimals."""
-    if all(cell[:1].isdigit() for cell in _split(line, ",")[1::2]):
+def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> None:
+    """Refuse a line of up to twice as many cells as the header has names, where the second of each two can be decimals.
+
+    The first columns may be whole numbers, as frequencies are.
+    """
+    cells = _split(line, ",")
+    if "." not in line and all(cell[:1].isdigit() for cell in cells[2 * names - len(cells) :][1::2]):
         raise DataError(
             "decimal commas in columns that are divided by commas, too",
             file=path,
             place=f"line {number}",
-            expected=f"{width // 2} columns, as in the header",
-            found=f"{width} cells: {line[:60]}",
+            expected=f"{names} columns, as in the header",
+            found=f"{len(cells)} cells: {line[:60]}",
             hint="export with semicolons or tabs between the columns, or with decimal points",
         )
 

@@ -32,12 +32,16 @@ def even_axis(count: int, minimum: str, increment: str) -> tuple[NDArray[np.floa
         return np.asarray(start + step * np.arange(count), dtype=np.float64), note
 
 
+#: No axis is that large, and powers of two soon end.
+_BEYOND = 1e100
+
+
 def restore(printed: str) -> float:
     """Value that a number printed with few digits evidently stands for."""
     value = float(printed)
     half = _half_unit(printed)
     digits = printed.split("E")[0]
-    if value <= 0 or not 1e-9 * value < half < 1e-4 * value or digits.endswith("00"):
+    if not 0 < value < _BEYOND or not 1e-9 * value < half < 1e-4 * value or digits.endswith("00"):
         return value  # all digits are there, too few are, or the decimal number itself is round
     for power in range(_LARGEST_POWER + 1):
         binary = round(value * 2**power) / 2**power
@@ -55,7 +59,7 @@ def _half_unit(printed: str) -> float:
     """Half a unit of the last digit that is printed."""
     exponent = Decimal(printed).as_tuple().exponent
     # A hair more than half, as a tie may have been rounded either way.
-    return 0.5000001 * 10.0 ** int(exponent) if isinstance(exponent, int) else 0.0
+    return 0.5000001 * float(f"1e{exponent}") if isinstance(exponent, int) else 0.0
 
 
 def _simplest(low: Fraction, high: Fraction) -> Fraction:
