@@ -23,7 +23,7 @@ class ErrorModel:
         single bolts of virtual rigs are removed.
     shift_error : float
         Standard deviation of the shift of a resonance that a model predicts, over that shift. 0.08 to 0.17 where bolts of virtual rigs
-        are removed.
+        are removed. Of it what all resonances share is an error of a joint's change, over that change.
     shift_knots : float
         Distance of the knots between which such errors of the frequency axis are interpolated, over the highest line. A choice: resonances
         further apart than this err independently.

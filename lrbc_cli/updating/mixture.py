@@ -52,6 +52,9 @@ class MixtureProblem:
     about : callable or None
         Where the covariance of the residuals depends on the state: from z to such data with the covariance there, and its share in the log
         evidence.
+    shared : float
+        Standard deviation of a joint's change over that change, beyond what the data tell: the errors of predicted shifts that all
+        resonances share look like more or less of it. A hat along an edge stands for no stiffness of its own.
     """
 
     data: Callable[[Floats], tuple[Floats, Floats]]
@@ -63,6 +66,7 @@ class MixtureProblem:
     mean: Floats
     std: Floats
     about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
+    shared: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -224,4 +224,4 @@ def _sweeps(
                 swaps = score.swaps()
     known = np.isfinite(more.loose[:, 0])
     means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
-    return loose, means, stds
+    return loose, means, np.hypot(stds, problem.shared * np.abs(means) * problem.joint[:, None])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -73,3 +75,15 @@ def test_data_that_say_little_leave_it_open() -> None:
     assert 0.1 < inclusion[0] < 0.9
     np.testing.assert_allclose(found.inclusion, inclusion, atol=0.08)
     np.testing.assert_allclose(found.below(-0.35), below, atol=0.08)
+
+
+def test_the_error_that_all_resonances_share_widens_what_joints_lost_and_nothing_else() -> None:
+    problem, starts = Saturating((-1.3, 0.0), 40.0).problem(), [np.array([-1.3, 0.0])]
+    data = sample_changes(problem, starts, PRIOR, sweeps=50)
+    shared = sample_changes(replace(problem, shared=0.12), starts, PRIOR, sweeps=50)
+    np.testing.assert_array_equal(shared.mean, data.mean)
+    np.testing.assert_allclose(shared.std, np.hypot(data.std, 0.12 * np.abs(data.mean)), rtol=0.02)
+    assert data.std[0] < 0.1 < 0.14 < shared.std[0]
+    hats = sample_changes(replace(problem, shared=0.12, joint=np.zeros(2, dtype=bool)), starts, PRIOR, sweeps=50)
+    plain = sample_changes(replace(problem, joint=np.zeros(2, dtype=bool)), starts, PRIOR, sweeps=50)
+    np.testing.assert_array_equal(hats.std, plain.std)
