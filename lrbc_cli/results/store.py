@@ -17,12 +17,12 @@ from lrbc_cli import __version__
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong, plain
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.remembered import Remembered
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 

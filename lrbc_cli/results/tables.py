@@ -16,8 +16,8 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.fields import StoredRecord
-from lrbc_cli.results.remembered import Remembered
 from lrbc_cli.results.store import write_bytes
 
 HINT = StoredRecord.HINT

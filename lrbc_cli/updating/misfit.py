@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.noise import spent
 from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decibel
@@ -66,10 +67,19 @@ class FrfModel:
     linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
     name: str
     ports: PortFrf | None = None
+    # A descent begins where another ended, and weights are taken there: a tenth of all evaluations are of one of the last states.
+    _last: Remembered[tuple[Any, ...]] = field(default_factory=lambda: Remembered(16), repr=False, compare=False)
 
     def frf(self, theta: Floats) -> Complexes:
-        """(F, R) FRFs."""
-        return self.values(self.parameters.dynamic(theta, self.s))
+        """(F, R) FRFs, read-only."""
+        y: Complexes = self._kept("frf", theta, lambda: (self.values(self.parameters.dynamic(theta, self.s)),))[0]
+        return y
+
+    def _kept(self, kind: object, theta: Floats, make: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
+        found = self._last.of(theta.tobytes(), make, kind)
+        for array in found:
+            array.flags.writeable = False
+        return found
 
     def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
         """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for.
@@ -97,8 +107,13 @@ class FrfModel:
         -------
         y : (F, R) complex array
         J : (F, R, size) float array, complex with the phase
-            dB per decade; imaginary part: 8.69 dB per radian.
+            dB per decade; imaginary part: 8.69 dB per radian. Both are read-only.
         """
+        y, J = self._kept(phase, theta, lambda: self._sensitivities(theta, phase))
+        self._kept("frf", theta, lambda: (y,))
+        return y, J
+
+    def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
         y, dy = self.linearised(P.dynamic(theta, self.s))
         # Re(conj(H) dH)/|H|² = Re(dH/H)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.remembered import Remembered
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import read_frf
 

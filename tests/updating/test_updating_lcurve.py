@@ -145,8 +145,8 @@ class TestCurve:
     def test_evaluations_are_counted(self):
         misfit, parameters, _ = problem()
         calls = []
-        inner = misfit.model.linearised
-        object.__setattr__(misfit.model, "linearised", lambda D: (calls.append(1), inner(D))[1])
+        inner = misfit.model.sensitivities
+        object.__setattr__(misfit.model, "sensitivities", lambda *args: (calls.append(1), inner(*args))[1])
         assert l_curve(misfit, parameters.initial, parameters.bounds, 0.04).evaluations == len(calls)
 
     def test_without_a_corner_the_fallback_is_taken(self):

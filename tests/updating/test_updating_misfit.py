@@ -132,6 +132,24 @@ class TestCost:
         np.testing.assert_allclose(a.jacobian, b.jacobian, rtol=1e-5, atol=1e-6 * np.abs(b.jacobian).max())
         assert relative(by_ports.model.frf(theta), by_stiffness.model.frf(theta)) < 1e-9
 
+    def test_a_state_is_computed_once(self):
+        model, parameters = pads_model(THIRDS)
+        ports, calls = pads_ports(model).select(np.arange(S.size), ROWS), []
+        by = port_model(ports, parameters)
+        object.__setattr__(by, "linearised", lambda D: (calls.append("linearised"), ports.linearise(D))[1])
+        object.__setattr__(by, "values", lambda D: (calls.append("values"), ports.evaluate(D))[1])
+        here, there = parameters.initial, wavy(parameters)
+        y, J = by.sensitivities(here)
+        np.testing.assert_allclose(by.frf(there), ports.evaluate(parameters.dynamic(there, by.s)), rtol=1e-12)
+        assert by.frf(here) is y
+        assert by.sensitivities(here.copy())[1] is J
+        assert calls == ["linearised", "values"]
+        by.sensitivities(here, phase=True)
+        by.sensitivities(there)
+        assert calls == ["linearised", "values", "linearised", "linearised"]
+        with pytest.raises(ValueError, match="read-only"):
+            J[:] = 0.0
+
     def test_p_damp_is_not_regularised(self):
         weak, strong = misfits(eta=0.0)[0], misfits(eta=1e4)[0]
         parameters = weak.model.parameters

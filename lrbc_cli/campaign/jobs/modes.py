@@ -16,7 +16,7 @@ from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.terms import KIND_POWER, Parameterisation
 from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
 from lrbc_cli.reduction.threads import side_by_side
-from lrbc_cli.results.remembered import Remembered
+from lrbc_cli.remembered import Remembered
 
 log = logging.getLogger(__name__)
 

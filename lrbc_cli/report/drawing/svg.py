@@ -10,11 +10,11 @@ from html import escape
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.layout import Drawing, Fill, Frame, Line, Mosaic, Shape, Symbols, Text, lay_out, swatch
 from lrbc_cli.report.drawing.style import STYLES
 from lrbc_cli.report.html import Markup, figure, tag
-from lrbc_cli.results.remembered import Remembered
 
 # Coordinates are written in tenths of a point as whole numbers: short, and finer than any screen.
 _SCALE = 10.0
