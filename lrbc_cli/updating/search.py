@@ -66,6 +66,7 @@ class Search:
         self.columns = [int(column) for column in np.unique(shapes.bolts[shapes.bolts >= 0])]
         self.evaluations = 0
         self._known: dict[Changes, Combination] = {}
+        self._tight: Callable[[Floats], Complexes] | None = None
 
     def theta(self, changes: Changes) -> Floats:
         """Theta there, inside its bounds."""
@@ -91,9 +92,22 @@ class Search:
         self.evaluations += sum(map(len, new))
         return [self._known[changes] for states in wanted for changes in states]
 
-    def _near(self, changes: Changes) -> Callable[[Floats], Complexes]:
+    def _near(self, changes: Changes, further: int, states: int) -> Callable[[Floats], Complexes]:
+        """FRFs of so many states that differ at some further bolts from one with changes.
+
+        Terms are solved for that differ from a state whose inverse is known. Of few changes those differ little from the tight state either,
+        whose inverse serves all tables; to work out another costs as much as four solutions with all terms for each of its lines.
+        """
         model = self._misfit.model
-        return model.nearby(self.theta(changes)) if isinstance(model, FrfModel) else one_by_one(model.frf)
+        if not isinstance(model, FrfModel):
+            return one_by_one(model.frf)
+        own = int(np.count_nonzero(self._T[:, self.columns], axis=0).max())
+        more = ((len(changes) + further) * own) ** 3 - (further * own) ** 3
+        if states * more > 4 * self._T.shape[0] ** 3:
+            return model.nearby(self.theta(changes))
+        if self._tight is None:
+            self._tight = model.nearby(self.theta(()))
+        return self._tight
 
     def start(self) -> Combination:
         """No change at all."""
@@ -101,20 +115,21 @@ class Search:
 
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> list[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
-        frf, own = self._near(state.changes), dict(state.changes)
         moved, levels = [*((column,) for column in self.columns), *pairs], (0.0, *self._levels)
+        frf, own = self._near(state.changes, 1, len(moved) * len(levels)), dict(state.changes)
         return self._scores(frf, ([_changed(own, dict.fromkeys(columns, level)) for level in levels] for columns in moved))
 
     def pairs(self, state: Combination, most: int) -> list[Combination]:
         """States that differ at two bolts, each at its own level: of those that singly come nearest, and of those that are changed."""
-        frf, own = self._near(state.changes), dict(state.changes)
+        own = dict(state.changes)
         singly: dict[int, float] = {}
         for changes, found in self._known.items():
             for column, _ in set(changes) ^ set(state.changes) if len(dict(changes).keys() ^ own.keys()) <= 1 else ():
                 singly[column] = min(found.misfit_db, singly.get(column, np.inf))
         nearest = sorted({*sorted(singly, key=lambda column: (singly[column], column))[:most], *own})
         levels = list(product((0.0, *self._levels), repeat=2))
-        both = combinations(nearest, 2)
+        both = list(combinations(nearest, 2))
+        frf = self._near(state.changes, 2, len(both) * len(levels))
         return self._scores(frf, ([_changed(own, dict(zip(columns, values, strict=True))) for values in levels] for columns in both))
 
 
