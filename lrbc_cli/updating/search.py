@@ -102,8 +102,9 @@ class Search:
         if not isinstance(model, FrfModel):
             return one_by_one(model.frf)
         own = int(np.count_nonzero(self._T[:, self.columns], axis=0).max())
-        more = ((len(changes) + further) * own) ** 3 - (further * own) ** 3
-        if states * more > 4 * self._T.shape[0] ** 3:
+        # Small systems cost about the square of their size.
+        more = ((len(changes) + further) * own) ** 2 - (further * own) ** 2
+        if states * more > 4 * self._T.shape[0] ** 2:
             return model.nearby(self.theta(changes))
         if self._tight is None:
             self._tight = model.nearby(self.theta(()))
