@@ -75,6 +75,10 @@ class DecisionRule:
         """A threshold, or further down where tight states scatter that much [decades]."""
         return min(change, -(self.joint_margin if joint else self.scatter_margin) * scatter)
 
+    def most_db(self, before: float | None) -> float:
+        """Mean misfit above which a state is not explained [dB], that of the reference job being ``before``; None: not known."""
+        return self.largest_misfit if before is None else min(self.largest_misfit, before + self.misfit_margin)
+
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED
@@ -170,10 +174,8 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
     sensor may sit elsewhere than the model has it. Nor does a measurement that was not exchanged tell anything of the bolts.
     """
-    limit, misfit, before = rule.largest_misfit, evidence.misfit_db, evidence.reference_misfit_db
-    beside = ""
-    if before is not None and before + rule.misfit_margin < limit:
-        limit, beside = before + rule.misfit_margin, f", {rule.misfit_margin:g} dB above the reference job"
+    limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
+    beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
     compared, fitted = evidence.compared, evidence.used_misfit_db

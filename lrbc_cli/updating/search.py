@@ -95,8 +95,8 @@ class Search:
     def _near(self, changes: Changes, further: int, states: int) -> Callable[[Floats], Complexes]:
         """FRFs of so many states that differ at some further bolts from one with changes.
 
-        Terms are solved for that differ from a state whose inverse is known. Of few changes those differ little from the tight state either,
-        whose inverse serves all tables; to work out another costs as much as four solutions with all terms for each of its lines.
+        Terms are solved for that differ from a state whose inverse is known. States of few changes differ little from the tight one, whose
+        inverse serves all tables; to work out another costs as much as four solutions with all terms.
         """
         model = self._misfit.model
         if not isinstance(model, FrfModel):

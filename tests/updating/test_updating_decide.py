@@ -308,3 +308,12 @@ class TestAlternatives:
     def test_without_a_verdict_there_are_none(self) -> None:
         assert judge(evidence(*self.BOLTS, alternatives=self.STATES, misfit_db=9.0), RULE).alternatives == ()
         assert judge(evidence(*self.BOLTS, alternatives=self.STATES), RULE, "baseline").alternatives == ()
+
+
+@pytest.mark.parametrize(("before", "most"), [(None, 3.0), (0.0, 1.5), (1.2, 2.7), (1.9, 3.0), (4.0, 3.0)])
+def test_how_much_may_be_left_of_a_state_that_is_explained(before: float | None, most: float) -> None:
+    assert RULE.most_db(before) == pytest.approx(most)
+    above, below = (validity(evidence(PLACE, misfit_db=most + by, reference_misfit_db=before), RULE) for by in (0.01, -0.01))
+    assert not above.explained
+    assert below.explained
+    assert above.limit_db == pytest.approx(most)

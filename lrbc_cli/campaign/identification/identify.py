@@ -80,6 +80,7 @@ class _Job:
         before = self._before(reference)
         self.tight_offsets = stored_offsets(reference)
         self.against_reference = before is not None
+        self.tight_db = reference.misfit_db.final if reference is not None and before is not None else None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
         self.selected = select_lines(inputs, self.measurement, name)
@@ -208,17 +209,14 @@ class _Job:
                 further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
             # Coarse profiles are for values in a row.
             knots = () if self.shapes.joints_only else (1, 3, 5, 9)
-            tolerance, most = method.tolerance, method.max_iterations
-            solution = gauss_newton_by_levels(
-                misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
-            )
-            if self.shapes.joints_only and solution.evaluation.misfit_db > method.rule.misfit_margin:
+            by_levels = partial(gauss_newton_by_levels, misfit, begin, bounds, span=span, knots=knots)
+            by_levels = partial(by_levels, tolerance=method.tolerance, max_iterations=method.max_iterations)
+            solution = by_levels(further=further)
+            left = float(np.nanmean(mean_misfit(self.model.frf(solution.theta), self.measured())))
+            if self.shapes.joints_only and left > method.rule.most_db(self.tight_db):
                 # Nothing that would be called explained: changes at two joints at once may lead there.
                 further, more = search(misfit, self.shapes, bounds, self._pairs(), names=names, paired=True)
-                again = gauss_newton_by_levels(
-                    misfit, begin, bounds, tolerance=tolerance, max_iterations=most, further=further, span=span, knots=knots
-                )
-                solution, sought = lower_of(solution, again), sought + more
+                solution, sought = lower_of(solution, by_levels(further=further)), sought + more
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
