@@ -57,6 +57,19 @@ class Content:
         return [job for job in self.jobs if isinstance(job, JobRecord)]
 
     @property
+    def unsealed(self) -> list[str]:
+        """Jobs, and files of the campaign, that do not vouch for themselves."""
+        files = {
+            "campaign.json": self.campaign,
+            "reduction.json": self.reduction,
+            "calibration.json": self.calibration,
+            "plan.json": self.plan,
+            "structure.json": self.structure,
+        }
+        names = [job.job for job in self.jobs if not job.sealed]
+        return names + [name for name, record in files.items() if record is not None and not record.sealed]
+
+    @property
     def tool(self) -> str:
         """What wrote the results, with its version."""
         return f"{self.campaign.tool.name} {self.campaign.tool.version}"

@@ -26,11 +26,12 @@ from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
+from lrbc_cli.report.sections.top import unsealed_text
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read, read_job, write
+from lrbc_cli.results.store import read, read_job, write_sealed
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
@@ -93,6 +94,8 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
+    if content.unsealed:
+        log.warning("%s", unsealed_text(content.unsealed))
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
         drawn, unchanged = _draw_all(tasks, workers, halt, say)
@@ -177,11 +180,6 @@ def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]
 def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
     for job in done:
         require_files(output / job.job, job.provenance.files or {})
-    unknown = [job.job for job in done if not job.provenance.files or job.digest is None]
-    if unknown:
-        # Of an older version.
-        some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
-        log.warning("%s: no hashes tell whether result.json and its tables are as they were written; `lrbc update` writes them anew", some)
 
 
 def _structure(output: Path) -> StructureRecord | None:
@@ -219,7 +217,7 @@ def write_structure(output: Path, record: StructureRecord) -> list[Path]:
     """
     from lrbc_cli.report.drawing.png import draw
 
-    write(output / "structure.json", record)
+    write_sealed(output / "structure.json", record)
     if record.reason is not None:
         return []
     picture, page = output / "structure.png", output / "structure.html"

@@ -331,8 +331,9 @@ def test_results_without_a_digest_are_judged_anew(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", edit)
     report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
-    assert "warning: loose-2: no hashes" in report.stderr
-    assert plans(frame)["loose-2"] == (False, "the earlier result is of an older version, without a digest of itself")
+    assert "warning: Not sealed: loose-2. No digest" in report.stderr
+    assert plans(frame)["loose-2"] == (False, "the earlier result is not sealed: of an older version, or changed by hand")
+    assert "not sealed" in frame.run("status", "--json").json["jobs"]["loose-2"]["reason"]
     outcome = frame.run("update", "--json", "--fail-on-loose")
     assert (outcome.code, outcome.json["judged"], outcome.json["kept"]) == (6, ["loose-2"], ["tight"])
     assert frame.result("loose-2") == before

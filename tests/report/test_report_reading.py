@@ -1,5 +1,6 @@
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -159,7 +160,14 @@ def hashed(output, job):
     spoil(file, "digest", value=digest_of(json.loads(file.read_text(encoding="utf-8"))))
 
 
+def seal(output, *names):
+    """As the commands write them; those of the fake campaign are as earlier versions wrote them."""
+    for name in names or ("campaign.json", "reduction.json"):
+        spoil(output / name, "digest", value=digest_of(json.loads((output / name).read_text(encoding="utf-8"))))
+
+
 def test_tables_of_another_run_are_not_shown(output, caplog):
+    seal(output)
     for job in ("bolts-00", "bolts-04"):
         hashed(output, job)
     write_report(output, workers=1)
@@ -179,11 +187,36 @@ def test_tables_of_another_run_are_not_shown(output, caplog):
         write_report(output, workers=1)
 
 
-def test_tables_that_no_hash_vouches_for(output, caplog):
+def test_what_is_not_sealed_is_said_at_the_job_and_at_the_top(output, caplog):
+    seal(output, "campaign.json")
     hashed(output, "bolts-00")
-    write_report(output, workers=1)
+    page = write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
     (record,) = caplog.records
-    assert record.getMessage().startswith("bolts-04: no hashes")
+    assert record.getMessage().startswith("Not sealed: bolts-04, reduction.json. No digest")
+    head, rest = page.split("</header>")
+    assert "Not sealed: bolts-04, reduction.json. No digest" in head
+    assert re.search(r"bolts-04</a>:[^<]*\(not sealed\)</li>", head)
+    assert not re.search(r"bolts-00</a>:[^<]*\(not sealed\)</li>", head)
+    # In the table, and at the job.
+    assert rest.count(">not sealed</span>") == 2
+    hashed(output, "bolts-04")
+    seal(output)
+    assert "ot sealed" not in write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["campaign.json", "reduction.json"])
+def test_sealed_records_that_were_edited_are_refused(output, name):
+    seal(output)
+    # Another layout is no edit.
+    file = output / name
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")), indent=4), encoding="utf-8")
+    write_report(output, workers=1, draw=False)
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    spoil(file, "tool" if name == "campaign.json" else "full_size", value={"name": "x", "version": "9"} if "tool" in tree else 7)
+    with pytest.raises(DataError, match="changed after it was written") as caught:
+        write_report(output, workers=1, draw=False)
+    assert caught.value.file == str(file)
+    assert "lrbc " in caught.value.hint
 
 
 @pytest.mark.parametrize("name", ["../bolts-00/frf.csv", "..", ""])

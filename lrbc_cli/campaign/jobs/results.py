@@ -391,7 +391,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             "tool": {"name": "lrbc", "version": __version__},
         }
     )
-    write(output / "campaign.json", record)
+    write_sealed(output / "campaign.json", record)
 
 
 def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> ReductionRecord:
@@ -440,5 +440,4 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> Redu
         "versions": versions(),
     }
     record = ReductionRecord.checked(tree)
-    write(output / "reduction.json", record)
-    return record
+    return write_sealed(output / "reduction.json", record)

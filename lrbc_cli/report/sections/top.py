@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 import numpy as np
 
+from lrbc_cli.io.common import listing
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
+from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.sentence import job_sentence
 
@@ -28,7 +30,7 @@ def header(content: Content, written: datetime) -> Markup:
     campaign = content.campaign
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
-    sentences = [_sentence(content, job.job, job_sentence(job)) for job in content.jobs]
+    sentences = [_sentence(content, job) for job in content.jobs]
     sentences += [tag("li", f"{name}: {NO_RESULT}") for name in content.missing]
     first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
     return tag(
@@ -38,14 +40,24 @@ def header(content: Content, written: datetime) -> Markup:
         tag("p", campaign.description, class_="description") if campaign.description else None,
         tag("p", " · ".join(part for part in about if part), class_="meta"),
         tag("p", campaign_sentence(content), class_="lead"),
+        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("ul", *first, class_="findings"),
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
 
-def _sentence(content: Content, job: str, text: str) -> Markup:
-    return tag("li", tag("a", job, href=f"#{content.anchors[job]}"), text.removeprefix(job))
+def _sentence(content: Content, job: Job) -> Markup:
+    text = job_sentence(job).removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
+
+
+def unsealed_text(names: Sequence[str]) -> str:
+    """Say what is not known of records that do not vouch for themselves."""
+    return (
+        f"Not sealed: {listing(list(names), 6)}. No digest tells that what they say is what was written: they are of an older version, or "
+        "were changed by hand. `lrbc update` writes results anew; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` write theirs."
+    )
 
 
 def campaign_sentence(content: Content) -> str:
