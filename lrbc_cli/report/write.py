@@ -94,20 +94,22 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
-    if content.unsealed:
-        log.warning("%s", unsealed_text(content.unsealed))
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
         drawn, unchanged = _draw_all(tasks, workers, halt, say)
         say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
-    if halt():
-        return page
-    text = render(content, live=live)
-    with replace(page) as sink:
-        sink.write(text.encode("utf-8", errors="replace"))
-    say(f"{page} written")
+    if not halt():
+        _write_page(page, content, live=live)
+        say(f"{page} written")
     return page
+
+
+def _write_page(page: Path, content: Content, *, live: bool) -> None:
+    if content.unsealed:
+        log.warning("%s", unsealed_text(content.unsealed))
+    with replace(page) as sink:
+        sink.write(render(content, live=live).encode("utf-8", errors="replace"))
 
 
 def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:

@@ -45,6 +45,7 @@ class CampaignRecord(SealedRecord):
     """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one.
 
     ``description``, ``test_article``, ``operator`` and ``compare_with`` are what the campaign file says; no result rests on them.
+    ``reference_guessed``: nobody confirmed that the reference job is tight.
     """
 
     format: Literal["lrbc-campaign"]
@@ -54,6 +55,7 @@ class CampaignRecord(SealedRecord):
     operator: str = ""
     compare_with: Literal["paper"] | None = None
     reference: str | None = None
+    reference_guessed: bool = False
     jobs: Annotated[Many[str], AfterValidator(_folders)]
     bolts: Many[PlaceRecord]
     responses: Many[ResponseRecord]

@@ -340,6 +340,19 @@ def test_results_without_a_digest_are_judged_anew(frame: Folder) -> None:
     assert frame.run("report").stderr == ""
 
 
+def test_a_confirmed_reference_changes_no_result(frame: Folder) -> None:
+    tree = frame.tree()
+    frame.write(tree | {"update": tree["update"] | {"reference_guessed": True}})
+    outcome = frame.run("update", "--json")
+    assert outcome.json["kept"] == ["tight", "loose-2"]
+    assert "was guessed from names" in outcome.stderr
+    assert json.loads((frame.out / "campaign.json").read_text(encoding="utf-8"))["reference_guessed"]
+    frame.write(tree)
+    outcome = frame.run("update", "--json")
+    assert (outcome.json["kept"], outcome.stderr) == (["tight", "loose-2"], "")
+    assert not json.loads((frame.out / "campaign.json").read_text(encoding="utf-8"))["reference_guessed"]
+
+
 def test_the_result_of_another_job(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree.update(job="loose-all"))
     assert plans(frame)["loose-2"] == (True, "the earlier result is unusable (it is that of job loose-all)")

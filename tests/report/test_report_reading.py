@@ -166,6 +166,13 @@ def seal(output, *names):
         spoil(output / name, "digest", value=digest_of(json.loads((output / name).read_text(encoding="utf-8"))))
 
 
+def test_a_guessed_reference_job_is_said_at_the_top(output):
+    text = "The reference job bolts-00 was guessed from names"
+    assert text not in write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
+    spoil(output / "campaign.json", "reference_guessed", value=True)
+    assert text in write_report(output, workers=1, draw=False).read_text(encoding="utf-8").partition("</header>")[0]
+
+
 def test_tables_of_another_run_are_not_shown(output, caplog):
     seal(output)
     for job in ("bolts-00", "bolts-04"):

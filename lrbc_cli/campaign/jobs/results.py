@@ -380,6 +380,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             "operator": campaign.operator,
             "compare_with": campaign.compare_with,
             "reference": campaign.update.reference,
+            "reference_guessed": campaign.update.reference is not None and campaign.update.reference_guessed,
             "jobs": list(campaign.jobs),
             "bolts": bolts,
             "responses": [

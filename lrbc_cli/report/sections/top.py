@@ -40,6 +40,7 @@ def header(content: Content, written: datetime) -> Markup:
         tag("p", campaign.description, class_="description") if campaign.description else None,
         tag("p", " · ".join(part for part in about if part), class_="meta"),
         tag("p", campaign_sentence(content), class_="lead"),
+        tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
         tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("ul", *first, class_="findings"),
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
@@ -57,6 +58,14 @@ def unsealed_text(names: Sequence[str]) -> str:
     return (
         f"Not sealed: {listing(list(names), 6)}. No digest tells that what they say is what was written: they are of an older version, or "
         "were changed by hand. `lrbc update` writes results anew; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` write theirs."
+    )
+
+
+def _guessed(reference: str | None) -> str:
+    return (
+        f"The reference job {reference} was guessed from names by `lrbc init --from`, and nobody confirmed it: all verdicts rest on it. "
+        "Where all bolts were tight there, remove `update.reference_guessed` from the campaign file, else name another job; then "
+        "`lrbc run`."
     )
 
 
