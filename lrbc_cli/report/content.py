@@ -26,7 +26,11 @@ class FrfFigure:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``."""
+    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``.
+
+    ``unusable`` says what is wrong with the files of jobs, of which a result may be that of an earlier measurement; ``passed_over`` what
+    to do about other files in the watched folder.
+    """
 
     campaign: CampaignRecord
     jobs: Sequence[Job]
@@ -45,6 +49,8 @@ class Content:
     structure: StructureRecord | None = None
     shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)
     missing: Sequence[str] = ()
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    passed_over: Sequence[str] = ()
 
     @property
     def along_edges(self) -> bool:

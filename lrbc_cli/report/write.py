@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import logging
 import multiprocessing
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.shapes import fits, shapes_chart
 from lrbc_cli.report.files import frf_file, replace
+from lrbc_cli.report.old import outdating
 from lrbc_cli.report.page import render
 from lrbc_cli.report.parts.correlation import fdac_chart
 from lrbc_cli.report.parts.damping import damping_chart
@@ -51,6 +53,8 @@ def write_report(
     *,
     jobs: Sequence[str] | None = None,
     expected: Sequence[str] = (),
+    unusable: Mapping[str, str] = MappingProxyType({}),
+    passed_over: Sequence[str] = (),
     workers: int = 2,
     draw: bool = True,
     figures: Sequence[str] = (),
@@ -68,6 +72,8 @@ def write_report(
         The campaign's output folder.
     jobs, expected
         Names of the jobs to show, all that have results where None; and of those of the campaign file, of which each is counted.
+    unusable, passed_over
+        What is wrong with the files of jobs, by job, and what to do about files of the watched folder that are nobody's.
     workers
         Processes that draw figures.
     figures
@@ -94,22 +100,34 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
+    content = dataclasses.replace(content, unusable=unusable, passed_over=passed_over)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
-        drawn, unchanged = _draw_all(tasks, workers, halt, say)
-        say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
-    if not halt():
-        _write_page(page, content, live=live)
-        say(f"{page} written")
+    with outdating(page):
+        _publish(page, content, tasks if draw else (), workers, live=live, halt=halt, say=say)
     return page
 
 
-def _write_page(page: Path, content: Content, *, live: bool) -> None:
+def _publish(
+    page: Path,
+    content: Content,
+    tasks: Sequence[_Task],
+    workers: int,
+    *,
+    live: bool,
+    halt: Callable[[], bool],
+    say: Callable[[str], None],
+) -> None:
+    if tasks:
+        _draw_all(tasks, workers, halt, say)
+    if halt():
+        return
     if content.unsealed:
         log.warning("%s", unsealed_text(content.unsealed))
     with replace(page) as sink:
         sink.write(render(content, live=live).encode("utf-8", errors="replace"))
+    say(f"{page} written")
 
 
 def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:
@@ -287,8 +305,8 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     return campaign, [job for job in results if job is not None]
 
 
-def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> tuple[int, int]:
-    """Draw those that changed; how many were drawn, and how many had not changed."""
+def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> None:
+    """Draw those that changed."""
     # matplotlib takes a second to import; `update` comes by here for the summary only.
     from lrbc_cli.report.drawing.png import is_current
 
@@ -305,9 +323,10 @@ def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], sa
     else:
         for done, task in enumerate(todo):
             if halt():
-                return done, len(tasks) - len(todo)
+                say(f"{done} of {len(todo)} figures drawn")
+                return
             _draw_one(task)
-    return len(todo), len(tasks) - len(todo)
+    say(f"{len(todo)} figures drawn, {len(tasks) - len(todo)} unchanged")
 
 
 @contextmanager

@@ -1,3 +1,4 @@
+import errno
 import hashlib
 import json
 import re
@@ -8,7 +9,7 @@ import pytest
 from fake_campaign import campaign_of, reduction_of
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import NO_RESULT, missing_jobs, write_report
+from lrbc_cli.report import NO_RESULT, missing_jobs, outdate, outdated, write_report
 from lrbc_cli.results.job import FailedJob
 from lrbc_cli.results.store import digest_of, read_job
 from lrbc_cli.results.tables import read_frf
@@ -164,6 +165,40 @@ def seal(output, *names):
     """As the commands write them; those of the fake campaign are as earlier versions wrote them."""
     for name in names or ("campaign.json", "reduction.json"):
         spoil(output / name, "digest", value=digest_of(json.loads((output / name).read_text(encoding="utf-8"))))
+
+
+def test_a_page_that_cannot_be_written_anew_says_that_it_is_old(output, monkeypatch):
+    page = write_report(output, workers=1, draw=False)
+    before, content = page.stat(), page.read_bytes()
+    assert outdated(page) == ""
+
+    def full(*args, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("lrbc_cli.report.files.atomic_write", full)
+        with pytest.raises(DataError, match="No space left") as caught:
+            write_report(output, workers=1, draw=False)
+    assert caught.value.hint.startswith("make room on this disk, then run the command again")
+    now = page.stat()
+    assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, before.st_ino)
+    assert "This page is old (" in outdated(page)
+    assert "No space left on device; make room on this disk" in outdated(page)
+    # Whatever is said fits, whole characters of it.
+    outdate(page, "<&>€" * 500)
+    assert outdated(page).endswith("…")
+    assert page.stat().st_size == before.st_size
+    start = content.index(b'<p id="old"')
+    assert page.read_bytes()[:start] == content[:start]
+    assert page.read_bytes().partition(b"</p>")[2] == content.partition(b"</p>")[2]
+    write_report(output, workers=1, draw=False)
+    assert outdated(page) == ""
+    # Pages of earlier versions have no room for it.
+    page.write_text("<p>an earlier version</p>")
+    outdate(page, "why")
+    outdate(output / "none.html", "why")
+    assert page.read_text() == "<p>an earlier version</p>"
+    assert outdated(output / "none.html") == ""
 
 
 def test_a_guessed_reference_job_is_said_at_the_top(output):

@@ -12,6 +12,7 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
+from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.report.parts.tables import UNSEALED
@@ -20,6 +21,10 @@ from lrbc_cli.results.sentence import job_sentence
 
 #: What is said of a job of the campaign that the results do not have.
 NO_RESULT = "no result, not judged"
+
+#: Of a job whose files are there and cannot be used, without and with a result.
+CANNOT_BE_USED = "no verdict: its files cannot be used"
+EARLIER = "of an earlier measurement; the files that are there now cannot be used"
 
 #: Sentences beyond this number are folded away.
 _SENTENCES = 24
@@ -31,10 +36,11 @@ def header(content: Content, written: datetime) -> Markup:
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
     sentences = [_sentence(content, job) for job in content.jobs]
-    sentences += [tag("li", f"{name}: {NO_RESULT}") for name in content.missing]
+    sentences += [tag("li", f"{name}: {CANNOT_BE_USED if name in content.unusable else NO_RESULT}") for name in content.missing]
     first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
     return tag(
         "header",
+        room(),
         tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
         tag("p", campaign.description, class_="description") if campaign.description else None,
@@ -44,13 +50,23 @@ def header(content: Content, written: datetime) -> Markup:
         tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("ul", *first, class_="findings"),
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
+        _files(content),
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
 
 def _sentence(content: Content, job: Job) -> Markup:
     text = job_sentence(job).removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    text += f" ({EARLIER})" if job.job in content.unusable else ""
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
+
+
+def _files(content: Content) -> Markup | None:
+    """Measurements that cannot be used, and files that are nobody's, with what to do."""
+    lines = [f"{name}: {problem}" for name, problem in content.unusable.items()] + list(content.passed_over)
+    if not lines:
+        return None
+    return tag("div", tag("p", "Files that are not judged:"), tag("ul", *(tag("li", line) for line in lines)), class_="warning")
 
 
 def unsealed_text(names: Sequence[str]) -> str:
@@ -88,6 +104,7 @@ def campaign_sentence(content: Content) -> str:
     counts = {
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
+        "with files that cannot be used": sum(job.job in content.unusable for job in compared),
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
     }
