@@ -16,7 +16,7 @@ from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.report.parts.tables import UNSEALED
-from lrbc_cli.results.job import Job, JobRecord
+from lrbc_cli.results.job import Job, JobRecord, Verdict
 from lrbc_cli.results.sentence import job_sentence
 
 #: What is said of a job of the campaign that the results do not have.
@@ -46,11 +46,11 @@ def header(content: Content, written: datetime) -> Markup:
         tag("p", campaign.description, class_="description") if campaign.description else None,
         tag("p", " · ".join(part for part in about if part), class_="meta"),
         tag("p", campaign_sentence(content), class_="lead"),
-        tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
-        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("ul", *first, class_="findings"),
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
         _files(content),
+        tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
+        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
@@ -118,8 +118,8 @@ def _compared(content: Content) -> tuple[list[Job], list[str]]:
     return compared, [name for name in content.missing if name != content.campaign.reference]
 
 
-def _union(jobs: Iterable[JobRecord]) -> list[str]:
-    return list(dict.fromkeys(name for job in jobs for name in job.names("loose")))
+def _union(jobs: Iterable[JobRecord], verdict: Verdict = "loose") -> list[str]:
+    return list(dict.fromkeys(name for job in jobs for name in job.names(verdict)))
 
 
 def _tiles(content: Content) -> Iterable[Markup]:
@@ -133,7 +133,7 @@ def _tiles(content: Content) -> Iterable[Markup]:
     known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
-        yield _tile("Mean misfit before → after", value, "over all lines of the band, responses used, jobs")
+        yield _tile("Model against measurement", value, "mean difference before → after updating, of all lines, responses used and jobs")
     times = tables.account(jobs, content.reduction)
     if times is not None:
         parts = [f"{times.jobs} job{'' if times.jobs == 1 else 's'} and the reduction {fmt.seconds(times.spent)}"]
@@ -160,12 +160,14 @@ def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
     """What is neither loose nor tight, and jobs that say nothing."""
     bolts = [bolt for job in judged for bolt in job.observable]
     unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
+    names = tables.ranges(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
     without, unvalidated = count - len(judged), sum(not job.validated for job in judged)
-    notes = [f"{without} job{'' if without == 1 else 's'} without verdict"]
+    notes = [f"{unsure} of {len(bolts)} verdicts"] if bolts else []
+    notes += [f"{without} job{'' if without == 1 else 's'} without verdict"]
     notes += [f"{unvalidated} not validated"] if unvalidated else []
     outside = {bolt.name for job in content.done for bolt in job.bolts if bolt.outside}
     notes += [f"outside, never observable: {tables.ranges(sorted(outside), content.campaign.bolt_names)}"] if outside else []
-    return _tile("Inconclusive", f"{unsure} of {len(bolts)} bolt states" if bolts else fmt.MISSING, ", ".join(notes))
+    return _tile("Inconclusive", names if bolts else fmt.MISSING, ", ".join(notes))
 
 
 def _tile(title: str, value: str, note: str) -> Markup:
