@@ -290,7 +290,7 @@ def test_results_without_hashes(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"].pop("files"))
     report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
-    assert report.stderr.count("warning: loose-2: no hashes") == 1
+    assert report.stderr.count("warning: Not sealed: loose-2. No digest") == 1
     assert plans(frame)["loose-2"] == (True, "the earlier result is of an older version, without hashes of its files")
     assert not plans(frame)["tight"][0]
 
