@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 #: Characters at most of one part of a message; what was found may be a whole file.
@@ -11,6 +12,28 @@ LONGEST = 500
 def _shortened(value: object) -> str:
     text = str(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
+
+
+def on_one_line(error: Exception) -> str:
+    """A message where there is one line for it."""
+    return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
+
+
+def unwritten(error: BaseException | None) -> OSError | None:
+    """The failure of the file system behind an error, which time or space may mend; None where it is another."""
+    while error is not None and not isinstance(error, OSError):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+def disk_is_full(error: OSError) -> bool:
+    """Whether more space would mend it."""
+    return error.errno in {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}
+
+
+def room_or(error: OSError, hint: str) -> str:
+    """What to do where a file cannot be written: make room where the disk is full, else the hint."""
+    return "make room on this disk, then run the command again: what is finished is kept" if disk_is_full(error) else hint
 
 
 class LrbcError(Exception):

@@ -162,5 +162,6 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
-    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits})"
+    unsealed = "" if stored.sealed else "; not sealed: of an older version, or changed by hand, `lrbc calibrate --force` writes it anew"
+    text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
     return replace(inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.files import passed_over
-from lrbc_cli.campaign.identification.copies import copied_text
+from lrbc_cli.campaign.identification.copies import Earlier
 from lrbc_cli.campaign.identification.first_look import first_look
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -184,6 +184,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     lines = []
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
+    earlier, names = Earlier(inputs.statistics.validation), [response.name for response in inputs.responses]
     for name, job in inputs.campaign.jobs.items():
         try:
             measurement = read_measurement(inputs, job, name)
@@ -197,8 +198,9 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             out.warnings.append(
                 f"job {name}: the measurement of {first} once more; was another file meant? Write its own file under jobs.{name}.frf"
             )
-        else:
-            out.warnings += _copies(inputs, name, measurement, readable)
+        elif copied := earlier.copied(measurement, names):
+            out.warnings.append(f"job {name}: {copied} Write its own file under jobs.{name}.frf")
+        earlier.add(name, measurement)
         readable[name] = measurement
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
@@ -229,13 +231,6 @@ def _unwritable(output: Path) -> list[str]:
         return []
     what = "cannot be written to" if there.is_dir() else "is a file"
     return [f"output: {there} {what}, so that no result can be kept: choose another folder in `output`"]
-
-
-def _copies(inputs: Inputs, name: str, own: Measurement, others: Mapping[str, Measurement]) -> list[str]:
-    """A warning where the numbers of a measurement are those of another job's; only the first is named."""
-    names, limits = [response.name for response in inputs.responses], inputs.statistics.validation
-    texts = (copied_text(own, other, job, names, limits) for job, other in others.items())
-    return [f"job {name}: {text} Write its own file under jobs.{name}.frf" for text in texts if text][:1]
 
 
 def _packed(notes: Sequence[str], width: int = 120) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.documents import require_own_output
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
@@ -39,7 +40,15 @@ def report(
     require_inputs_apart(campaign)
     workers = min(2, os.cpu_count() or 1)
     expected = list(campaign.jobs)
-    page = write_report(campaign.output, jobs=jobs or None, expected=expected, workers=workers, figures=figures, progress=progress())
+    page = write_report(
+        campaign.output,
+        jobs=jobs or None,
+        expected=expected,
+        passed_over=passed_over(campaign),
+        workers=workers,
+        figures=figures,
+        progress=progress(),
+    )
     if as_json:
         say_json({"report": page})
     else:

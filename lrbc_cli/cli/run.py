@@ -10,6 +10,7 @@ import click
 
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.jobs.plans import choose_jobs
 from lrbc_cli.campaign.jobs.run import run_jobs
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json, tell_calibration
@@ -17,7 +18,7 @@ from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.report import write_report
+from lrbc_cli.report import outdating, write_report
 from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.results.store import read_job
 
@@ -55,11 +56,14 @@ def run(
         run_calibration(exported, folder, force=force, accept=accept_tolerance, progress=tell)
     inputs = with_stored_calibration(exported, calibration=calibration)
     tell_calibration(inputs, wanted=calibration)
-    outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=tell)
+    output = inputs.campaign.output
+    with outdating(output / "report.html"):
+        outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=tell)
     tell_troubles(outcome)
-    output, code, page = inputs.campaign.output, outcome.exit_code(fail_on_loose), None
+    code, page = outcome.exit_code(fail_on_loose), None
     try:
-        page = write_report(output, expected=list(inputs.campaign.jobs), workers=min(2, os.cpu_count() or 1), progress=tell)
+        expected, beside = list(inputs.campaign.jobs), passed_over(inputs.campaign)
+        page = write_report(output, expected=expected, passed_over=beside, workers=min(2, os.cpu_count() or 1), progress=tell)
     except LrbcError as error:
         complain(error.message)
         # What comes first in the table of exit codes: the report's error before those of single jobs.

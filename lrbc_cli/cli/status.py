@@ -13,6 +13,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say
+from lrbc_cli.report import outdated
 
 
 @click.command()
@@ -26,7 +27,8 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
     """
     inputs = load(config, overrides, calibration=calibration, warn=False)
     found = examine(inputs, cache_folder(cache))
-    use = inputs.calibration
+    use, page = inputs.calibration, inputs.campaign.output / "report.html"
+    trouble = "; ".join(filter(None, (found.page, outdated(page))))
     if as_json:
         say_json(
             {
@@ -34,10 +36,11 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
                 "output": inputs.campaign.output,
                 "counts": {state: len(found.named(state)) for state in STATES},
                 "jobs": {name: asdict(job) for name, job in found.jobs.items()},
+                "passed_over": found.passed_over,
                 "seconds_left": found.seconds_left,
                 "calibration": None if use is None else {"used": use.used, "text": use.text},
                 "cache": {"hit": found.cache.hit, "reason": found.cache.reason},
-                "report": {"file": inputs.campaign.output / "report.html", "trouble": found.page or None},
+                "report": {"file": page, "trouble": trouble or None},
             }
         )
         return
@@ -46,10 +49,12 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
     width = max([len(name) for name in found.jobs], default=0)
     for name, job in found.jobs.items():
         say(f"{name:{width}}  {STATES[job.state]:{max(map(len, STATES.values()))}}  {job.reason}".rstrip(), finding=True)
+    for text in found.passed_over:
+        say(f"watched folder: {text}")
     if use is not None:
         say(f"calibration: {use.text}")
-    if found.page:
-        say(f"report.html: {found.page}; next: lrbc report {config}")
+    if trouble:
+        say(f"report.html: {trouble}; next: lrbc report {config}")
     say("\n".join(_ahead(inputs, found, config)))
 
 

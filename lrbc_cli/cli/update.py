@@ -15,7 +15,7 @@ from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
-from lrbc_cli.report import summary_text
+from lrbc_cli.report import outdating, summary_text
 from lrbc_cli.updating.clearance import once_more, sentence
 
 FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
@@ -64,7 +64,8 @@ def update(
     if dry_run:
         _dry_run(inputs, folder, jobs, force=force, as_json=as_json)
         return 0
-    outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
+    with outdating(inputs.campaign.output / "report.html"):
+        outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
     tell_troubles(outcome)
     code = outcome.exit_code(fail_on_loose)
     if as_json:

@@ -26,7 +26,11 @@ class FrfFigure:
 
 @dataclass(frozen=True)
 class Content:
-    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``."""
+    """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``.
+
+    ``unusable`` says what is wrong with the files of jobs, of which a result may be that of an earlier measurement; ``passed_over`` what
+    to do about other files in the watched folder.
+    """
 
     campaign: CampaignRecord
     jobs: Sequence[Job]
@@ -45,6 +49,8 @@ class Content:
     structure: StructureRecord | None = None
     shapes: Mapping[str, ShapesRecord] = field(default_factory=dict)
     missing: Sequence[str] = ()
+    unusable: Mapping[str, str] = field(default_factory=dict)
+    passed_over: Sequence[str] = ()
 
     @property
     def along_edges(self) -> bool:
@@ -55,6 +61,19 @@ class Content:
     def done(self) -> list[JobRecord]:
         """The jobs that have a result."""
         return [job for job in self.jobs if isinstance(job, JobRecord)]
+
+    @property
+    def unsealed(self) -> list[str]:
+        """Jobs, and files of the campaign, that do not vouch for themselves."""
+        files = {
+            "campaign.json": self.campaign,
+            "reduction.json": self.reduction,
+            "calibration.json": self.calibration,
+            "plan.json": self.plan,
+            "structure.json": self.structure,
+        }
+        names = [job.job for job in self.jobs if not job.sealed]
+        return names + [name for name, record in files.items() if record is not None and not record.sealed]
 
     @property
     def tool(self) -> str:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, room_or
 from lrbc_cli.io.atomic import atomic_write
 
 
@@ -26,7 +26,7 @@ def replace(file: Path) -> Iterator[IO[bytes]]:
         with atomic_write(file, "wb") as sink:
             yield sink
     except OSError as error:
-        hint = "check the folder, its permissions and the free space"
+        hint = room_or(error, "check the folder and its permissions")
         raise DataError(f"the file cannot be written: {error.strerror or error}", file=file, hint=hint) from None
 
 

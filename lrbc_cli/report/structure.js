@@ -15,7 +15,7 @@
     const stage = holder.querySelector(".stage"), bars = [...holder.querySelectorAll(".controls")], told = holder.querySelector(".told");
     const control = (name) => holder.querySelector(`.controls [name=${name}]`);
     const svg = make("svg", { "aria-hidden": "true" });
-    let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false, placed = "";
+    let [azimuth, elevation] = scene.camera, zoom = 1, names = true, waiting = false, placed = "", picked = null;
 
     const airBox = control("air");
     let air = !airBox || airBox.checked;
@@ -37,7 +37,7 @@
     const leaders = make("path", { class: "l r-box", "stroke-width": 1 });
     if (marks.length) marks[0].group.before(leaders);
     const sensed = ["measured-way", "measured-point dots", "modelled-point"].map((role) => make("path", { class: `l r-${role}`, "stroke-width": role.endsWith("dots") ? 6 : 1.3, fill: "none" }, svg));
-    for (const mark of marks) mark.label = make("text", { class: "t r-strong label" }, svg, mark.name);
+    for (const mark of marks) mark.label = make("text", { class: "t r-strong label", "font-size": FONT }, svg, mark.name);
 
     // A deflection shape moves every point as its nearest node; microphones stay.
     const nearest = (xyz, i) => {
@@ -152,15 +152,16 @@
       }
       sensed.forEach((path, i) => path.setAttribute("d", drawn[i]));
 
-      const strokes = [], written = [];
-      for (const { ends, words } of rulers) {
+      const strokes = [], words = [], edges = [];
+      for (const { ends, words: own } of rulers) {
         const a = [px(ends, 0), py(ends, 0)], b = [px(ends, 3), py(ends, 3)];
         const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
         strokes.push(`M${a}L${b}`);
+        for (let t = 0; t < 1; t += 6 / Math.max(length, 6)) edges.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
         let out = length > 1 ? [(b[1] - a[1]) / length, (a[0] - b[0]) / length] : [0, 1];
         const middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
         if (out[0] * (middle[0] - width / 2) + out[1] * (middle[1] - height / 2) < 0) out = out.map((v) => -v);
-        for (const { at, text, element } of words) {
+        for (const { at, text, element } of own) {
           // The label of a ruler that stands upright stands above it, where the page is narrow too.
           const upright = !at && Math.abs(out[0]) > 0.7;
           const [x, y] = at ? [px(at, 0), py(at, 0)] : upright ? [b[0] + (14 * (b[0] - a[0])) / length, b[1] + (14 * (b[1] - a[1])) / length] : middle;
@@ -169,9 +170,10 @@
           const [left, base] = [x + out[0] * far, y + out[1] * far + 4], broad = 0.28 * FONT * text.length;
           element.setAttribute("x", left);
           element.setAttribute("y", base);
-          if (length >= 40) written.push([left - broad, left + broad, base - 9, base + 1]);
           element.setAttribute("font-size", FONT - 1);
-          element.style.display = length < 40 ? "none" : "";
+          element.style.display = "none";
+          // Labels before ticks.
+          if (length >= 40) words[at ? "push" : "unshift"]({ element, box: [left - broad, left + broad, base - 9, base + 1] });
         }
       }
       frame.setAttribute("d", strokes.join(""));
@@ -186,35 +188,47 @@
       // Symbols shrink where bolts stand close to one another.
       const grown = Math.min(1, Math.max(0.6, Math.min(...apart, 24) / 19)), half = 8 * grown;
       // While it moves, names keep their places.
-      const view = [azimuth, elevation, zoom, width, names].join(), steady = moving && view === placed;
+      const view = [azimuth, elevation, zoom, width, names, marks.indexOf(picked)].join(), steady = moving && view === placed;
       placed = view;
-      const taken = steady ? [] : [...written, ...at.map(([x, y]) => [x - half, x + half, y - half, y + half])];
+      const taken = steady ? [] : [...at.map(([x, y]) => [x - half, x + half, y - half, y + half]), ...edges.map(([x, y]) => [x - 1, x + 1, y - 1, y + 1])];
+      const named = [], hit = (box, by) => by.some((t) => box[0] < t[1] && t[0] < box[1] && box[2] < t[3] && t[2] < box[3]);
       for (const { xyz } of shape || steady ? [] : paths.filter(({ role }) => role === "term")) {
         for (let i = 0; i < xyz.length; i += 6) {
           const [x, y, dx, dy] = [px(xyz, i), py(xyz, i), px(xyz, i + 3) - px(xyz, i), py(xyz, i + 3) - py(xyz, i)];
           for (let k = 0; k < 8; k++) taken.push([x + (k * dx) / 8 - 2, x + (k * dx) / 8 + 2, y + (k * dy) / 8 - 2, y + (k * dy) / 8 + 2]);
         }
       }
-      const lines = [];
-      for (const mark of [...marks.filter((m) => m.first), ...marks.filter((m) => !m.first)]) {
-        const [x, y] = mark.seen, long = 0.6 * FONT * mark.name.length;
+      const lines = [], important = (mark) => mark.first || mark === picked;
+      const name = (mark) => {
+        const [x, y] = mark.seen, long = (mark.long ||= mark.label.getComputedTextLength()) || 0.6 * FONT * mark.name.length;
         mark.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${(0.125 * grown).toFixed(4)})`);
         const close = [[15 * grown, 4, "start"], [-15 * grown, 4, "end"], [0, 20, "middle"], [0, -12, "middle"]];
         // Those of loose bolts may stand farther away, at the end of a line.
-        const far = mark.first ? [-1, 1].flatMap((v) => [-1, 1].map((h) => [34 * h, 26 * v + 4, h < 0 ? "end" : "start"])) : [];
-        const found = steady ? mark.place : names && [...close, ...far].find(([dx, dy, anchor]) => {
+        const far = mark.first ? [-1, 1, -1.6, 1.6, -2.2, 2.2].flatMap((v) => [-1, 1].map((h) => [34 * h, 26 * v + 4, h < 0 ? "end" : "start"])) : [];
+        const among = (by) => [...close, ...far].find(([dx, dy, anchor]) => {
           const left = x + dx - { start: 0, middle: 0.5, end: 1 }[anchor] * long, box = [left, left + long, y + dy - 10, y + dy + 2];
-          const free = box[0] > 0 && box[1] < width && box[2] > 0 && box[3] < height;
-          if (!free || taken.some((t) => box[0] < t[1] && t[0] < box[1] && box[2] < t[3] && t[2] < box[3])) return false;
+          if (box[0] < 0 || box[1] > width || box[2] < 0 || box[3] > height || hit(box, by)) return false;
           taken.push(box);
+          named.push(box);
           return true;
         });
+        // Those of loose bolts, and the one that is asked for, rather stand on symbols than nowhere.
+        const found = steady ? mark.place : (names || mark === picked) && (among(taken) || (important(mark) && among(named)));
         mark.place = found;
         mark.label.style.display = found ? "" : "none";
-        if (!found) continue;
+        if (!found) return;
         if (Math.abs(found[0]) > 20) lines.push(`M${x} ${y}L${x + 0.94 * found[0]} ${y + found[1] - 4}`);
-        for (const [key, value] of Object.entries({ x: x + found[0], y: y + found[1], "text-anchor": found[2], "font-size": FONT })) mark.label.setAttribute(key, value);
+        for (const [key, value] of Object.entries({ x: x + found[0], y: y + found[1], "text-anchor": found[2] })) mark.label.setAttribute(key, value);
+      };
+      if (picked) name(picked);
+      for (const mark of marks) if (mark.first && mark !== picked) name(mark);
+      for (const word of words) {
+        const free = steady ? word.element.free : !hit(word.box, taken);
+        word.element.free = free;
+        if (free) taken.push(word.box), named.push(word.box);
+        word.element.style.display = free ? "" : "none";
       }
+      for (const mark of marks) if (!important(mark)) name(mark);
       leaders.setAttribute("d", lines.join(""));
     };
     const later = () => {
@@ -225,6 +239,7 @@
       ArrowLeft: () => (azimuth += 5), ArrowRight: () => (azimuth -= 5),
       ArrowUp: () => (elevation = Math.min(90, elevation + 5)), ArrowDown: () => (elevation = Math.max(-90, elevation - 5)),
       "+": () => (zoom = Math.min(8, zoom * 1.25)), "-": () => (zoom = Math.max(0.5, zoom / 1.25)),
+      n: () => (picked = marks[(marks.indexOf(picked) + 1) % marks.length]),
       0: () => ([azimuth, elevation, zoom] = [...scene.camera, 1]),
     };
     stage.addEventListener("keydown", (event) => {
@@ -233,19 +248,28 @@
       act[event.key]();
       later();
     });
-    let held = null;
+    // The name of the symbol that is tapped or pointed at.
+    const ask = (event) => {
+      const box = svg.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top;
+      const far = (mark) => Math.hypot(mark.seen[0] - x, mark.seen[1] - y);
+      const [first] = [...marks].sort((a, b) => far(a) - far(b));
+      const now = first && far(first) < 16 ? first : null;
+      if (now !== picked) (picked = now), later();
+    };
+    let held = null, down = null;
     stage.addEventListener("pointerdown", (event) => {
-      held = [event.clientX, event.clientY];
+      held = down = [event.clientX, event.clientY];
       stage.setPointerCapture(event.pointerId);
     });
     stage.addEventListener("pointermove", (event) => {
-      if (!held) return;
+      if (!held) return ask(event);
       azimuth -= 0.5 * (event.clientX - held[0]);
       elevation = Math.max(-90, Math.min(90, elevation + 0.5 * (event.clientY - held[1])));
       held = [event.clientX, event.clientY];
       later();
     });
     for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, () => (held = null));
+    stage.addEventListener("pointerup", (event) => down && Math.hypot(event.clientX - down[0], event.clientY - down[1]) < 4 && ask(event));
     act.play = () => {
       // Where motion is not wanted, step by step.
       if (calm.matches) phase += Math.PI / 4;

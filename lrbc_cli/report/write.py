@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import logging
 import multiprocessing
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.shapes import fits, shapes_chart
 from lrbc_cli.report.files import frf_file, replace
+from lrbc_cli.report.old import outdating
 from lrbc_cli.report.page import render
 from lrbc_cli.report.parts.correlation import fdac_chart
 from lrbc_cli.report.parts.damping import damping_chart
@@ -26,11 +28,12 @@ from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
+from lrbc_cli.report.sections.top import unsealed_text
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read, read_job, write
+from lrbc_cli.results.store import read, read_job, write_sealed
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
@@ -50,6 +53,8 @@ def write_report(
     *,
     jobs: Sequence[str] | None = None,
     expected: Sequence[str] = (),
+    unusable: Mapping[str, str] = MappingProxyType({}),
+    passed_over: Sequence[str] = (),
     workers: int = 2,
     draw: bool = True,
     figures: Sequence[str] = (),
@@ -67,6 +72,8 @@ def write_report(
         The campaign's output folder.
     jobs, expected
         Names of the jobs to show, all that have results where None; and of those of the campaign file, of which each is counted.
+    unusable, passed_over
+        What is wrong with the files of jobs, by job, and what to do about files of the watched folder that are nobody's.
     workers
         Processes that draw figures.
     figures
@@ -93,18 +100,34 @@ def write_report(
     """
     say = progress or (lambda line: None)
     content, tasks = _contents(output, jobs, expected, draw=draw)
+    content = dataclasses.replace(content, unusable=unusable, passed_over=passed_over)
     if draw:
         tasks += [(chart, file.with_suffix(f".{kind}")) for kind in figures for chart, file in tasks]
-        drawn, unchanged = _draw_all(tasks, workers, halt, say)
-        say(f"{drawn} figures drawn, {unchanged} unchanged")
     page = output / "report.html"
-    if halt():
-        return page
-    text = render(content, live=live)
-    with replace(page) as sink:
-        sink.write(text.encode("utf-8", errors="replace"))
-    say(f"{page} written")
+    with outdating(page):
+        _publish(page, content, tasks if draw else (), workers, live=live, halt=halt, say=say)
     return page
+
+
+def _publish(
+    page: Path,
+    content: Content,
+    tasks: Sequence[_Task],
+    workers: int,
+    *,
+    live: bool,
+    halt: Callable[[], bool],
+    say: Callable[[str], None],
+) -> None:
+    if tasks:
+        _draw_all(tasks, workers, halt, say)
+    if halt():
+        return
+    if content.unsealed:
+        log.warning("%s", unsealed_text(content.unsealed))
+    with replace(page) as sink:
+        sink.write(render(content, live=live).encode("utf-8", errors="replace"))
+    say(f"{page} written")
 
 
 def _contents(output: Path, jobs: Sequence[str] | None, expected: Sequence[str], *, draw: bool) -> tuple[Content, list[_Task]]:
@@ -177,11 +200,6 @@ def _reference(output: Path, campaign: CampaignRecord, done: Sequence[JobRecord]
 def _require_tables(output: Path, done: Sequence[JobRecord]) -> None:
     for job in done:
         require_files(output / job.job, job.provenance.files or {})
-    unknown = [job.job for job in done if not job.provenance.files or job.digest is None]
-    if unknown:
-        # Of an older version.
-        some = ", ".join(unknown[:5]) + (" ..." if len(unknown) > 5 else "")
-        log.warning("%s: no hashes tell whether result.json and its tables are as they were written; `lrbc update` writes them anew", some)
 
 
 def _structure(output: Path) -> StructureRecord | None:
@@ -219,7 +237,7 @@ def write_structure(output: Path, record: StructureRecord) -> list[Path]:
     """
     from lrbc_cli.report.drawing.png import draw
 
-    write(output / "structure.json", record)
+    write_sealed(output / "structure.json", record)
     if record.reason is not None:
         return []
     picture, page = output / "structure.png", output / "structure.html"
@@ -287,8 +305,8 @@ def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[Campa
     return campaign, [job for job in results if job is not None]
 
 
-def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> tuple[int, int]:
-    """Draw those that changed; how many were drawn, and how many had not changed."""
+def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> None:
+    """Draw those that changed."""
     # matplotlib takes a second to import; `update` comes by here for the summary only.
     from lrbc_cli.report.drawing.png import is_current
 
@@ -305,9 +323,10 @@ def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], sa
     else:
         for done, task in enumerate(todo):
             if halt():
-                return done, len(tasks) - len(todo)
+                say(f"{done} of {len(todo)} figures drawn")
+                return
             _draw_one(task)
-    return len(todo), len(tasks) - len(todo)
+    say(f"{len(todo)} figures drawn, {len(tasks) - len(todo)} unchanged")
 
 
 @contextmanager

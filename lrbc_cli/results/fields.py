@@ -70,6 +70,11 @@ class SealedRecord(StoredRecord):
     #: SHA-256 of all the rest, see ``store.digest_of``.
     digest: str | None = None
 
+    @property
+    def sealed(self) -> bool:
+        """Whether it vouches for itself: one without a digest is of an earlier version, or was changed by hand."""
+        return self.digest is not None
+
 
 _AS_THEY_ARE = {str, int, bool, type(None)}
 

@@ -385,6 +385,11 @@ class JobRecord(_JobBase):
     modes: ModesRecord | None = None
 
     @property
+    def sealed(self) -> bool:
+        """Whether it vouches for itself and for its tables."""
+        return super().sealed and bool(self.provenance.files)
+
+    @property
     def explained(self) -> bool:
         """Whether the model explains the measurement, so that there are verdicts."""
         return self.status != "unexplained"

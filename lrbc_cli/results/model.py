@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, StoredRecord, Vector, same_length, wrong
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Range, Record, SealedRecord, Seconds, Vector, same_length, wrong
 from lrbc_cli.results.job import CalibrationInUse, Estimate, Lines, MisfitRecord, NoiseRecord, Provenance
 
 
@@ -41,10 +41,11 @@ class Tool(Record):
     version: str
 
 
-class CampaignRecord(StoredRecord):
+class CampaignRecord(SealedRecord):
     """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one.
 
     ``description``, ``test_article``, ``operator`` and ``compare_with`` are what the campaign file says; no result rests on them.
+    ``reference_guessed``: nobody confirmed that the reference job is tight.
     """
 
     format: Literal["lrbc-campaign"]
@@ -54,6 +55,7 @@ class CampaignRecord(StoredRecord):
     operator: str = ""
     compare_with: Literal["paper"] | None = None
     reference: str | None = None
+    reference_guessed: bool = False
     jobs: Annotated[Many[str], AfterValidator(_folders)]
     bolts: Many[PlaceRecord]
     responses: Many[ResponseRecord]
@@ -121,7 +123,7 @@ class Cache(Record):
     reason: str
 
 
-class ReductionRecord(StoredRecord):
+class ReductionRecord(SealedRecord):
     """The reduced model: sizes, certificate, costs, machine."""
 
     HINT: ClassVar[str] = "run `lrbc reduce` to write it anew"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, Share, StoredRecord
+from lrbc_cli.results.fields import Gap, Gaps, Many, Point, Record, SealedRecord, Share
 from lrbc_cli.results.job import Lines, NoiseRecord, Provenance
 
 #: Whether a loosened bolt will be called loose.
@@ -186,7 +186,7 @@ class PlanSeconds(Record):
     plan: float
 
 
-class PlanRecord(StoredRecord):
+class PlanRecord(SealedRecord):
     """The whole plan; ``state_job`` is the job whose result the ``state`` is."""
 
     HINT: ClassVar[str] = "run `lrbc plan` to write it anew"

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from pydantic.json_schema import models_json_schema
 
 from lrbc_cli import __version__
-from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.errors import ConfigError, DataError, room_or
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.remembered import Remembered
@@ -107,7 +107,8 @@ def write_bytes(path: Path, content: bytes) -> str:
 
 def unwritable(path: Path, error: OSError) -> ConfigError:
     """The output folder cannot be written."""
-    return ConfigError(f"the results cannot be written ({error.strerror or error})", file=path, hint="choose another folder in `output`")
+    hint = room_or(error, "choose another folder in `output`")
+    return ConfigError(f"the results cannot be written ({error.strerror or error})", file=path, hint=hint)
 
 
 def read(path: Path, kind: type[R]) -> R | None:

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from lrbc_cli.results.fields import Many, Point, Points, Record, StoredRecord, wrong
+from lrbc_cli.results.fields import Many, Point, Points, Record, SealedRecord, wrong
 from lrbc_cli.results.model import PlaceRecord
 
 
@@ -45,7 +45,7 @@ class DrawnTerms(Record):
     springs: Points
 
 
-class StructureRecord(StoredRecord):
+class StructureRecord(SealedRecord):
     """The structure as it is drawn; ``reason`` says why there is no picture, ``notes`` what was thinned."""
 
     format: Literal["lrbc-structure"]

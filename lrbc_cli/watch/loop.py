@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lrbc_cli.campaign.files import passed_over
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
+from lrbc_cli.report import outdate
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature
 from lrbc_cli.watch.lock import Lock
-from lrbc_cli.watch.session import Session, disk_is_full, unwritten
+from lrbc_cli.watch.session import Session
 from lrbc_cli.watch.verdict import Verdict, unusable, verdict_of
 
 log = logging.getLogger(__name__)
@@ -90,6 +91,10 @@ class Watch:
     pace : Pace
     findings : dict
         What is known of each job that was measured, for an exit code.
+    failed : set
+        Jobs without a verdict, though they were measured.
+    unusable : dict
+        Of these what is wrong with their files, for the page, until they are mended or taken away.
     """
 
     session: Session
@@ -98,11 +103,13 @@ class Watch:
     pace: Pace = field(default_factory=Pace)
     findings: dict[str, JobFinding] = field(default_factory=dict)
     failed: set[str] = field(default_factory=set)
+    unusable: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.lock, self.wake = Lock(self.session.output), Wake()
         self.arrivals = Arrivals(self.pace.settle)
         self._said: set[str] = set()
+        self._passed_over: list[str] = []
         self._cold = True
         self._known: object = None
         # The page of earlier results is to refresh itself too.
@@ -123,8 +130,7 @@ class Watch:
                 # Before the look: what changes after it wakes the next one.
                 self.wake.watch(self._folders())
                 self._reload()
-                ready = self._look()
-                for name in ready:
+                for name in self._look():
                     self._one(name, once)
                 soon = self.arrivals.next
                 if once and soon is None:
@@ -162,26 +168,29 @@ class Watch:
     def _reload(self) -> None:
         """Read the campaign file again where it, or what lies in the folder, is not what it was."""
         watch = self.session.campaign.watch
-        for text in passed_over(self.session.campaign):
+        before, self._passed_over = self._passed_over, passed_over(self.session.campaign)
+        for text in self._passed_over:
             self._once(text)
+        if self._passed_over != before:
+            self._show()
         now = (signature([self.session.settings.config]), None if watch is None else tuple(watch.files()))
         if now == self._known:
             return
-        before = self.session.campaign
+        old = self.session.campaign
         try:
             self.session.reload()
         except (LrbcError, OSError) as error:
             self._once(f"the campaign goes on as it was: {error}")
             return
         self._known, campaign = now, self.session.campaign
-        for name in before.jobs.keys() - campaign.jobs.keys():
+        for name in old.jobs.keys() - campaign.jobs.keys():
             # Renamed or taken away: what it was is another job's, or nobody's.
             self.findings.pop(name, None)
             self.failed.discard(name)
-        other = campaign.model_dump(exclude={"jobs"}) != before.model_dump(exclude={"jobs"})
+        other = campaign.model_dump(exclude={"jobs"}) != old.model_dump(exclude={"jobs"})
         self._cold |= other
         for name, job in campaign.jobs.items():
-            if other or before.jobs.get(name) != job:
+            if other or old.jobs.get(name) != job:
                 self.arrivals.anew(name)
 
     def _once(self, text: str) -> None:
@@ -192,6 +201,13 @@ class Watch:
     def _look(self) -> list[str]:
         """Jobs that can be judged now, those that others rest on first."""
         ready = self.arrivals.look({name: job.all_files for name, job in self.session.campaign.jobs.items()}, time.monotonic())
+        gone = [name for name in self.unusable if not self.arrivals.there(name)]
+        for name in gone:
+            del self.unusable[name]
+            self.findings.pop(name, None)
+            self.failed.discard(name)
+        if gone:
+            self._show()
         tight = self.session.tight
         return sorted(ready, key=lambda name: tight.index(name) if name in tight else len(tight))
 
@@ -213,8 +229,7 @@ class Watch:
             if self.arrivals.age(name, now) < patience:
                 self.arrivals.later(name, now, self.pace.settle)
                 return
-            self.arrivals.done(name)
-            self._out(unusable(name, error))
+            self._without(name, error, unusable(name, error))
             return
         self._judge(name, once)
 
@@ -227,8 +242,7 @@ class Watch:
         except (LrbcError, OSError) as error:
             trouble = error
             if unwritten(error) is None:
-                self.arrivals.done(name)
-                self._out(Verdict(name, "failed", 5, f"{name}: failed: {error}"))
+                self._without(name, error, Verdict(name, "failed", 5, f"{name}: failed: {error}"))
                 return
         if trouble is not None:
             self._postponed(name, trouble, once)
@@ -237,7 +251,8 @@ class Watch:
         new = [other for other in (*outcome.results, *outcome.failed) if other not in outcome.kept]
         self.findings |= {other: record.finding for other, record in outcome.results.items()}
         self.failed -= set(outcome.results)
-        if new:
+        mended = [other for other in (name, *outcome.results) if self.unusable.pop(other, None) is not None]
+        if new or mended:
             self._page(figures=False)
         for other in new:
             record = outcome.results.get(other) or read_job(session.output, other)
@@ -252,12 +267,26 @@ class Watch:
                 if other not in session.tight[: session.tight.index(name) + 1]:
                     self.arrivals.anew(other)
 
+    def _without(self, name: str, error: Exception, verdict: Verdict) -> None:
+        """Tell of a job that has no verdict, on the page too."""
+        self.arrivals.done(name)
+        self.unusable[name] = on_one_line(error)
+        self._show()
+        self._out(verdict)
+
+    def _show(self) -> None:
+        """Write the page for what is said beside the verdicts, where there is one."""
+        if any(self.session.output.glob("*/result.json")):
+            self._page(figures=False)
+
     def _postponed(self, name: str, error: BaseException, once: bool) -> None:
         cause = unwritten(error)
         assert cause is not None
         what = "the disk is full" if disk_is_full(cause) else f"the results cannot be written ({cause.strerror or cause})"
         if self.arrivals.later(name, time.monotonic(), self.pace.retry):
-            self.say(f"{name}: {what}; the measurement is kept where it is, and judged as soon as there is room")
+            do = f"make room on the disk of {self.session.output}" if disk_is_full(cause) else f"mend that in {self.session.output}"
+            self.say(f"{name}: {what}; the measurement is kept where it is, and judged as soon as it can be: {do}")
+            self._outdate(f"{name} is measured and not judged, {what}: {do}, and it catches up by itself while lrbc watch runs")
         if once:
             self.arrivals.done(name)
             self.failed.add(name)
@@ -275,8 +304,13 @@ class Watch:
         try:
             # Image files are drawn while nobody waits for a verdict.
             halt = self.wake.due if live and figures else lambda: False
-            self.session.report(live=live, figures=figures, halt=halt)
+            self.session.report(live=live, figures=figures, halt=halt, unusable=self.unusable, passed_over=self._passed_over)
             self._undrawn = not figures or halt()
         except (LrbcError, OSError) as error:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
             self._once(f"the page is not written: {error}")
+            problem = error.problem if isinstance(error, LrbcError) else str(error)
+            self._outdate(f"{problem}; it is written anew as soon as that is mended, while lrbc watch runs")
+
+    def _outdate(self, why: str) -> None:
+        outdate(self.session.output / "report.html", why)

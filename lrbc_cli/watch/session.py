@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import errno
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -162,9 +161,20 @@ class Session:
         parameters, _ = parameterise(self.inputs, source, s)
         source.model(s + 2j * np.pi * SLOPE_STEP * found.frequency_hz[-1], parameters)
 
-    def report(self, *, live: bool, figures: bool, halt: Callable[[], bool]) -> Path:
+    def report(
+        self, *, live: bool, figures: bool, halt: Callable[[], bool], unusable: Mapping[str, str], passed_over: Sequence[str]
+    ) -> Path:
         """Write the page anew; raises as ``write_report`` does."""
-        return write_report(self.output, expected=list(self.campaign.jobs), workers=1, live=live, draw=figures, halt=halt)
+        return write_report(
+            self.output,
+            expected=list(self.campaign.jobs),
+            unusable=unusable,
+            passed_over=passed_over,
+            workers=1,
+            live=live,
+            draw=figures,
+            halt=halt,
+        )
 
     def _read(self, campaign: Campaign) -> Inputs:
         require_own_output(campaign)
@@ -178,15 +188,3 @@ def _cut(path: Path) -> bool:
     with path.open("rb") as file:
         file.seek(-min(TAIL, path.stat().st_size), 2)
         return unfinished(file.read())
-
-
-def unwritten(error: BaseException | None) -> OSError | None:
-    """The failure of the file system behind an error, which time or space may mend; None where it is another."""
-    while error is not None and not isinstance(error, OSError):
-        error = error.__cause__ or error.__context__
-    return error
-
-
-def disk_is_full(error: OSError) -> bool:
-    """Whether more space would mend it."""
-    return error.errno in {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}

@@ -11,7 +11,8 @@ from campaigns import Folder, frame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lrbc_cli.campaign.identification.copies import copied_responses
+from lrbc_cli.campaign.identification import copies
+from lrbc_cli.campaign.identification.copies import Earlier, copied_responses, copied_text
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.updating.statistics import ValidationChannels
 
@@ -60,6 +61,40 @@ def test_one_response_of_an_earlier_measurement() -> None:
     few = slice(0, LIMITS.least_common - 1)
     assert not copied_responses(changed(one, one.values, few), one, LIMITS).size
     assert not copied_responses(changed(one, one.values * np.nan), one, LIMITS).size
+
+
+def gapped(one: Measurement, response: int, rows: slice) -> Measurement:
+    values = one.values.copy()
+    values[rows, response] = np.nan
+    return changed(one, values)
+
+
+def test_among_many_the_same_ones_are_found_with_few_comparisons(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if each were compared with each; copies with other lines, factors, digits, gaps and missing responses among them."""
+    jobs = {f"j{k}": measured(k, 0.003) for k in range(30)}
+    copy = jobs["j7"]
+    jobs |= {
+        "scaled": changed(copy, 3.0 * rounded(copy.values, 4)),
+        "thinned": changed(copy, copy.values, slice(3, None, 2)),
+        "one lost": gapped(copy, 0, slice(None)),
+        "gaps": gapped(jobs["j9"], 1, slice(10, 40)),
+        "silent": changed(copy, 0.0 * copy.values),
+        "other lines": measured(50, 0.003, lines=150),
+    }
+    names, expected = ["a", "b"], {}
+    for k, (name, own) in enumerate(jobs.items()):
+        texts = (copied_text(own, other, of, names, LIMITS) for of, other in list(jobs.items())[:k])
+        expected[name] = next((text for text in texts if text), "")
+    assert [name for name, text in expected.items() if text] == ["scaled", "thinned", "one lost", "gaps"]
+    compared, earlier, found = list[str](), Earlier(LIMITS), dict[str, str]()
+    monkeypatch.setattr(copies, "copied_text", lambda *args: compared.append(args[2]) or copied_text(*args))
+    for name, own in jobs.items():
+        before = len(compared)
+        found[name] = earlier.copied(own, names)
+        if name.startswith("j"):
+            assert len(compared) == before
+        earlier.add(name, own)
+    assert found == expected
 
 
 def cells(change: Callable[[np.ndarray], np.ndarray], form: str = "%.9g") -> Callable[[Folder], None]:

@@ -25,6 +25,9 @@ def test_results_as_written_are_read(frame_once: Folder, tmp_path: Path) -> None
     assert json.loads(json.dumps(job.tree())) == frame_once.result("loose-2")
     assert job.names("loose") == ["B3", "B4"]
     assert job.parameters["left_edge"].log10.shape == (10,)
+    for name in ("campaign.json", "reduction.json", "structure.json", "loose-2/result.json"):
+        tree = json.loads((frame_once.out / name).read_text(encoding="utf-8"))
+        assert tree["digest"] == digest_of(tree), name
     assert read_job(tmp_path, "a") is None
     store(tmp_path, {"format": "lrbc-result", "version": 1, "job": "a", "status": "failed", "reason": "r", "provenance": {}})
     failed = read_job(tmp_path, "a")
@@ -55,6 +58,8 @@ def test_every_file_fits_the_printed_schema(frame: Folder) -> None:
     assert printed == results_schema()
     files = sorted(frame.out.rglob("*.json"))
     assert {file.name for file in files} == {*FILES, "result.previous.json"}
+    # A result vouches for what is in its folder.
+    assert {file.name for file in files if "digest" not in json.loads(file.read_text(encoding="utf-8"))} == {"evidence.json", "shapes.json"}
     jsonschema.Draft202012Validator.check_schema(printed)
     named = json.loads(json.dumps(printed).replace('"additionalProperties": true', '"additionalProperties": false'))
     for below in named["$defs"].values():

@@ -290,7 +290,7 @@ def test_results_without_hashes(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"].pop("files"))
     report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
-    assert report.stderr.count("warning: loose-2: no hashes") == 1
+    assert report.stderr.count("warning: Not sealed: loose-2. No digest") == 1
     assert plans(frame)["loose-2"] == (True, "the earlier result is of an older version, without hashes of its files")
     assert not plans(frame)["tight"][0]
 
@@ -331,12 +331,26 @@ def test_results_without_a_digest_are_judged_anew(frame: Folder) -> None:
     change(frame.out / "loose-2" / "result.json", edit)
     report = frame.run("report", "--job", "loose-2")
     assert report.code == 0
-    assert "warning: loose-2: no hashes" in report.stderr
-    assert plans(frame)["loose-2"] == (False, "the earlier result is of an older version, without a digest of itself")
+    assert "warning: Not sealed: loose-2. No digest" in report.stderr
+    assert plans(frame)["loose-2"] == (False, "the earlier result is not sealed: of an older version, or changed by hand")
+    assert "not sealed" in frame.run("status", "--json").json["jobs"]["loose-2"]["reason"]
     outcome = frame.run("update", "--json", "--fail-on-loose")
     assert (outcome.code, outcome.json["judged"], outcome.json["kept"]) == (6, ["loose-2"], ["tight"])
     assert frame.result("loose-2") == before
     assert frame.run("report").stderr == ""
+
+
+def test_a_confirmed_reference_changes_no_result(frame: Folder) -> None:
+    tree = frame.tree()
+    frame.write(tree | {"update": tree["update"] | {"reference_guessed": True}})
+    outcome = frame.run("update", "--json")
+    assert outcome.json["kept"] == ["tight", "loose-2"]
+    assert "was guessed from names" in outcome.stderr
+    assert json.loads((frame.out / "campaign.json").read_text(encoding="utf-8"))["reference_guessed"]
+    frame.write(tree)
+    outcome = frame.run("update", "--json")
+    assert (outcome.json["kept"], outcome.stderr) == (["tight", "loose-2"], "")
+    assert not json.loads((frame.out / "campaign.json").read_text(encoding="utf-8"))["reference_guessed"]
 
 
 def test_the_result_of_another_job(frame: Folder) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,10 @@ from pathlib import Path
 import psutil
 import pytest
 from campaigns import Folder, command, environment, frame, lrbc, measure_again
+
+from lrbc_cli.report import outdated
+from lrbc_cli.watch.loop import Pace, Watch
+from lrbc_cli.watch.session import Session, WatchSettings
 
 LIMIT = 120.0
 
@@ -166,15 +171,67 @@ def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
         process = psutil.Process(run.process.pid)
         free = process.rlimit(psutil.RLIMIT_FSIZE)
         page = (folder.out / "report.html").read_bytes()
-        process.rlimit(psutil.RLIMIT_FSIZE, (20_000, free[1]))
+        process.rlimit(psutil.RLIMIT_FSIZE, (30_000, free[1]))
         shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
         run.says("loose-2: the disk is full; the measurement is kept")
         assert run.out.read_text() == ""
-        assert (folder.out / "report.html").read_bytes() == page
+        told = "loose-2 is measured and not judged, the disk is full: make room on the disk of "
+        run.until(lambda: told in outdated(folder.out / "report.html"))
+        # Whole, and of the same size.
+        assert len((folder.out / "report.html").read_bytes()) == len(page)
+        assert (folder.out / "report.html").read_bytes().endswith(page[-100_000:])
+        assert told in folder.run("status", "--json").json["report"]["trouble"]
         assert folder.result("tight")["status"] == "converged"
         process.rlimit(psutil.RLIMIT_FSIZE, free)
         run.tells("loose-2: B3, B4 loose")
-        run.until(lambda: b"loose-2" in (folder.out / "report.html").read_bytes())
+        run.until(lambda: b"loose-2: " in (folder.out / "report.html").read_bytes() and not outdated(folder.out / "report.html"))
+
+
+def test_what_cannot_be_used_is_on_the_page_until_it_is_mended(begun: Folder, tmp_path: Path) -> None:
+    folder = begun.copy(tmp_path / "frame")
+    frf, waiting, said = folder.data / "frf", folder.path / "waiting", list[str]()
+    watch = Watch(Session(WatchSettings(folder.config, (), folder.cache)), lambda verdict: None, said.append, Pace(settle=0.05))
+
+    def page() -> str:
+        watch.run(once=True)
+        return (folder.out / "report.html").read_text(encoding="utf-8").partition("</header>")[0]
+
+    def status() -> dict[str, object]:
+        found = folder.run("status", "--json").json
+        return {name: (job["state"], job["reason"]) for name, job in found["jobs"].items()} | {"beside": found["passed_over"]}
+
+    assert "Files that are not judged" not in page()
+    half = (waiting / "loose-2.csv").read_bytes()[:19]
+    for name in ("loose-2.csv", "third.csv"):
+        (frf / name).write_bytes(half)
+    (frf / "other.dat").write_text("measured by somebody else\n")
+    head = page()
+    assert watch.failed == {"loose-2", "third"}
+    for text in ("loose-2: no verdict: its files cannot be used", "matches no pattern of watch.pattern", "No verdict in 2 jobs."):
+        assert text in head
+    assert re.search(r"<li>third: [^<]*third.csv[^<]*</li>", head)
+    found = status()
+    assert found["third"][0] == found["loose-2"][0] == "unusable"
+    assert "third.csv" in found["third"][1]
+    assert "other.dat" in found["beside"][0]
+    assert "other.dat" in folder.run("status").stdout
+    # One is mended, one taken away, and so is the other file.
+    shutil.copy(waiting / "loose-2.csv", frf)
+    (frf / "third.csv").unlink()
+    (frf / "other.dat").unlink()
+    head = page()
+    assert "Files that are not judged" not in head
+    assert "cannot be used" not in head
+    assert watch.failed == set()
+    # Damaged anew: its result is that of an earlier measurement.
+    (frf / "loose-2.csv").write_bytes(half)
+    head = page()
+    assert "(of an earlier measurement; the files that are there now cannot be used)" in head
+    assert "with files that cannot be used: 1" in head
+    assert "earlier measurement" in status()["loose-2"][1]
+    # As it was: nothing is identified anew, and the page knows.
+    shutil.copy(waiting / "loose-2.csv", frf)
+    assert "cannot be used" not in page()
 
 
 def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     head = head_of(page_text(rich))
     assert "Loose bolts in 1 of 3 jobs: B08–B11. Jobs without verdict: 1, with inconclusive bolts: 1." in head
     assert "B08–B11 in 1 of 3 jobs, 4 of 4 observable bolts known to be removed are found" in re.sub(r"\s+", " ", head)
-    assert "1 of 30 bolt states" in head
+    assert "1 of 30 verdicts" in head
     assert "1 job without verdict, outside, never observable: B01, B17" in head
     for job in jobs_of(rich)[1]:
         assert job_sentence(job).removeprefix(job.job) in head

@@ -1,5 +1,7 @@
+import errno
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 from fake_campaign import campaign_of, reduction_of
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import NO_RESULT, missing_jobs, write_report
+from lrbc_cli.report import NO_RESULT, missing_jobs, outdate, outdated, write_report
 from lrbc_cli.results.job import FailedJob
 from lrbc_cli.results.store import digest_of, read_job
 from lrbc_cli.results.tables import read_frf
@@ -159,7 +161,55 @@ def hashed(output, job):
     spoil(file, "digest", value=digest_of(json.loads(file.read_text(encoding="utf-8"))))
 
 
+def seal(output, *names):
+    """As the commands write them; those of the fake campaign are as earlier versions wrote them."""
+    for name in names or ("campaign.json", "reduction.json"):
+        spoil(output / name, "digest", value=digest_of(json.loads((output / name).read_text(encoding="utf-8"))))
+
+
+def test_a_page_that_cannot_be_written_anew_says_that_it_is_old(output, monkeypatch):
+    page = write_report(output, workers=1, draw=False)
+    before, content = page.stat(), page.read_bytes()
+    assert outdated(page) == ""
+
+    def full(*args, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("lrbc_cli.report.files.atomic_write", full)
+        with pytest.raises(DataError, match="No space left") as caught:
+            write_report(output, workers=1, draw=False)
+    assert caught.value.hint.startswith("make room on this disk, then run the command again")
+    now = page.stat()
+    assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, before.st_ino)
+    assert "This page is old (" in outdated(page)
+    assert "No space left on device; make room on this disk" in outdated(page)
+    # Whatever is said fits, whole characters of it.
+    outdate(page, "<&>€" * 500)
+    assert outdated(page).endswith("…")
+    assert page.stat().st_size == before.st_size
+    start = content.index(b'<p id="old"')
+    assert page.read_bytes()[:start] == content[:start]
+    assert page.read_bytes().partition(b"</p>")[2] == content.partition(b"</p>")[2]
+    write_report(output, workers=1, draw=False)
+    assert outdated(page) == ""
+    # Pages of earlier versions have no room for it.
+    page.write_text("<p>an earlier version</p>")
+    outdate(page, "why")
+    outdate(output / "none.html", "why")
+    assert page.read_text() == "<p>an earlier version</p>"
+    assert outdated(output / "none.html") == ""
+
+
+def test_a_guessed_reference_job_is_said_at_the_top(output):
+    text = "The reference job bolts-00 was guessed from names"
+    assert text not in write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
+    spoil(output / "campaign.json", "reference_guessed", value=True)
+    assert text in write_report(output, workers=1, draw=False).read_text(encoding="utf-8").partition("</header>")[0]
+
+
 def test_tables_of_another_run_are_not_shown(output, caplog):
+    seal(output)
     for job in ("bolts-00", "bolts-04"):
         hashed(output, job)
     write_report(output, workers=1)
@@ -179,11 +229,36 @@ def test_tables_of_another_run_are_not_shown(output, caplog):
         write_report(output, workers=1)
 
 
-def test_tables_that_no_hash_vouches_for(output, caplog):
+def test_what_is_not_sealed_is_said_at_the_job_and_at_the_top(output, caplog):
+    seal(output, "campaign.json")
     hashed(output, "bolts-00")
-    write_report(output, workers=1)
+    page = write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
     (record,) = caplog.records
-    assert record.getMessage().startswith("bolts-04: no hashes")
+    assert record.getMessage().startswith("Not sealed: bolts-04, reduction.json. No digest")
+    head, rest = page.split("</header>")
+    assert "Not sealed: bolts-04, reduction.json. No digest" in head
+    assert re.search(r"bolts-04</a>:[^<]*\(not sealed\)</li>", head)
+    assert not re.search(r"bolts-00</a>:[^<]*\(not sealed\)</li>", head)
+    # In the table, and at the job.
+    assert rest.count(">not sealed</span>") == 2
+    hashed(output, "bolts-04")
+    seal(output)
+    assert "ot sealed" not in write_report(output, workers=1, draw=False).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["campaign.json", "reduction.json"])
+def test_sealed_records_that_were_edited_are_refused(output, name):
+    seal(output)
+    # Another layout is no edit.
+    file = output / name
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")), indent=4), encoding="utf-8")
+    write_report(output, workers=1, draw=False)
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    spoil(file, "tool" if name == "campaign.json" else "full_size", value={"name": "x", "version": "9"} if "tool" in tree else 7)
+    with pytest.raises(DataError, match="changed after it was written") as caught:
+        write_report(output, workers=1, draw=False)
+    assert caught.value.file == str(file)
+    assert "lrbc " in caught.value.hint
 
 
 @pytest.mark.parametrize("name", ["../bolts-00/frf.csv", "..", ""])

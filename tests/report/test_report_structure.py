@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import json
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from fake_campaign import campaign_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.report import write_report
 from lrbc_cli.report.drawing.structure import Camera, scene_of
-from lrbc_cli.report.parts.structure import structure_chart, structure_page
+from lrbc_cli.report.parts.structure import script, structure_chart, structure_page, structure_parts
 from lrbc_cli.report.write import write_structure
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
@@ -187,3 +189,41 @@ def test_a_damaged_structure_is_told(output: Path) -> None:
     write_json(output / "structure.json", tree)
     with pytest.raises(DataError, match=r"structure.json(.|\n)*bolts\[0\].position"):
         write_report(output, workers=1)
+
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no browser")
+@pytest.mark.parametrize("camera", ["-90.0,90.0", "-60.0,25.0", "-60.0,5.0", "-90.0,0.0"])
+def test_names_do_not_stand_on_one_another_on_a_narrow_page(output: Path, camera: str) -> None:
+    """Those of loose bolts are there whatever the view; the others, and the ticks, give way."""
+    job = job_of(output)
+    text = "".join(filter(None, structure_parts(plate(output), [job])))
+    data = re.search(r'"camera":\[[-\d.]+,[-\d.]+\]', text)
+    assert data is not None
+    page = output / "turned.html"
+    turned = text.replace(data[0], f'"camera":[{camera}]')
+    page.write_text(f"<meta charset=utf-8><body style='width:360px'>{turned}<script>{script()}</script>", encoding="utf-8")
+    line = [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--window-size=390,800", "--virtual-time-budget=20000"]
+    for _ in range(5):
+        done = subprocess.run([*line, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True)
+        # The document may be had before the first frame is drawn.
+        if '<svg aria-hidden="true" viewBox' in done.stdout:
+            break
+    boxes, shown = list[tuple[str, float, float, float]](), set[str]()
+    for attributes, name in re.findall(r'<text ([^>]*class="t [^>]*)>([^<]+)</text>', done.stdout):
+        own = dict(re.findall(r'([\w-]+)="([^"]*)"', attributes))
+        # Letters of symbols are none of them.
+        if "display: none" in own.get("style", "") or "x" not in own or name in ("n/c", "?", "✕"):
+            continue
+        # No letter is narrower on average.
+        long = 0.45 * 11 * len(name)
+        left = float(own["x"]) - {"start": 0.0, "middle": 0.5, "end": 1.0}[own["text-anchor"]] * long
+        boxes.append((name, left, left + long, float(own["y"])))
+        shown.add(name)
+    assert {bolt.name for bolt in job.bolts if bolt.verdict == "loose"} <= shown
+    for k, (name, left, right, base) in enumerate(boxes):
+        for other, low, high, beside in boxes[:k]:
+            assert not (left < high and low < right and abs(base - beside) < 8), (name, other)

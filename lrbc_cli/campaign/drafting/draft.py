@@ -339,6 +339,8 @@ class Draft:
         lines.append(
             f"  reference: {quoted(reference)}" if reference else "  # reference: tight               # the job with all bolts tight"
         )
+        guessed = "  reference_guessed: true             # remove this line once all bolts are known to be tight there"
+        lines += [guessed] if reference else []
         if reference and baselines:
             lines.append(f"  baselines: [{', '.join(map(quoted, baselines))}]   # further tight states: their scatter moves the threshold")
             self.todo.append(f"update.baselines: {', '.join(baselines)}, by the name; all bolts tight there?")

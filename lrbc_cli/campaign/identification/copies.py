@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.updating.residuals import decibel
 from lrbc_cli.updating.statistics import ValidationChannels
+
+#: Levels of less than 500 dB are known to this in single precision, and their differences [dB].
+_ROUNDING = 1e-4
 
 
 def copied_responses(own: Measurement, other: Measurement, limits: ValidationChannels) -> NDArray[np.int64]:
@@ -27,10 +33,8 @@ def copied_responses(own: Measurement, other: Measurement, limits: ValidationCha
     int array
         Empty where too few lines are common to tell.
     """
-    at = np.searchsorted(other.frequency_hz, own.frequency_hz * (1 - limits.same_line))
-    near = np.minimum(at, other.frequency_hz.size - 1)
-    common = np.flatnonzero(np.abs(other.frequency_hz[near] - own.frequency_hz) <= limits.same_line * own.frequency_hz)
-    a, b = own.values[common], other.values[near[common]]
+    mine, theirs = _common_lines(own.frequency_hz, other.frequency_hz, limits)
+    a, b = own.values[mine], other.values[theirs]
     found = []
     for i in range(min(a.shape[1], b.shape[1])):
         valid = np.isfinite(a[:, i]) & np.isfinite(b[:, i]) & (a[:, i] != 0) & (b[:, i] != 0)
@@ -40,6 +44,65 @@ def copied_responses(own: Measurement, other: Measurement, limits: ValidationCha
         if float(np.median(np.abs(difference - np.median(difference)))) <= limits.copied_db:
             found.append(i)
     return np.array(found, dtype=np.int64)
+
+
+def _common_lines(own: Floats, other: Floats, limits: ValidationChannels) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices of the common lines in both."""
+    near = np.minimum(np.searchsorted(other, own * (1 - limits.same_line)), other.size - 1)
+    common = np.flatnonzero(np.abs(other[near] - own) <= limits.same_line * own)
+    return common, near[common]
+
+
+class Earlier:
+    """The measurements that a further one may be a copy of, as ``copied_responses`` finds it; those that cannot be are passed over fast.
+
+    The median distance from the median is small only where half of the differences are within that distance. They are counted for all
+    measurements on the same lines at once, in single precision with room for it; where values are missing there is no short way.
+
+    Parameters
+    ----------
+    limits : ValidationChannels
+    """
+
+    def __init__(self, limits: ValidationChannels) -> None:
+        self.limits = limits
+        self._known: dict[str, Measurement] = {}
+        #: By the bytes of the lines: these, names, and levels of all responses (R, F) [dB].
+        self._grids: dict[bytes, tuple[Floats, list[str], list[NDArray[np.float32]]]] = {}
+
+    def add(self, name: str, measurement: Measurement) -> None:
+        """One more."""
+        self._known[name] = measurement
+        _, names, levels = self._grids.setdefault(measurement.frequency_hz.tobytes(), (measurement.frequency_hz, [], []))
+        names.append(name)
+        levels.append(_levels(measurement))
+
+    def copied(self, own: Measurement, responses: list[str]) -> str:
+        """What is wrong with a measurement that holds the numbers of an earlier one, the first of them; empty where it does not."""
+        likely = set(self._likely(own))
+        texts = (copied_text(own, other, name, responses, self.limits) for name, other in self._known.items() if name in likely)
+        return next((text for text in texts if text), "")
+
+    def _likely(self, own: Measurement) -> Iterator[str]:
+        level = _levels(own)
+        for lines, names, levels in self._grids.values():
+            mine, theirs = _common_lines(own.frequency_hz, lines, self.limits)
+            if mine.size < self.limits.least_common:
+                continue
+            difference = np.stack(levels)[:, :, theirs] - level[:, mine]
+            missing = np.isnan(difference)
+            partly = (missing.any(axis=2) & ~missing.all(axis=2)).any(axis=1)
+            difference[missing] = 0.0
+            difference -= np.median(difference, axis=2, keepdims=True)
+            near = np.count_nonzero(np.abs(difference) <= self.limits.copied_db + _ROUNDING, axis=2)
+            alike = ((2 * near >= mine.size) & ~missing.any(axis=2)).any(axis=1)
+            yield from (name for name, candidate in zip(names, alike | partly, strict=True) if candidate)
+
+
+def _levels(measurement: Measurement) -> NDArray[np.float32]:
+    """(R, F) levels [dB]; NaN where there is none."""
+    size = np.abs(measurement.values.T)
+    return np.asarray(decibel(np.where(size > 0, size, np.nan)), dtype=np.float32)
 
 
 def copied_text(own: Measurement, other: Measurement, name: str, responses: list[str], limits: ValidationChannels) -> str:

@@ -122,9 +122,9 @@ def _alone(folder: Path, job: JobPlan) -> JobPlan:
     found = replace(job, run=False, reason=NOTHING, record=stored)
     rested = stored.provenance.judgement
     other = changed(None if rested is None else rested.parts, job.judgement.parts, JUDGED)
-    if stored.digest is None:
+    if not stored.sealed:
         # Its verdicts may be anyone's; what they rest on is kept beside it.
-        other = "the earlier result is of an older version, without a digest of itself"
+        other = "the earlier result is not sealed: of an older version, or changed by hand"
     return found if other is None else _judged(found, folder.parent, other)
 
 

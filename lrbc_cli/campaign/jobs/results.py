@@ -380,6 +380,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             "operator": campaign.operator,
             "compare_with": campaign.compare_with,
             "reference": campaign.update.reference,
+            "reference_guessed": campaign.update.reference is not None and campaign.update.reference_guessed,
             "jobs": list(campaign.jobs),
             "bolts": bolts,
             "responses": [
@@ -391,7 +392,7 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
             "tool": {"name": "lrbc", "version": __version__},
         }
     )
-    write(output / "campaign.json", record)
+    write_sealed(output / "campaign.json", record)
 
 
 def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> ReductionRecord:
@@ -440,5 +441,4 @@ def write_reduction(output: Path, inputs: Inputs, stage: ReductionStage) -> Redu
         "versions": versions(),
     }
     record = ReductionRecord.checked(tree)
-    write(output / "reduction.json", record)
-    return record
+    return write_sealed(output / "reduction.json", record)

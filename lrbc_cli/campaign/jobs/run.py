@@ -23,7 +23,7 @@ from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read_job, write
+from lrbc_cli.results.store import read_job, write_sealed
 from lrbc_cli.updating.clearance import JobFinding, not_clear
 
 log = logging.getLogger(__name__)
@@ -159,7 +159,7 @@ class _Run:
                 self._keep(p)
         todo = [name for name in self.names if name not in outcome.results]
         write_campaign(self.output, self.inputs)
-        write(self.output / "structure.json", structure_of(self.inputs))
+        write_sealed(self.output / "structure.json", structure_of(self.inputs))
         if source is not None:
             source = replace(source, inputs=self.inputs, progress=self.progress)
             self.stage = source.stage

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
+from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import reduction_cost
-from lrbc_cli.errors import DataError, LrbcError, NumericalError
+from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import ReductionRecord
 from lrbc_cli.results.store import read, read_job
@@ -60,12 +61,15 @@ class CampaignStatus:
     cache : CacheDecision
     page : str
         What is wrong with ``report.html``: missing, or older than results; empty where nothing is.
+    passed_over : list of str
+        What to do about files in the watched folder that are nobody's.
     """
 
     jobs: dict[str, JobStatus]
     seconds_left: float | None
     cache: cache.CacheDecision
     page: str = ""
+    passed_over: list[str] = field(default_factory=list)
 
     def named(self, *states: str) -> list[str]:
         """The jobs in one of these states."""
@@ -86,7 +90,7 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
     decision = cache.look_up(folder, parts)
     plans = {p.name: p for p in plan(inputs, parts, choose_jobs(inputs, ()))} if campaign.jobs else {}
     jobs = {name: _status(inputs, plans[name]) for name in campaign.jobs}
-    found = CampaignStatus(jobs, None, decision, _page(inputs))
+    found = CampaignStatus(jobs, None, decision, _page(inputs), passed_over(campaign))
     ahead = len(found.named("new", "failed")) + sum(plans[name].run or plans[name].waits for name in found.named("stale"))
     known = [job.seconds for job in jobs.values() if job.seconds is not None]
     if not ahead:
@@ -125,7 +129,7 @@ def _unusable(inputs: Inputs, job: JobPlan) -> str | None:
     try:
         read_measurement(inputs, inputs.campaign.jobs[job.name], job.name)
     except (LrbcError, OSError) as error:
-        return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
+        return on_one_line(error)
     return None
 
 

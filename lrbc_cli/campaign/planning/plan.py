@@ -35,7 +35,7 @@ from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.results.store import read_job, versions, write
+from lrbc_cli.results.store import read_job, versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
@@ -447,4 +447,4 @@ def write_plan(output: Path, record: PlanRecord) -> None:
             said = [loss.decades, loss.change, loss.d_prime, loss.right, *(loss.right95 or (None, None)), loss.missed, loss.alarm]
             rows.append([*own, *said, *counts, bolt.note])
     write_csv(output / "plan.csv", COLUMNS, rows)
-    write(output / "plan.json", record)
+    write_sealed(output / "plan.json", record)

@@ -313,11 +313,22 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         groups=tuple(groups),
         bolts=bolts,
         notes=tuple(reader.notes),
-        warnings=tuple(reader.warnings),
+        warnings=(*_guesses(campaign), *reader.warnings),
         hashes=reader.hashes,
         recipe=recipe_of(campaign, model),
         shifts=reader.shifts,
     )
+
+
+def _guesses(campaign: Campaign) -> list[str]:
+    """What a person has not confirmed yet."""
+    update = campaign.update
+    if update.reference is None or not update.reference_guessed:
+        return []
+    return [
+        f"{campaign.place('update', 'reference')}: {update.reference} was guessed from names by `lrbc init --from`; if all bolts were "
+        "tight there, remove `reference_guessed`, else name another job"
+    ]
 
 
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:

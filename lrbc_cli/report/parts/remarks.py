@@ -12,7 +12,7 @@ from lrbc_cli.results.model import CampaignRecord
 
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
 UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
-_OUTCOMES = {True: ("passed", "converged"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
+_OUTCOMES = {True: ("passed", "passed"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
 #: A table of notes with more rows is folded away.
 _MANY = 12
 

@@ -39,7 +39,10 @@ _SHAPES = (
     "rings the model at the same sensors, in one scale; pressures stand upwards, in shares of the largest. FDAC compares both over "
     "all responses: 1 is the same shape at the same phase, which turns quickly at a sharp peak."
 )
-_ABOUT = "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view."
+_ABOUT = (
+    "Drag to turn, or use the arrow keys; + and − zoom, 0 returns to the first view. Names stand where there is room: point at a symbol, "
+    "tap it, or step along them with n, to see its own."
+)
 
 
 def structure_chart(record: StructureRecord, job: JobRecord | None = None, among: Sequence[JobRecord] = ()) -> Chart:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.report.drawing import format as fmt
-from lrbc_cli.report.html import Cell, Markup, details, table, tag
+from lrbc_cli.report.html import Cell, Markup, details, join, table, tag
 from lrbc_cli.results.job import Bolt, FailedJob, Job, JobRecord, ResponseMisfit
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 
@@ -25,11 +25,15 @@ _MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERE
 WORDS = {"undecided": "inconclusive"}
 #: What the probability of a bolt is of; result files state that of any change too, which the page leaves to them.
 OF_LOOSE = "posterior probability of being loose (change below the threshold)"
+#: What is said where nothing tells whether a record is as it was written.
+UNSEALED = "not sealed"
+_UNSEALED = "of an earlier version, or changed by hand: no digest tells that it is as it was written"
 
 
 def status_badge(job: Job) -> Markup:
-    """Return the status as a small coloured word."""
-    return tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
+    """Return the status as a small coloured word, and another one where the result does not vouch for itself."""
+    status = tag("span", job.status, class_=f"badge {job.status}", title=job.reason or None)
+    return status if job.sealed else join([status, tag("span", UNSEALED, class_="badge stopped", title=_UNSEALED)], " ")
 
 
 def loose_of(job: JobRecord) -> str:

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 import numpy as np
 
+from lrbc_cli.io.common import listing
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, details, tag
+from lrbc_cli.report.old import room
 from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
-from lrbc_cli.results.job import Job, JobRecord
+from lrbc_cli.report.parts.tables import UNSEALED
+from lrbc_cli.results.job import Job, JobRecord, Verdict
 from lrbc_cli.results.sentence import job_sentence
 
 #: What is said of a job of the campaign that the results do not have.
 NO_RESULT = "no result, not judged"
+
+#: Of a job whose files are there and cannot be used, without and with a result.
+CANNOT_BE_USED = "no verdict: its files cannot be used"
+EARLIER = "of an earlier measurement; the files that are there now cannot be used"
 
 #: Sentences beyond this number are folded away.
 _SENTENCES = 24
@@ -28,11 +35,12 @@ def header(content: Content, written: datetime) -> Markup:
     campaign = content.campaign
     about = [campaign.test_article, f"measured by {campaign.operator}" if campaign.operator else ""]
     about += [f"report of {written:%d %B %Y, %H:%M %Z}".strip(), content.tool]
-    sentences = [_sentence(content, job.job, job_sentence(job)) for job in content.jobs]
-    sentences += [tag("li", f"{name}: {NO_RESULT}") for name in content.missing]
+    sentences = [_sentence(content, job) for job in content.jobs]
+    sentences += [tag("li", f"{name}: {CANNOT_BE_USED if name in content.unusable else NO_RESULT}") for name in content.missing]
     first, rest = sentences[:_SENTENCES], sentences[_SENTENCES:]
     return tag(
         "header",
+        room(),
         tag("p", "Boundary conditions identified from measured FRFs", class_="eyebrow"),
         tag("h1", campaign.campaign),
         tag("p", campaign.description, class_="description") if campaign.description else None,
@@ -40,12 +48,41 @@ def header(content: Content, written: datetime) -> Markup:
         tag("p", campaign_sentence(content), class_="lead"),
         tag("ul", *first, class_="findings"),
         details(f"{len(rest)} further jobs", tag("ul", *rest, class_="findings")) if rest else None,
+        _files(content),
+        tag("p", _guessed(campaign.reference), class_="warning") if campaign.reference_guessed else None,
+        tag("p", unsealed_text(content.unsealed), class_="warning") if content.unsealed else None,
         tag("dl", *_tiles(content), class_="tiles"),
     )
 
 
-def _sentence(content: Content, job: str, text: str) -> Markup:
-    return tag("li", tag("a", job, href=f"#{content.anchors[job]}"), text.removeprefix(job))
+def _sentence(content: Content, job: Job) -> Markup:
+    text = job_sentence(job).removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    text += f" ({EARLIER})" if job.job in content.unusable else ""
+    return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
+
+
+def _files(content: Content) -> Markup | None:
+    """Measurements that cannot be used, and files that are nobody's, with what to do."""
+    lines = [f"{name}: {problem}" for name, problem in content.unusable.items()] + list(content.passed_over)
+    if not lines:
+        return None
+    return tag("div", tag("p", "Files that are not judged:"), tag("ul", *(tag("li", line) for line in lines)), class_="warning")
+
+
+def unsealed_text(names: Sequence[str]) -> str:
+    """Say what is not known of records that do not vouch for themselves."""
+    return (
+        f"Not sealed: {listing(list(names), 6)}. No digest tells that what they say is what was written: they are of an older version, or "
+        "were changed by hand. `lrbc update` writes results anew; `lrbc reduce`, `lrbc plan` and `lrbc calibrate --force` write theirs."
+    )
+
+
+def _guessed(reference: str | None) -> str:
+    return (
+        f"The reference job {reference} was guessed from names by `lrbc init --from`, and nobody confirmed it: all verdicts rest on it. "
+        "Where all bolts were tight there, remove `update.reference_guessed` from the campaign file, else name another job; then "
+        "`lrbc run`."
+    )
 
 
 def campaign_sentence(content: Content) -> str:
@@ -67,6 +104,7 @@ def campaign_sentence(content: Content) -> str:
     counts = {
         "without verdict": len(compared) - len(judged),
         "without result": len(missing),
+        "with files that cannot be used": sum(job.job in content.unusable for job in compared),
         "not validated": sum(not job.validated for job in judged),
         "with inconclusive bolts": sum(bool(job.names("undecided")) for job in judged),
     }
@@ -80,8 +118,8 @@ def _compared(content: Content) -> tuple[list[Job], list[str]]:
     return compared, [name for name in content.missing if name != content.campaign.reference]
 
 
-def _union(jobs: Iterable[JobRecord]) -> list[str]:
-    return list(dict.fromkeys(name for job in jobs for name in job.names("loose")))
+def _union(jobs: Iterable[JobRecord], verdict: Verdict = "loose") -> list[str]:
+    return list(dict.fromkeys(name for job in jobs for name in job.names(verdict)))
 
 
 def _tiles(content: Content) -> Iterable[Markup]:
@@ -95,7 +133,7 @@ def _tiles(content: Content) -> Iterable[Markup]:
     known = [job.misfit_db for job in done if math.isfinite(job.misfit_db.initial)]
     if known:
         value = fmt.change(float(np.mean([entry.initial for entry in known])), float(np.mean([entry.final for entry in known]))) + " dB"
-        yield _tile("Mean misfit before → after", value, "over all lines of the band, responses used, jobs")
+        yield _tile("Model against measurement", value, "mean difference before → after updating, of all lines, responses used and jobs")
     times = tables.account(jobs, content.reduction)
     if times is not None:
         parts = [f"{times.jobs} job{'' if times.jobs == 1 else 's'} and the reduction {fmt.seconds(times.spent)}"]
@@ -122,12 +160,14 @@ def _open(content: Content, judged: list[JobRecord], count: int) -> Markup:
     """What is neither loose nor tight, and jobs that say nothing."""
     bolts = [bolt for job in judged for bolt in job.observable]
     unsure = sum(bolt.verdict == "undecided" for bolt in bolts)
+    names = tables.ranges(_union(judged, "undecided"), content.campaign.bolt_names) or "none"
     without, unvalidated = count - len(judged), sum(not job.validated for job in judged)
-    notes = [f"{without} job{'' if without == 1 else 's'} without verdict"]
+    notes = [f"{unsure} of {len(bolts)} verdicts"] if bolts else []
+    notes += [f"{without} job{'' if without == 1 else 's'} without verdict"]
     notes += [f"{unvalidated} not validated"] if unvalidated else []
     outside = {bolt.name for job in content.done for bolt in job.bolts if bolt.outside}
     notes += [f"outside, never observable: {tables.ranges(sorted(outside), content.campaign.bolt_names)}"] if outside else []
-    return _tile("Inconclusive", f"{unsure} of {len(bolts)} bolt states" if bolts else fmt.MISSING, ", ".join(notes))
+    return _tile("Inconclusive", names if bolts else fmt.MISSING, ", ".join(notes))
 
 
 def _tile(title: str, value: str, note: str) -> Markup:
