@@ -10,6 +10,9 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.reading.powers import likely_mistake
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.units import USUAL_SYSTEMS, parse_system
@@ -21,6 +24,9 @@ FASTEST = 2e5
 #: Bounds of that speed from below, and of the mass of a node over the cube of the distance to its neighbours [kg/m³]: from thin sheets in
 #: coarse meshes to lead in fine ones.
 SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
+
+#: Middle of what is possible: what comes nearest to it is named.
+USUAL = ((SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5)
 
 MILLIMETRES = 1e-3
 
@@ -83,7 +89,7 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
     )
 
 
-def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path) -> str | None:
+def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
     """Refuse coordinates in which waves would be faster than any are.
 
     Returns
@@ -97,25 +103,33 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path)
         Where the spacing of the nodes does not fit stiffness over mass: millimetres, or matrices in t, mm and s.
     """
     translations = np.isin(dofs.component, ("UX", "UY", "UZ"))
+    source = campaign.model.dofs
+    file = source.nodes if isinstance(source, DofSource) else source
     for field, what in ((dofs.is_acoustic, "air"), (translations, "structure")):
         found = _speed_and_density(K, M, dofs, field)
         if found is not None and found[0] > FASTEST:
-            likely = _likely(*found) if what == "structure" else None
+            likely = likely_mistake(campaign, *found[:2], USUAL) if what == "structure" else None
             raise DataError(
                 f"the coordinates do not fit the matrices: waves in the {what} would travel at about {found[0]:.1g} m/s",
                 file=file,
                 expected=f"coordinates in metres, matrices in SI: below {FASTEST:.0e} m/s",
                 found=f"nodes {found[2]:.3g} apart, a model of {extents(dofs.xyz)}",
-                hint="are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
-                f"`units: {likely or 'mm-N-t'}` in the campaign file",
+                hint=likely
+                or "are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
+                "`units: mm-N-t` in the campaign file",
             )
     found = _speed_and_density(K, M, dofs, translations)
-    if found is None or LIGHTEST < found[1] < HEAVIEST or (likely := _likely(*found)) is None:
+    if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, *found[:2], USUAL)) is None:
         return None
-    return (
-        f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length: is the model written in other units? "
-        f"With `units: {likely}` in the campaign file speed and mass are those of a structure"
-    )
+    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
+
+
+def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
+    """What makes a model whose frequencies are far too low one of a structure; None where its speed and density are those of one."""
+    found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
+    if found is None or (found[0] > SLOWEST and LIGHTEST < found[1] < HEAVIEST):
+        return None
+    return likely_mistake(campaign, *found[:2], USUAL)
 
 
 def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
