@@ -178,13 +178,13 @@ def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[boo
     sideways = np.abs(y.imag) > np.abs(y.real)
     tells = min(sideways.sum(), (~sideways).sum()) >= LEAST_LINES
 
-    def alike(other: Complexes) -> float:
-        cosine = np.real(x * np.conj(other))
+    def alike(other: Complexes, sign: float = 1.0) -> float:
+        cosine = sign * np.real(x * np.conj(other))
         return float(0.5 * (cosine[sideways].mean() + cosine[~sideways].mean())) if tells else float(cosine.mean())
 
     # The conjugate of i omega is its opposite.
     return {
-        (turned, mirrored): (-1.0 if turned else 1.0) * alike((-1.0) ** power * np.conj(y) if mirrored else y)
+        (turned, mirrored): (-1.0 if turned else 1.0) * (alike(np.conj(y), (-1.0) ** power) if mirrored else alike(y))
         for turned in (False, True)
         for mirrored in (False, tells)
     }

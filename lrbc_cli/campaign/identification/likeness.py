@@ -43,7 +43,7 @@ def apart(measured: Complexes, model: Complexes) -> Floats:
     return spread(levels(measured) - levels(model), -2)
 
 
-def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes]) -> list[tuple[int, ...]]:
+def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:
     """Responses of one quantity in each other's place: measured i is computed j, j is the next, and so on round.
 
     Parameters
@@ -165,8 +165,8 @@ def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, 
     valid: Bools = np.isfinite(measured) & (measured != 0)
     known = np.where(valid, measured, 1.0)
 
-    def only(values: Complexes) -> Complexes:
-        return np.where(valid, values, np.nan + 0j)
+    def only(values: Complexes | Floats) -> Complexes:
+        return np.where(valid, values.astype(np.complex128), np.nan)
 
     yield only(1.0 / known), "", True
     real = bool(np.abs(known.imag).max() <= REAL * np.abs(known).max())
@@ -175,12 +175,12 @@ def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, 
         fix = f"levels in decibels taken for magnitudes, it seems: jobs.{job}.format: {{representation: db-phase}}"
         if real:
             fix = "levels in decibels taken for real parts, it seems: export real and imaginary parts, or levels with a column of phases"
-        yield only(10.0 ** (decibels / 20.0) + 0j), fix, False
+        yield only(10.0 ** (decibels / 20.0)), fix, False
     if not real:
         fix = f"magnitudes and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: magnitude-phase}}"
-        yield only(known.real + 0j), fix, False
+        yield only(known.real), fix, False
         if np.abs(known.real).max() < 1000.0:
             fix = f"decibels and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: db-phase}}"
-            yield only(10.0 ** (known.real / 20.0) + 0j), fix, False
+            yield only(10.0 ** (known.real / 20.0)), fix, False
     fix = "squared magnitudes, it seems (power spectra): export the FRFs, response over force, with their phases"
-    yield only(np.sqrt(np.abs(known)) + 0j), fix, False
+    yield only(np.sqrt(np.abs(known))), fix, False

@@ -299,7 +299,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     lossy = _lossy(campaign, acoustic)
     K, extras = lossy(K), {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model, groups), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
+    reader.warn(*doubts(model), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign, reader.dofs)

@@ -11,7 +11,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.powers import GRAVITIES, POWERS, mistake_text
+from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.campaign.reduced.memory import options_of
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
@@ -43,7 +43,7 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Co
     before : float
         How far levels are apart as it is, constants taken out, in the median over the responses [dB].
     """
-    found = []
+    found: list[tuple[float, str, float, float]] = []
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
         # Near one that explains the measurement only those matter that lie next to it.

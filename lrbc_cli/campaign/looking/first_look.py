@@ -20,8 +20,8 @@ from lrbc_cli.campaign.identification.likeness import (
     spread,
 )
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.identification.rescaled import COARSE, rescaled_text
 from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.rescaled import COARSE, rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
