@@ -189,9 +189,10 @@ def _trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
     Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
     """
     alike = sum(other.named and other.power == offset.power for other in offsets)
-    shared = [other for other in offsets if other.named and other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH]
-    # What most of the others say needs less to be believed.
-    if 2 * len(shared) <= len(offsets) and (offset.half > MOST_REACH or offset.after > MOST_LEFT):
+    firm = [other for other in offsets if other.named and other.half <= MOST_REACH and other.after <= MOST_LEFT]
+    shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
+    # What most of the others say for themselves needs less to be believed.
+    if offset not in firm and 2 * shared <= len(offsets):
         return False
     return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
 

@@ -25,8 +25,8 @@ FASTEST = 2e5
 #: coarse meshes to lead in fine ones.
 SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
 
-#: Middle of what is possible: what comes nearest to it is named.
-USUAL = ((SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5)
+#: Middle of what is possible, and a metre for the size of a structure: what comes nearest to them is named.
+USUAL = np.array([(SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5, 1.0])
 
 MILLIMETRES = 1e-3
 
@@ -39,7 +39,7 @@ POWERS = (-12, -9, -6, -3, 3, 6, 9, 12)
 #: Weight densities typed as mass densities leave the acceleration of gravity [m/s², in/s²].
 GRAVITIES = (9.80665, 386.0886)
 
-#: Decades within which speed and density of structures and meshes lie about their usual size.
+#: Decades within which speed, density and size of structures and meshes lie about the usual.
 MOST_OFF = 1.8
 
 #: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
@@ -137,7 +137,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
     for field, what in ((dofs.is_acoustic, "air"), (translations, "structure")):
         found = _speed_and_density(K, M, dofs, field)
         if found is not None and found[0] > FASTEST:
-            likely = likely_mistake(campaign, *found[:2]) if what == "structure" else None
+            likely = likely_mistake(campaign, dofs, *found[:2]) if what == "structure" else None
             raise DataError(
                 f"the coordinates do not fit the matrices: waves in the {what} would travel at about {found[0]:.1g} m/s",
                 file=file,
@@ -148,7 +148,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
                 "`units: mm-N-t` in the campaign file",
             )
     found = _speed_and_density(K, M, dofs, translations)
-    if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, *found[:2])) is None:
+    if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, dofs, *found[:2])) is None:
         return None
     return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
 
@@ -158,7 +158,7 @@ def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign
     found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
     if found is None or (found[0] > SLOWEST and LIGHTEST < found[1] < HEAVIEST):
         return None
-    return likely_mistake(campaign, *found[:2])
+    return likely_mistake(campaign, dofs, *found[:2])
 
 
 def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
@@ -204,7 +204,7 @@ def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -
         Of the campaign file: paths are relative to it.
     """
     reference = model.stiffness if matrix == "stiffness" else model.mass
-    size = f"{factor:.4g} times too large" if factor > 1.0 else f"too small by {factor:.4g}"
+    size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
     cause = _CAUSES.get((matrix, factor))
     given = reference.scale if isinstance(reference.scale, float) else 1.0
     group = f", group: {reference.group}" if reference.group else ""
@@ -214,36 +214,41 @@ def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -
     )
 
 
-def likely_mistake(campaign: Campaign, speed: float, density: float) -> str | None:
-    """What makes speed of waves and density of a model that is not possible as it stands those of a structure, and what to write.
+def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: float) -> str | None:
+    """What makes speed of waves, density and size of a model that is not possible as it stands those of a structure, and what to write.
 
     Parameters
     ----------
     campaign : Campaign
+    dofs : DofTable
     speed, density : float
         As the campaign has them [m/s, kg/m³].
 
     Returns
     -------
     str or None
-        None where nothing known comes within a decade and a half of both.
+        None where nothing known comes near all three.
     """
     found: list[tuple[float, str]] = []
+    stated, size = campaign.unit_system, float(np.linalg.norm(np.ptp(dofs.xyz, axis=0)))
 
-    def add(text: str, speed: float, density: float) -> None:
-        off = np.abs(np.log10([speed / USUAL[0], density / USUAL[1]]))
+    def add(text: str, *values: float, handicap: float = 0.0) -> None:
+        off = np.abs(np.log10(np.array(values) / USUAL))
         if off.max() <= MOST_OFF:
-            found.append((float(off.sum()), text))
+            found.append((float(off[:2].sum()) + handicap, text))
 
-    if campaign.unit_system == SI:
-        for name in USUAL_SYSTEMS:
-            unit = parse_system(name)
-            add(f"the model is in other units: write units: {name}", speed * unit.length / unit.time, density * unit.mass / unit.length**3)
-    for power in POWERS:
-        factor = 10.0**power
+    for unit in (SI, *map(parse_system, USUAL_SYSTEMS)):
+        length, mass, time = unit.length / stated.length, unit.mass / stated.mass, unit.time / stated.time
+        if unit != stated:
+            text = f"the model is in other units: write `units: {unit.text}`"
+            add(text, speed * length / time, density * mass / length**3, size * length)
+    text = "the coordinates of the DOF table are millimetres, the matrices in metres: convert them, or export all in one system of units"
+    add(text, speed * MILLIMETRES, density / MILLIMETRES**3, size * MILLIMETRES)
+    for factor in (10.0**power for power in POWERS):
+        # The units of all are the likelier slip.
         for matrix, change in (("mass", (factor**0.5, 1.0 / factor)), ("stiffness", (factor**-0.5, 1.0))):
             text = mistake_text(campaign.model, matrix, factor, campaign.path.parent)
-            add(text, speed * change[0], density * change[1])
+            add(text, speed * change[0], density * change[1], size, handicap=ALIKE)
     if not found:
         return None
     least = min(found)[0]
