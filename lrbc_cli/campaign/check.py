@@ -12,10 +12,10 @@ import numpy as np
 
 from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.identification.copies import Earlier
-from lrbc_cli.campaign.identification.first_look import first_look
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.looking.first_look import first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor
 from lrbc_cli.campaign.reduced import cache

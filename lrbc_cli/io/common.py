@@ -87,6 +87,12 @@ def whole(path: Path) -> bytes:
     return content
 
 
+def ends_early(path: Path, place: str, expected: object, found: object) -> DataError:
+    """Error for a file that stops in the middle of a line, or before all is there that its header states."""
+    hint = "the file was cut when it was copied or written: copy it again, or export it again"
+    return DataError("the file ends early", file=path, place=place, expected=expected, found=found, hint=hint)
+
+
 def check_allocation(needed: int, file_size: int, path: Path, place: str, *, compressed: bool = False) -> None:
     """Refuse an array that the file cannot possibly hold.
 
@@ -177,6 +183,8 @@ def damaged(path: Path, what: str, place: str | None = None) -> Iterator[None]:
         raise
     except Exception as error:
         found = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        if isinstance(error, EOFError):
+            raise ends_early(path, place or what, f"a whole {what}", found) from error
         raise DataError(
             f"this {what} cannot be read",
             file=path,

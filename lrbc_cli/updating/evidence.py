@@ -142,7 +142,7 @@ class Evidence:
     unvalidated : str
         Why none of them is a validation channel.
     doubted : str or None
-        What is wrong with the measurement where it is that of the reference job once more, or ends before it.
+        What is wrong with the measurement where it is that of the reference job once more, ends before it, or has sensors exchanged.
     setting : str
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str

@@ -6,8 +6,8 @@ counts where the medians of parts of the band agree on it, and where little is l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -39,6 +39,9 @@ POWERS = (-2, -1, 1, 2)
 #: Mean cosine between measured and computed phase from which they count as equal, and by how much that must exceed the cosine as it is:
 #: 0.6 is 53 degrees, while phases that have nothing to do with each other give 0.
 ALIKE, TURNED = 0.6, 0.6
+
+#: The same of the mean over all responses, where they are taken to be mirrored.
+LEAST_ALIKE = 0.35
 
 GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894.757
 
@@ -85,6 +88,8 @@ class Offset:
         Whether the factor explains the misfit.
     reversed, conjugate : bool
         Whether the phase is turned by 180 degrees, and whether it runs the other way.
+    phases : mapping
+        How alike the phases are if turned, and if mirrored: mean cosines.
     """
 
     response: int
@@ -97,6 +102,7 @@ class Offset:
     named: bool = False
     reversed: bool = False
     conjugate: bool = False
+    phases: Mapping[tuple[bool, bool], float] = field(default_factory=dict, repr=False)
 
     @property
     def unit(self) -> Known | None:
@@ -158,26 +164,57 @@ def _parts(values: Floats) -> tuple[float, float]:
     return centre, STUDENT * MEDIAN_SPREAD * spread / float(np.sqrt(count))
 
 
-def _turns(measured: Complexes, model: Complexes) -> tuple[bool, bool]:
-    """Whether the measured phases are the computed ones turned by 180 degrees, or mirrored at the real axis."""
+def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[bool, bool], float]:
+    """How alike the phases are: as they are, turned, mirrored, or both, by whether turned and whether mirrored.
+
+    Parameters
+    ----------
+    measured, model : (F,) complex arrays
+    power : int
+        Of i omega that is taken off the measured ones.
+    """
     x, y = measured / np.abs(measured), model / np.abs(model)
     # Near the real axis a mirror changes nothing, near the imaginary one it cannot be told from a turn: each has half the say.
     sideways = np.abs(y.imag) > np.abs(y.real)
     tells = min(sideways.sum(), (~sideways).sum()) >= LEAST_LINES
 
-    def alike(other: Complexes) -> float:
-        cosine = np.real(x * np.conj(other))
+    def alike(other: Complexes, sign: float = 1.0) -> float:
+        cosine = sign * np.real(x * np.conj(other))
         return float(0.5 * (cosine[sideways].mean() + cosine[~sideways].mean())) if tells else float(cosine.mean())
 
-    scores = {
-        (turned, mirrored): (-1.0 if turned else 1.0) * alike(np.conj(y) if mirrored else y)
+    # The conjugate of i omega is its opposite.
+    return {
+        (turned, mirrored): (-1.0 if turned else 1.0) * (alike(np.conj(y), (-1.0) ** power) if mirrored else alike(y))
         for turned in (False, True)
         for mirrored in (False, tells)
     }
+
+
+def _turns(scores: dict[tuple[bool, bool], float]) -> tuple[bool, bool]:
+    """The likeliest, where it is clear."""
     best = max(scores, key=lambda key: scores[key])
     if scores[best] >= ALIKE and scores[best] - scores[False, False] >= TURNED:
         return best
     return False, False
+
+
+def _one_convention(offsets: Sequence[Offset]) -> list[Offset]:
+    """One file has one convention of the sign: all responses are mirrored, or none. Of all together less is enough than of one."""
+    telling = [offset.phases for offset in offsets if (False, True) in offset.phases]
+
+    def best(turned: bool) -> float:
+        # Sensors may be reversed one by one.
+        return float(np.mean([max(phases[False, turned], phases[True, turned]) for phases in telling])) if telling else 0.0
+
+    mirrored = best(True) >= LEAST_ALIKE and best(True) - best(False) >= LEAST_ALIKE
+    found = []
+    for offset in offsets:
+        if mirrored and (False, True) in offset.phases:
+            scores = {(turned, False): offset.phases[turned, True] for turned in (False, True)}
+        else:
+            scores = {key: score for key, score in offset.phases.items() if not key[1]}
+        found.append(replace(offset, conjugate=mirrored, reversed=_turns(scores)[0]))
+    return found
 
 
 def offset_of(
@@ -237,8 +274,7 @@ def offset_of(
     big = best.power != 0 or abs(best.db) >= max(LEAST_OFFSET, best.half)
     named = bool(big and np.isfinite(best.half) and best.after <= LEFT * least)
     known = tuple(k for k in best.known if k.db != 0.0 or best.power)
-    turned, mirrored = _turns(x, y)
-    return replace(best, known=known, before=least, named=named, reversed=turned, conjugate=mirrored)
+    return replace(best, known=known, before=least, named=named, phases=_scores(x, y, best.power))
 
 
 def moved(quantity: str, power: int) -> str | None:
@@ -275,7 +311,7 @@ def offsets_of(frequency_hz: Floats, measured: Complexes, states: Sequence[Compl
             other = of(offset.response, (usual,)) if offset.named and offset.power != usual else None
             if other is not None and other.named:
                 found[i] = other
-    return tuple(found)
+    return tuple(_one_convention(found))
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,18 @@ def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
     assert outcome.stderr.count("reversed sign") == 1
 
 
+def test_exchanged_sensors_are_told_by_update_too(frame: Folder) -> None:
+    """The warning of check, through the same code; no verdict of that job is called well founded."""
+    path = frame.data / "frf" / "loose-2.csv"
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    path.write_text("\n".join([head, *(",".join([c[0], *c[3:5], *c[1:3], *c[5:]]) for c in cells)]) + "\n")
+    tree = update(frame, "loose-2").json["results"]["loose-2"]
+    (told,) = [text for text in tree["warnings"] if "in each other's place" in text]
+    assert "jobs.loose-2.records: {acc2: acc1, acc1: acc2}" in told
+    assert tree["validity"]["passed"] is not True
+
+
 @pytest.mark.slow
 def test_velocities_for_accelerations(frame: Folder) -> None:
     tree = frame.tree()

@@ -144,19 +144,71 @@ def german(content: str) -> str:
     return content.replace(",", ";").replace(".", ",")
 
 
-def grams(folder: Folder) -> None:
-    """The mass matrix in g, all else in SI."""
-    path = folder.data / "model" / "mass.mtx.gz"
-    scipy.io.mmwrite(folder.data / "model" / "grams.mtx", 1e3 * scipy.io.mmread(path, spmatrix=False), symmetry="symmetric", precision=17)
-    folder.replace("mass.mtx.gz", "grams.mtx")
-
-
 def conjugate(rows: np.ndarray) -> np.ndarray:
     return rows * np.where(np.isin(np.arange(rows.shape[1]), range(2, 9, 2)), -1.0, 1.0)
 
 
 def exchanged(rows: np.ndarray) -> np.ndarray:
     return rows[:, [0, 3, 4, 1, 2, *range(5, 9)]]
+
+
+def as_complex(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Rows:
+    """Change FRFs, (F, R), given their frequencies."""
+
+    def rows_of(rows: np.ndarray) -> np.ndarray:
+        values = change(rows[:, :1], rows[:, 1::2] + 1j * rows[:, 2::2])
+        return np.column_stack([rows[:, :1], *(part for value in values.T for part in (value.real, value.imag))])
+
+    return rows_of
+
+
+def decibels(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return 20.0 * np.log10(np.abs(values)) + 0j
+
+
+def magnitudes(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.abs(values) + 1j * np.degrees(np.angle(values))
+
+
+def some(factor: float, *channels: int) -> Rows:
+    at = np.array(channels)
+
+    def change(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+        values[:, at] *= factor
+        return values
+
+    return as_complex(change)
+
+
+def matrix_times(name: str, factor: float) -> Damage:
+    """A Matrix Market file with other numbers, under another name."""
+
+    def damage(folder: Folder) -> None:
+        matrix = scipy.io.mmread(folder.data / "model" / name, spmatrix=False)
+        scipy.io.mmwrite(folder.data / "model" / "other.mtx", factor * matrix, symmetry="symmetric", precision=17)
+        folder.replace(f"data/model/{name}", "data/model/other.mtx")
+
+    return damage
+
+
+def triplets_times(name: str, factor: float) -> Damage:
+    def damage(folder: Folder) -> None:
+        path = folder.data / name
+        lines = [line.split() for line in gzip.decompress(path.read_bytes()).decode().splitlines()]
+        text_ = "".join(f"{row} {column} {float(value) * factor:.14e}\n" for row, column, value in lines)
+        path.write_bytes(gzip.compress(text_.encode()))
+
+    return damage
+
+
+def cut_in_line(name: str, share: float = 0.6) -> Damage:
+    """Without the last number of a line, and without its end."""
+
+    def cut(content: str) -> str:
+        content = content[: int(share * len(content))]
+        return content[: max(content.rindex(sign) for sign in ", " if sign in content)]
+
+    return text(name, cut)
 
 
 HZ = np.arange(30.0, 501.0)
@@ -183,7 +235,9 @@ LOOSE = "frf: data/frf/loose-2.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
-    "model in other units",
+    "mass a thousand times too large",
+    "stiffness a thousand times too large",
+    "weight density",
     "DOF table component by component",
     "DOF table in no order",
     "loss factor in per cent",
@@ -214,9 +268,105 @@ MISTAKES = [
         text("model/stiffness.mtx", first_lines(0.6)),
         3,
         "found:    2844 entries",
-        "truncated",
+        "copy it again",
     ),
     Mistake("list of entries cut at a line end", "plate", cut_gz("plate.sti.gz"), 3, "the stiffness matrix ends early", "file cut"),
+    Mistake("stiffness cut in a line", "frame", cut_in_line("model/stiffness.mtx"), 3, "the file ends early", "copy it again"),
+    Mistake("FRFs cut in a line", "frame", cut_in_line("frf/loose-2.csv"), 3, "the file ends early", "copy it again"),
+    Mistake("UFF cut in a line", "plate", cut_in_line("frf/b5-loose.uff"), 3, "the file ends early", "copy it again"),
+    Mistake("DOF table cut in a line", "frame", cut_in_line("model/dofs.csv"), 3, "the file ends early", "copy it again"),
+    Mistake(
+        "springs in N/m",
+        "plate",
+        text("bushings.csv", lambda t: t.replace(",5000\n", ",5000000\n").replace(",1000\n", ",1000000\n")),
+        0,
+        "holds 0.001 times what bushings.csv says",
+        "are in N/m, it seems, not in N/mm: divide them by 1000",
+    ),
+    Mistake(
+        "density in kg/m3 in mm, N, t",
+        "plate",
+        triplets_times("plate.mas.gz", 1e12),
+        3,
+        "far below the band",
+        "the mass matrix is 1e+12 times too large (density in kg/m³ where the units want t/mm³)",
+    ),
+    Mistake(
+        "density in t/mm3 in SI",
+        "frame",
+        matrix_times("mass.mtx.gz", 1e-12),
+        3,
+        "do not fit",
+        "model.mass: {file: data/model/other.mtx, scale: 1e+12}",
+    ),
+    Mistake("modulus in MPa in SI", "frame", matrix_times("stiffness.mtx", 1e-6), 3, "far below the band", "modulus in MPa where"),
+    Mistake("mass a thousand times too large", "frame", matrix_times("mass.mtx.gz", 1e3), 0, "1000 times too large", "kg for t"),
+    Mistake(
+        "weight density", "frame", matrix_times("mass.mtx.gz", 9.80665), 0, "9.807 times too large (a weight density", "scale: 0.101972}"
+    ),
+    Mistake(
+        "stiffness a thousand times too large",
+        "frame",
+        matrix_times("stiffness.mtx", 1e3),
+        0,
+        "stiffness matrix is 1000 times",
+        "scale: 0.001}",
+    ),
+    Mistake(
+        "some channels in g",
+        "frame",
+        numbers(FRFS[1], some(1 / 9.80665, 0, 1)),
+        0,
+        "acc1, acc2: measured over computed",
+        "jobs.loose-2.scale: {acc1: 9.80665, acc2: 9.80665}",
+    ),
+    Mistake(
+        "one job in mm/s2",
+        "frame",
+        numbers(FRFS[1], some(1e3, 0, 1, 2, 3)),
+        0,
+        "all responses (acc1, acc2, acc3, acc4)",
+        "jobs.loose-2.format.unit: mm/s2/N",
+    ),
+    Mistake(
+        "inverse FRFs",
+        "frame",
+        all_of(*(numbers(n, as_complex(lambda hz, h: 1.0 / h)) for n in FRFS)),
+        0,
+        "inverse FRFs, it seems (apparent mass",
+        "take the reciprocal",
+    ),
+    Mistake(
+        "impedances",
+        "frame",
+        all_of(*(numbers(n, as_complex(lambda hz, h: 2j * np.pi * hz / h)) for n in FRFS)),
+        0,
+        "inverse FRFs, it seems (mechanical impedance",
+        "export acceleration over force",
+    ),
+    Mistake(
+        "decibels as real parts", "frame", numbers(FRFS[0], as_complex(decibels)), 0, "decibels taken for real parts", "export real and"
+    ),
+    Mistake(
+        "magnitude and phase as two parts",
+        "frame",
+        numbers(FRFS[0], as_complex(magnitudes)),
+        0,
+        "phases taken for real and imaginary",
+        "jobs.tight.format: {representation: magnitude-phase}",
+    ),
+    Mistake("conjugate in one job", "frame", numbers(FRFS[1], conjugate), 0, "the other way, it seems: all responses", "times -1"),
+    Mistake(
+        "velocities in one job", "frame", numbers(FRFS[1], integrated), 0, "likely velocity, not acceleration", "else export loose-2 again"
+    ),
+    Mistake(
+        "three sensors in a ring",
+        "frame",
+        numbers(FRFS[1], as_complex(lambda hz, h: h[:, [1, 2, 0, 3]])),
+        0,
+        "acc1, acc2 and acc3 in each other's place",
+        "jobs.loose-2.records: {acc2: acc1, acc3: acc2, acc1: acc3}",
+    ),
     Mistake("mass cut at a line end", "plate", cut_gz("plate.mas.gz"), 3, "the mass matrix ends early", "file cut"),
     Mistake("DOF map of another model", "plate", text("plate.dof", first_lines(0.9)), 3, "DOF map does not fit", "one model in one run"),
     Mistake(
@@ -348,7 +498,6 @@ MISTAKES = [
     ),
     Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
     Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "name one matrix", "name its own file"),
-    Mistake("model in other units", "frame", grams, 0, "have little in common", "check the mass sum"),
     Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "run the other way", "conjugate the FRF file"),
     Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "likely acceleration", "responses.acc1.quantity: acceleration"),
     Mistake("table of a German office", "frame", text("model/bolts.csv", german), 3, "'-0,01'", "with decimal points"),

@@ -382,7 +382,7 @@ MARKET = "%%MatrixMarket matrix coordinate real general\n"
         (MARKET + "2 2 1000000000000\n1 1 1\n", "more data than the file holds"),
         (MARKET + "1000000000000 1000000000000 1\n1 1 1\n", "do not fit the file"),
         ("%%MatrixMarket matrix array real general\n1000000 1000000\n1\n", "more data than the file holds"),
-        (MARKET + "2 2 2\n1 1 1\n", "number of entries"),
+        (MARKET + "2 2 2\n1 1 1\n", "line 3: the file ends early(.|\n)*2 entries(.|\n)*copy it again"),
         (MARKET + "2 2 1\n1 1 1\n1 2 2\n", "number of entries"),
         (MARKET + "2 2 1\n1 1 1e", "line 3"),
         (MARKET + "2 2 1\n1.5 1 1\n", "line 3"),

@@ -117,6 +117,17 @@ def test_conjugates(frfs):
     assert all(o.conjugate and not o.reversed for o in offsets)
 
 
+def test_conjugates_of_velocities_are_not_reversed_too(frfs):
+    offsets = found((frfs["measured"] / S[:, None]).conj(), frfs["computed"])
+    assert all(o.power == -1 and o.conjugate and not o.reversed for o in offsets)
+
+
+def test_one_response_alone_is_no_other_convention(frfs):
+    spoilt = frfs["measured"].copy()
+    spoilt[:, 1] = spoilt[:, 1].conj()
+    assert not any(o.conjugate for o in found(spoilt, frfs["computed"]))
+
+
 def test_sign_and_unit_together(frfs):
     offsets = found(-frfs["measured"] / 9.80665, frfs["computed"])
     assert all(o.reversed and o.unit is not None for o in offsets)

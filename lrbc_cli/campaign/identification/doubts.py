@@ -8,6 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.likeness import exchanged, exchanged_text
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
@@ -79,6 +80,8 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
     if b and other is not None:
         cause = f"{likely} {other}, not {quantity}{' and ' + causes[0] if causes else ''}: "
         keys = ", ".join(f"responses.{inputs.responses[i].name}.quantity: {other}" for i in common.responses)
+        if job != inputs.campaign.update.reference:
+            keys += f" (where all jobs hold it; else export {job} again as {quantity})"
         return text, cause + keys + (f", and jobs.{job}.format.unit: {unit}" if unit else "")
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
@@ -113,7 +116,7 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[st
     if mirrored:
         found.append(
             f"phases run the other way, it seems: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed; "
-            f"likely the convention exp(-i omega t): conjugate the FRF file{tail}"
+            f"likely the convention exp(-i omega t): conjugate the FRF file (imaginary parts, or phases, times -1){tail}"
         )
     return found
 
@@ -188,8 +191,8 @@ def doubts(
     result: Identification,
     reference: JobRecord | None,
     misfit: tuple[float | None, float | None],
-) -> tuple[list[str], str]:
-    """Warnings of a job, and what was compared and found of constant factors.
+) -> tuple[list[str], str, str | None]:
+    """Warnings of a job, what was compared and found of constant factors, and which sensors are in each other's place, if any.
 
     Parameters
     ----------
@@ -200,14 +203,18 @@ def doubts(
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].
     """
+    exchanges = exchanged(inputs, result.measurement.values, (result.initial, result.updated))
+    involved = {i for cycle in exchanges for i in cycle}
     offsets = factors_of(inputs, result.measurement, (result.initial, result.updated))
+    offsets = tuple(offset for offset in offsets if offset.response not in involved)
+    swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     job = inputs.campaign.jobs[result.name]
-    found = offset_texts(inputs, offsets, result.name)
+    found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name)]
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]
-    return found + [text for text in further if text is not None], compared
+    return found + [text for text in further if text is not None], compared, swapped or None
 
 
 def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job: str) -> None:

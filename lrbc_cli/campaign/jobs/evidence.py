@@ -63,7 +63,9 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
     update = inputs.campaign.update
     compared, misfit, unvalidated = _misfit(inputs, result)
     used = inputs.used
-    warnings, setting = doubts(inputs, result, reference, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
+    warnings, setting, swapped = doubts(
+        inputs, result, reference, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used]))
+    )
     edges, bolts = _bolts(inputs, result, reference)
     wanted = update.reference not in (None, result.name)
     return Evidence(
@@ -79,7 +81,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         reference_misfit_db=_reference_misfit(result, reference, compared),
         used_misfit_db=mean_of(result.misfit_final[used]),
         unvalidated=unvalidated,
-        doubted=_doubted(inputs, result, reference),
+        doubted=_doubted(inputs, result, reference) or swapped,
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),

@@ -23,7 +23,7 @@ from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import DofSource, FieldDamping, ProportionalDamping, ResponseConfig
+from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.method import Facts, Method, resolve
@@ -299,10 +299,10 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     lossy = _lossy(campaign, acoustic)
     K, extras = lossy(K), {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
     model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
-    reader.warn(*doubts(model, groups), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
+    reader.warn(*doubts(model), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
-    require_frequencies(model, campaign)
+    require_frequencies(model, campaign, reader.dofs)
     return Inputs(
         campaign=campaign,
         model=model,
@@ -388,7 +388,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         reader.leave_out(fixed)
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
-        doubt = require_metres(K, M, reader.dofs, source.dofs.nodes if isinstance(source.dofs, DofSource) else source.dofs)
+        doubt = require_metres(K, M, reader.dofs, reader.campaign)
         reader.warn(*(text for text in (doubt, order_doubt(K, reader.dofs)) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic

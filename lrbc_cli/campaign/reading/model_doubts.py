@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,7 @@ from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
 from lrbc_cli.reduction.vectors import highest_omega
 from lrbc_cli.updating.places import Edge, Joints, spots
 
@@ -42,8 +43,8 @@ HELD = 0.01
 _DIGITS = 9
 
 
-def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
-    """Warnings about the matrices and the terms, in words."""
+def doubts(model: FeModel) -> list[str]:
+    """Warnings about the matrices, in words."""
     m, found = model, []
     if np.iscomplexobj(m.K.data) and loss_factor(m) < 0:
         found.append(
@@ -55,14 +56,6 @@ def doubts(model: FeModel, groups: Iterable[TermGroup]) -> list[str]:
         found.append(
             f"{penalty} structural DOFs have a huge diagonal: penalties of fixed DOFs? they cannot be loosened; export the edge pinned"
         )
-    for group in groups:
-        if group.config.baseline > 0 and group.config.kind == "stiffness":
-            left, right = m.terms.left[:, group.terms], m.terms.right[:, group.terms]
-            share = np.asarray((left.multiply(m.K.real @ right)).sum(axis=0)).ravel()
-            norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
-            if np.any(share < group.config.baseline * norm * (1 - 1e-9)):
-                stated = f"parameters {group.name}: the baseline {group.config.baseline:g}"
-                found.append(f"{stated} is more than the stiffness matrix holds there")
     return found
 
 
@@ -205,7 +198,7 @@ def slips(
     yield from _damping(campaign, model)
     yield from _one_place(model, responses)
     yield from _terms_twice(model, groups)
-    yield from _held_springs(model, groups, dofs)
+    yield from _held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
 
 
@@ -267,21 +260,99 @@ def _terms_twice(model: FeModel, groups: Sequence[TermGroup]) -> Iterator[str]:
         )
 
 
-def _held_springs(model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
-    """Springs to ground that the stiffness matrix holds already: there, and there alone, a rigid translation meets a force."""
-    for group in groups if dofs is not None else ():
-        select, K, held = group.config.select, model.K.real, list[float]()
-        left = model.terms.left[:, group.terms].tocoo()
-        single = np.bincount(left.col, minlength=group.terms.size) == 1
-        for label in COMPONENTS[:3] if select.bushings is not None and group.config.baseline == 0.0 else ():
-            force = K @ (dofs.component == label).astype(float)  # type: ignore[union-attr]
-            at = (dofs.component[left.row] == label) & single[left.col]  # type: ignore[union-attr]
-            held += (force[left.row[at]] / left.data[at] ** 2).tolist()
-        if held and abs(float(np.median(held)) - 1.0) < HELD:
-            yield (
-                f"parameters {group.name}: the stiffness matrix holds these springs already, so that they count twice: "
-                f"parameters.{group.name}.baseline: 1.0"
-            )
+def _held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
+    """What the matrix holds of the springs that are updated: in other units, twice, or not at all."""
+    for group in groups:
+        held = [] if dofs is None or group.config.select.bushings is None else _held(model, group, dofs)
+        text = _unit_text(campaign, group, held)
+        if text is not None:
+            yield text
+        elif group.config.baseline == 0.0:
+            shares = [float(np.median(share)) for turns, share in held if not turns and share.size]
+            if any(abs(share - 1.0) < HELD for share in shares):
+                yield (
+                    f"parameters {group.name}: the stiffness matrix holds these springs already, so that they count twice: "
+                    f"parameters.{group.name}.baseline: 1.0"
+                )
+        elif group.config.kind == "stiffness" and _exceeded(model, group):
+            yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
+
+
+def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
+    """What the matrix holds over what the table says, of translations and of rotations.
+
+    A rigid motion meets forces at springs to ground alone. Of a spring between two nodes that no element shares the matrix holds the
+    coupling of the two.
+    """
+    K, left = model.K.real, model.terms.left[:, group.terms].tocsc()
+    found: dict[bool, list[float]] = {False: [], True: []}
+    moved = {label: K @ (dofs.component == label).astype(float) for label in COMPONENTS[:3]}
+    for k in range(left.shape[1]):
+        at, size = left.indices[left.indptr[k] : left.indptr[k + 1]], left.data[left.indptr[k] : left.indptr[k + 1]]
+        labels = set(dofs.component[at].tolist())
+        turns = any(label.startswith("ROT") for label in labels)
+        if at.size == 2 and len(labels) == 1:
+            found[turns].append(float(K[at[0], at[1]] / (size[0] * size[1])))
+        elif at.size == 1:
+            row = int(at[0])
+            force = K[[row]] @ _turned(dofs, row) if turns else moved.get(str(dofs.component[row]), np.zeros(model.size))[[row]]
+            found[turns].append(float(force[0] / size[0] ** 2))
+    return [(turns, np.array(shares)) for turns, shares in found.items()]
+
+
+def _turned(dofs: DofTable, row: int) -> Floats:
+    """A rigid rotation about the axis of a rotational DOF, through its node."""
+    axis = np.eye(3)[("ROTX", "ROTY", "ROTZ").index(str(dofs.component[row]))]
+    motion = np.cross(axis, dofs.xyz - dofs.xyz[row])
+    found = np.zeros(dofs.size)
+    for i, (shift, turn) in enumerate((("UX", "ROTX"), ("UY", "ROTY"), ("UZ", "ROTZ"))):
+        found += np.where(dofs.component == shift, motion[:, i], 0.0) + np.where(dofs.component == turn, axis[i], 0.0)
+    return found
+
+
+def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, Floats]]) -> str | None:
+    """That the numbers of a table are in other units than the campaign states, by what the matrix holds of them."""
+    expected = group.config.baseline or 1.0
+    known = [(turns, float(np.median(share)) / expected) for turns, share in held if share.size and np.median(share) > 0.0]
+    stated = campaign.unit_system
+    others = [SI] if stated != SI else [parse_system(name) for name in USUAL_SYSTEMS]
+    for unit in others:
+        ratios = [(turns, share, _stiffness(unit, turns) / _stiffness(stated, turns)) for turns, share in known]
+        if not ratios or any(abs(share / ratio - 1.0) > HELD for _, share, ratio in ratios) or all(r == 1.0 for *_, r in ratios):
+            continue
+        kinds = [
+            f"{'rotational springs' if turns else 'translational springs'} are in {_name(unit, turns)}, it seems, not in "
+            f"{_name(stated, turns)}: {'divide' if ratio < 1.0 else 'multiply'} them by {max(ratio, 1.0 / ratio):g}"
+            for turns, _, ratio in ratios
+        ]
+        file, times = group.config.select.bushings, ratios[0][1]
+        table = file.name if file is not None else "the table"
+        return (
+            f"parameters {group.name}: the stiffness matrix holds {times:.4g} times what {table} says: "
+            f"{'; '.join(kinds)} (`units: {stated.text}` holds for that file too); or, where it is right, all of model.stiffness is "
+            f"{times:.4g} times what it should be"
+        )
+    return None
+
+
+def _stiffness(unit: UnitSystem, turns: bool) -> float:
+    return unit.force * unit.length if turns else unit.force / unit.length
+
+
+def _name(unit: UnitSystem, turns: bool) -> str:
+    names = {1.0: "N", 1e3: "kN", 4.4482216152605: "lbf"}
+    lengths = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in"}
+    force = next((name for size, name in names.items() if abs(unit.force / size - 1.0) < 1e-6), f"{unit.force:.4g} N")
+    length = next((name for size, name in lengths.items() if abs(unit.length / size - 1.0) < 1e-6), f"{unit.length:.4g} m")
+    return f"{force} {length}/rad" if turns else f"{force}/{length}"
+
+
+def _exceeded(model: FeModel, group: TermGroup) -> bool:
+    """Whether a baseline takes more than the matrix holds on a term's own DOFs."""
+    left, right = model.terms.left[:, group.terms], model.terms.right[:, group.terms]
+    share = np.asarray((left.multiply(model.K.real @ right)).sum(axis=0)).ravel()
+    norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
+    return bool(np.any(share < group.config.baseline * norm * (1 - 1e-9)))
 
 
 def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:

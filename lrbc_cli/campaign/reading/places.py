@@ -1,7 +1,8 @@
-"""Whether points lie where the model is, and whether its coordinates are metres."""
+"""Whether points lie where the model is, and whether coordinates and matrices are in the units that are stated."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.structure import DofSource, ModelConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.model.units import USUAL_SYSTEMS, parse_system
+from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
 #: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
 #: that of the material. A thousand times the speed in air, or in a thin plate, lies above.
@@ -22,10 +25,42 @@ FASTEST = 2e5
 #: coarse meshes to lead in fine ones.
 SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
 
+#: Middle of what is possible, and a metre for the size of a structure: what comes nearest to them is named.
+USUAL = np.array([(SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5, 1.0])
+
 MILLIMETRES = 1e-3
 
 #: Sizes of the model beyond which no slip but that of the unit is likely.
 EVIDENT = 20.0
+
+#: Powers of ten that lie between usual units of stiffness and of mass.
+POWERS = (-12, -9, -6, -3, 3, 6, 9, 12)
+
+#: Weight densities typed as mass densities leave the acceleration of gravity [m/s², in/s²].
+GRAVITIES = (9.80665, 386.0886)
+
+#: Decades within which speed, density and size of structures and meshes lie about the usual.
+MOST_OFF = 1.8
+
+#: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
+ALIKE = 0.7
+
+#: What a matrix is then taken for: too large by the factor.
+_CAUSES = {
+    ("mass", 1e12): "density in kg/m³ where the units want t/mm³",
+    ("mass", 1e-12): "density in t/mm³ where the units want kg/m³",
+    ("mass", 1e9): "density in kg/m³ where the units want kg/mm³",
+    ("mass", 1e-9): "density in kg/mm³ where the units want kg/m³",
+    ("mass", 1e3): "density in kg/m³ where the units want g/cm³ or t/m³, or kg for t",
+    ("mass", 1e-3): "density in g/cm³ or t/m³ where the units want kg/m³, or t for kg",
+    ("stiffness", 1e6): "a modulus in Pa where the units want MPa",
+    ("stiffness", 1e-6): "a modulus in MPa where the units want Pa",
+    ("stiffness", 1e3): "a modulus in MPa where the units want GPa, or N/m for N/mm",
+    ("stiffness", 1e-3): "a modulus in GPa where the units want MPa, or N/mm for N/m",
+    ("stiffness", 1e9): "a modulus in Pa where the units want GPa",
+    ("stiffness", 1e-9): "a modulus in GPa where the units want Pa",
+    **{("mass", gravity): "a weight density, force per volume, where the units want mass per volume" for gravity in GRAVITIES},
+}
 
 
 def extents(xyz: Floats) -> str:
@@ -83,7 +118,7 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
     )
 
 
-def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path) -> str | None:
+def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
     """Refuse coordinates in which waves would be faster than any are.
 
     Returns
@@ -97,25 +132,33 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, file: Path)
         Where the spacing of the nodes does not fit stiffness over mass: millimetres, or matrices in t, mm and s.
     """
     translations = np.isin(dofs.component, ("UX", "UY", "UZ"))
+    source = campaign.model.dofs
+    file = source.nodes if isinstance(source, DofSource) else source
     for field, what in ((dofs.is_acoustic, "air"), (translations, "structure")):
         found = _speed_and_density(K, M, dofs, field)
         if found is not None and found[0] > FASTEST:
-            likely = _likely(*found) if what == "structure" else None
+            likely = likely_mistake(campaign, dofs, *found[:2]) if what == "structure" else None
             raise DataError(
                 f"the coordinates do not fit the matrices: waves in the {what} would travel at about {found[0]:.1g} m/s",
                 file=file,
                 expected=f"coordinates in metres, matrices in SI: below {FASTEST:.0e} m/s",
                 found=f"nodes {found[2]:.3g} apart, a model of {extents(dofs.xyz)}",
-                hint="are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
-                f"`units: {likely or 'mm-N-t'}` in the campaign file",
+                hint=likely
+                or "are the coordinates millimetres, the matrices in SI? convert them; where all is in one system of units, say "
+                "`units: mm-N-t` in the campaign file",
             )
     found = _speed_and_density(K, M, dofs, translations)
-    if found is None or LIGHTEST < found[1] < HEAVIEST or (likely := _likely(*found)) is None:
+    if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, dofs, *found[:2])) is None:
         return None
-    return (
-        f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length: is the model written in other units? "
-        f"With `units: {likely}` in the campaign file speed and mass are those of a structure"
-    )
+    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
+
+
+def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:
+    """What makes a model whose frequencies are far too low one of a structure; None where its speed and density are those of one."""
+    found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
+    if found is None or (found[0] > SLOWEST and LIGHTEST < found[1] < HEAVIEST):
+        return None
+    return likely_mistake(campaign, dofs, *found[:2])
 
 
 def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
@@ -146,3 +189,67 @@ def _likely(speed: float, density: float, _: float) -> str | None:
         if SLOWEST < speed * unit.length / unit.time < FASTEST and LIGHTEST < density * unit.mass / unit.length**3 < HEAVIEST:
             fit.append(text)
     return " or ".join(fit) or None
+
+
+def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -> str:
+    """A matrix that is too large by a factor, in words, and what to write.
+
+    Parameters
+    ----------
+    model : ModelConfig
+    matrix : str
+        ``stiffness`` or ``mass``.
+    factor : float
+    folder : Path
+        Of the campaign file: paths are relative to it.
+    """
+    reference = model.stiffness if matrix == "stiffness" else model.mass
+    size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
+    cause = _CAUSES.get((matrix, factor))
+    given = reference.scale if isinstance(reference.scale, float) else 1.0
+    group = f", group: {reference.group}" if reference.group else ""
+    return (
+        f"the {matrix} matrix is {size}{f' ({cause})' if cause else ''}: correct it in the FE model and export again, or write "
+        f"model.{matrix}: {{file: {Path(os.path.relpath(reference.path, folder)).as_posix()}{group}, scale: {given / factor:.6g}}}"
+    )
+
+
+def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: float) -> str | None:
+    """What makes speed of waves, density and size of a model that is not possible as it stands those of a structure, and what to write.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    dofs : DofTable
+    speed, density : float
+        As the campaign has them [m/s, kg/m³].
+
+    Returns
+    -------
+    str or None
+        None where nothing known comes near all three.
+    """
+    found: list[tuple[float, str]] = []
+    stated, size = campaign.unit_system, float(np.linalg.norm(np.ptp(dofs.xyz, axis=0)))
+
+    def add(text: str, *values: float, handicap: float = 0.0) -> None:
+        off = np.abs(np.log10(np.array(values) / USUAL))
+        if off.max() <= MOST_OFF:
+            found.append((float(off[:2].sum()) + handicap, text))
+
+    for unit in (SI, *map(parse_system, USUAL_SYSTEMS)):
+        length, mass, time = unit.length / stated.length, unit.mass / stated.mass, unit.time / stated.time
+        if unit != stated:
+            text = f"the model is in other units: write `units: {unit.text}`"
+            add(text, speed * length / time, density * mass / length**3, size * length)
+    text = "the coordinates of the DOF table are millimetres, the matrices in metres: convert them, or export all in one system of units"
+    add(text, speed * MILLIMETRES, density / MILLIMETRES**3, size * MILLIMETRES)
+    for factor in (10.0**power for power in POWERS):
+        # The units of all are the likelier slip.
+        for matrix, change in (("mass", (factor**0.5, 1.0 / factor)), ("stiffness", (factor**-0.5, 1.0))):
+            text = mistake_text(campaign.model, matrix, factor, campaign.path.parent)
+            add(text, speed * change[0], density * change[1], size, handicap=ALIKE)
+    if not found:
+        return None
+    least = min(found)[0]
+    return "; or ".join(text for off, text in sorted(found) if off <= least + ALIKE)

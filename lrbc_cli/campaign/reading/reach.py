@@ -7,8 +7,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from lrbc_cli.campaign.reading.places import frequencies_doubt
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.vectors import highest_omega
 
@@ -69,16 +71,28 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
             )
 
 
-def require_frequencies(model: FeModel, campaign: Campaign) -> None:
+def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | None) -> None:
     """Refuse a band that goes on far beyond all that the mesh can do: lines there would only thin out those that count.
 
     Raises
     ------
     ConfigError
+    DataError
+        Where speed of waves and density tell that a matrix is wrong rather than the band.
     """
     highest = highest_omega(model.K, model.M) / (2.0 * np.pi)
     band = campaign.reduction.band
     if band[1] > BEYOND * highest:
+        likely = None if dofs is None else frequencies_doubt(model.K.real, model.M, dofs, campaign)
+        if likely is not None:
+            raise DataError(
+                "all frequencies of the model lie far below the band",
+                file=campaign.model.mass.path,
+                place="model.mass and model.stiffness",
+                expected=f"frequencies in the band up to {band[1]:g} Hz",
+                found=f"none above {highest:.3g} Hz",
+                hint=likely,
+            )
         raise ConfigError(
             "the band ends far above every frequency of the model",
             file=campaign.path,

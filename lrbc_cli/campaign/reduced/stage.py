@@ -156,9 +156,16 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
         f"parameters.{group.name}.baseline: the stiffness matrix does not hold what is subtracted from it",
         file=inputs.campaign.path,
         expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
-        found=f"a motion that keeps {100.0 * float(x @ K @ x) / float(each.sum()):.2g} % of the stiffness that the baselines take from it",
-        hint="leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds",
+        found=f"a motion whose stiffness in the matrix is {_share(float(x @ K @ x) / float(each.sum()))} of what baselines take from it",
+        hint="leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
+        if not inputs.warnings
+        else f"mend first what is warned of: {'; '.join(inputs.warnings)}",
     )
+
+
+def _share(value: float) -> str:
+    """A share as a reader takes it in."""
+    return f"{100.0 * value:.3g} %" if 0.01 <= value < 10.0 else "less than 1 %" if value < 0.01 else f"{value:.3g} times"
 
 
 def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[str, str], progress: Callable[[str], None]) -> Reduction:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import ends_early
 
 #: Bytes whose lines are counted at a time: the masks take a few times as much memory.
 _CHUNK = 2**24
@@ -98,9 +99,12 @@ def is_number(word: bytes) -> bool:
 
 
 def _bad_line(body: bytes, width: int, path: Path, first_line: int, expected: str) -> DataError:
-    for number, line in enumerate(re.split(b"\r?\n", body), start=first_line):
+    lines = re.split(b"\r?\n", body.rstrip())
+    for number, line in enumerate(lines, start=first_line):
         words = line.translate(_PLAIN).split()
         if words and (len(words) != width or not all(map(is_number, words))):
+            if number == first_line + len(lines) - 1 > first_line and len(words) <= width and all(map(is_number, words[:-1])):
+                return ends_early(path, f"line {number}", expected, repr(line[:60].decode("latin-1")))
             return DataError(
                 "an entry cannot be read",
                 file=path,

@@ -25,6 +25,7 @@ from lrbc_cli.io.common import (
     check_dimensions,
     check_expansion,
     damaged,
+    ends_early,
     require_file,
 )
 from lrbc_cli.io.encoding import unfinished
@@ -155,16 +156,19 @@ def _bad_line(body: bytes, header: _Header, width: int, path: Path) -> DataError
     expected = "row, column, " + ("real and imaginary part" if header.parts == 2 else "value")
     if header.layout == "array":
         expected = "real and imaginary part" if header.parts == 2 else "a value"
-    count = 0
-    for number, line in _entry_lines(body, header):
+    lines = _entry_lines(body, header)
+    for count, (number, line) in enumerate(lines, start=1):
         words = line.split()
-        count += 1
         if len(words) != width or not all(is_number(word) for word in words):
             found = repr(line[:60].decode("latin-1"))
+            if count == len(lines) <= header.entries and len(words) <= width and all(map(is_number, words[:-1])):
+                return ends_early(path, f"line {number}", f"{header.entries} entries", f"{count - 1} entries, then {found}")
             return DataError("an entry cannot be read", file=path, place=f"line {number}", expected=expected, found=found)
-    found = f"{count} entries"
-    hint = "the file is truncated or its header wrong; export it again"
+    found = f"{len(lines)} entries"
     expected = f"{header.entries} entries"
+    if len(lines) < header.entries:
+        return ends_early(path, f"line {lines[-1][0]}" if lines else f"line {header.line}", expected, found)
+    hint = "the header is wrong, or something was added; export it again"
     return DataError("the number of entries is wrong", file=path, place=f"line {header.line}", expected=expected, found=found, hint=hint)
 
 

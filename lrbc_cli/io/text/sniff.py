@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import LONGEST_NUMBER
+from lrbc_cli.io.common import LONGEST_NUMBER, ends_early
 from lrbc_cli.io.encoding import read_lines
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.header import Heading, read_headings, stated_axis_unit, stated_unit
@@ -237,6 +237,12 @@ def _misfit(line: str, delimiter: str, decimal: str, width: int) -> str:
     return f"{cells[wrong[0]][:80]!r} in column {wrong[0] + 1}"
 
 
+def _begins(line: str, delimiter: str, decimal: str) -> bool:
+    """Whether all cells but the last are numbers: a line of a table, not words below it."""
+    cells = _split(line, delimiter)[:-1]
+    return bool(cells) and _fits(delimiter.join(cells), delimiter, decimal, len(cells))
+
+
 def _rows(
     lines: list[str], start: int, before: int, delimiter: str, decimal: str, width: int, path: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -247,6 +253,9 @@ def _rows(
         if not line.strip() or line.lstrip()[0] in "#%":
             continue
         if not _fits(line, delimiter, decimal, width):
+            last = numbers and not any(map(str.strip, lines[index + 1 :]))
+            if last and len(_split(line, delimiter)) <= width and _begins(line, delimiter, decimal):
+                raise ends_early(path, f"line {before + index + 1}", f"{width} numbers", _misfit(line, delimiter, decimal, width))
             raise DataError(
                 "a line does not fit the table",
                 file=path,

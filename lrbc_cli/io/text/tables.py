@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import head, listing, require_file
-from lrbc_cli.io.encoding import decode, read_lines
+from lrbc_cli.io.common import ends_early, head, listing, require_file
+from lrbc_cli.io.encoding import decode, read_lines, unfinished
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable, PointTable
 
 
@@ -352,6 +352,8 @@ def read_table(path: Path, needed: Sequence[str], further: Sequence[str] = ()) -
         cells = _cells(line, delimiter, path, number)
         if len(cells) < len(header) or any(cells[len(header) :]):
             expected, found = f"{len(header)} values", f"{len(cells)} values"
+            if number == numbered[-1][0] and len(cells) < len(header) and unfinished(path.read_bytes()):
+                raise ends_early(path, f"line {number}", expected, found)
             raise DataError("the line does not fit the header", file=path, place=f"line {number}", expected=expected, found=found)
         rows.append(cells)
         lines.append(number)

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.common import LONGEST_NUMBER
-from lrbc_cli.io.encoding import decode
+from lrbc_cli.io.common import LONGEST_NUMBER, ends_early
+from lrbc_cli.io.encoding import decode, unfinished
 from lrbc_cli.io.uff.axis import even_axis
 from lrbc_cli.io.uff.form import DataForm, data_form
 
@@ -233,6 +233,9 @@ def _function(dataset: _Dataset, body: bytes, path: Path, record: int) -> UffFun
         # Fixed columns may leave no blank between numbers, nor room for the letter of an exponent.
         tokens = [re.sub(rb"(?<=[\d.])([-+]\d{3})$", rb"E\1", token) for token in _NUMBER.findall(data)]
     if len(tokens) != form.count * per_point:
+        if len(tokens) < form.count * per_point and unfinished(path.read_bytes()):
+            expected = f"{form.count} points, {form.count * per_point} numbers, then a line '-1'"
+            raise ends_early(path, place, expected, f"{len(tokens)} numbers")
         raise DataError(
             "the function does not hold the number of values that its header states",
             file=path,

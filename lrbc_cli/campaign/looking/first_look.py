@@ -4,23 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.doubts import factors_of, offset_texts
+from lrbc_cli.campaign.identification.likeness import (
+    LEAST_DIFFERENCE,
+    apart,
+    exchanged,
+    exchanged_text,
+    levels,
+    other_reading,
+    spread,
+)
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.rescaled import COARSE, rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage
 from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, Offset
+from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, POWERS, Offset
 
 #: Lines of a job that are looked at.
 LINES = 200
@@ -37,11 +47,11 @@ UNLIKE = 6.0
 #: A response that lies so many times farther from the model than the median of all may not be where the model has it.
 ALONE = 3.0
 
-#: Predicted seconds up to which a reduced model is built for this where none is in the cache, and its tolerance.
-MOST_SECONDS, COARSE = 3.0, 3e-2
+#: Predicted seconds up to which a reduced model is built for this where none is in the cache.
+MOST_SECONDS = 3.0
 
-#: Two sensors are exchanged where the levels of both differ by less than this share of what they do as stated, and by this much then [dB].
-EXCHANGED, LEAST_DIFFERENCE = 0.5, 3.0
+#: States of the model that a measurement is compared with.
+MOST_STATES = 150
 
 
 @dataclass
@@ -96,39 +106,80 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
     few = replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
     s = 2j * np.pi * few.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
-    model = source.model(s, parameters).frf(parameters.initial)
-    offsets = factors_of(inputs, few, (model,))
-    exchanged = _exchanged(inputs, few.values, model)
-    involved = {i for pair in exchanged for i in pair}
-    offsets = tuple(replace(o, named=o.named and _trusted(o, offsets)) for o in offsets if o.response not in involved)
+    states = _states(source, parameters, s)
+    reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
+    if reading is not None:
+        return {("read",): reading.text}
+    near = _nearest(inputs, few, states)
     told: dict[tuple[object, ...], str] = {}
+    exchanges = exchanged(inputs, few.values, states)
+    offsets = factors_of(inputs, few, near)
+    involved = {i for cycle in exchanges for i in cycle}
+    offsets = tuple(replace(o, named=o.named and _trusted(o, offsets)) for o in offsets if o.response not in involved)
     for text in offset_texts(inputs, offsets, name):
         # The words up to the numbers: the same of several jobs is said once.
         told[tuple(text.split(":")[:2])] = text
-    for i, j in exchanged:
-        one, two = inputs.responses[i].name, inputs.responses[j].name
-        told["exchanged", i, j] = (
-            f"{one} and {two} in each other's place, it seems: each fits the model's FRF of the other: exchange the places of "
-            f"responses.{one} and responses.{two}, or jobs.{name}.records: {{{one}: {two}, {two}: {one}}}"
-        )
+    for cycle in exchanges:
+        told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
     if not told and name == inputs.campaign.update.reference:
-        every = np.array([_apart(few.values[:, i], model[:, i]) for i in range(len(inputs.responses))])
-        apart = every[inputs.used]
-        typical = float(np.median(every))
-        alone = np.flatnonzero(every > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
-        for i in alone if 2 * len(alone) < every.size else ():
-            response = inputs.responses[i].name
-            told["alone", i] = (
-                f"{response} lies {every[i]:.1f} dB from the model, constants taken out, where the median of all responses is "
-                f"{typical:.1f} dB: check the place and the component of responses.{response} (lrbc check --picture), and that the "
-                "channel is not another sensor's"
-            )
-        if float(np.median(apart)) > UNLIKE:
-            told["unlike",] = (
-                f"measured and computed FRFs have little in common, it seems: {min(apart):.1f} to {max(apart):.1f} dB apart at the start "
-                "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
-                "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
-            )
+        told |= _unlike(inputs, few.values, s, states[0], parameters)
+    return told
+
+
+def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> Complexes:
+    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds: each, neighbours together, all."""
+    start = parameters.initial
+    states = [start]
+    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+        width = 1
+        while group.kind == "stiffness" and width < 2 * group.count:
+            for first in range(0, max(group.count - width // 2, 1), max(width // 2, 1)):
+                loose = start.copy()
+                at = np.arange(where.start + first, min(where.start + first + width, where.stop))
+                loose[at] = group.bounds[at - where.start, 0]
+                states.append(loose)
+            width *= 2
+    key = b"states" + s.tobytes()
+    if key not in source.known:
+        source.known[key] = source.model(s, parameters).nearby(start)(np.array(states[:MOST_STATES]))
+    found: Complexes = source.known[key]
+    return found
+
+
+def _nearest(inputs: Inputs, measurement: Measurement, states: Complexes) -> list[Complexes]:
+    """The start values, and the states that come nearest but for a factor, times a power of the frequency or not."""
+    omega = 20.0 * np.log10(2.0 * np.pi * measurement.frequency_hz)[:, None]
+    level = levels(measurement.values) - levels(states)
+    nearest = {int(np.median(spread(level - b * omega, 1), axis=1).argmin()) for b in (0, *POWERS)}
+    return [states[k] for k in sorted({0, *nearest})]
+
+
+def _unlike(
+    inputs: Inputs, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
+) -> dict[tuple[object, ...], str]:
+    """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame."""
+    every = apart(measured, model)
+    own = every[inputs.used]
+    typical = float(np.median(every))
+    told: dict[tuple[object, ...], str] = {}
+    if typical > LEAST_DIFFERENCE:
+        text = rescaled_text(inputs, s, measured, parameters.dynamic(parameters.initial, s), typical)
+        if text is not None:
+            return {("rescaled",): text}
+    if float(np.median(own)) > UNLIKE:
+        told["unlike",] = (
+            f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
+            "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
+            "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
+        )
+    alone = np.flatnonzero(every > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
+    for i in alone if 2 * len(alone) < every.size else ():
+        response = inputs.responses[i].name
+        told["alone", i] = (
+            f"{response} lies {every[i]:.1f} dB from the model, constants taken out, where the median of all responses is "
+            f"{typical:.1f} dB: check the place and the component of responses.{response} (lrbc check --picture), and that the "
+            "channel is not another sensor's"
+        )
     return told
 
 
@@ -137,9 +188,12 @@ def _trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
 
     Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
     """
-    if offset.half > MOST_REACH or offset.after > MOST_LEFT:
-        return False
     alike = sum(other.named and other.power == offset.power for other in offsets)
+    firm = [other for other in offsets if other.named and other.half <= MOST_REACH and other.after <= MOST_LEFT]
+    shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
+    # What most of the others say for themselves needs less to be believed.
+    if offset not in firm and 2 * shared <= len(offsets):
+        return False
     return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
 
 
@@ -152,26 +206,3 @@ def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:
             at = first.setdefault(repr(kind), f"job {name}: {text}")
             jobs.setdefault(at, []).append(name)
     return [text + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "") for text, names in jobs.items()]
-
-
-def _exchanged(inputs: Inputs, measured: Complexes, model: Complexes) -> list[tuple[int, int]]:
-    """Pairs of responses of one quantity whose levels follow the model's of each other."""
-    found = []
-    for i, j in combinations(range(len(inputs.responses)), 2):
-        one, two = inputs.responses[i], inputs.responses[j]
-        if (one.quantity, one.input) != (two.quantity, two.input):
-            continue
-        stated = _apart(measured[:, i], model[:, i]) + _apart(measured[:, j], model[:, j])
-        other = _apart(measured[:, i], model[:, j]) + _apart(measured[:, j], model[:, i])
-        if stated > 2.0 * LEAST_DIFFERENCE and other < EXCHANGED * stated:
-            found.append((i, j))
-    return found
-
-
-def _apart(measured: Complexes, model: Complexes) -> float:
-    """Mean absolute difference of two levels but for a constant [dB]; zero where nothing can be compared."""
-    valid = np.isfinite(measured) & (np.abs(measured) > 0) & (np.abs(model) > 0)
-    if not valid.any():
-        return 0.0
-    level: Floats = 20.0 * np.log10(np.abs(measured[valid] / model[valid]))
-    return float(np.mean(np.abs(level - np.median(level))))

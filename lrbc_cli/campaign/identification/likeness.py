@@ -1,0 +1,186 @@
+"""How alike measured and computed FRFs are but for a constant: whose sensor is whose, and what would turn one into the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.updating.scale import LEAST_LINES, POWERS, moved
+
+#: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
+CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
+
+#: What may be left then [dB].
+MOST_LEFT = 6.0
+
+#: Numbers whose imaginary parts are smaller by this factor have none.
+REAL = 1e-9
+
+
+def levels(values: Complexes) -> Floats:
+    """Levels [dB]; NaN where there is no value."""
+    size = np.abs(values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Floats = 20.0 * np.log10(size)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def spread(difference: Floats, axis: int) -> Floats:
+    """Mean distance from the median along an axis; zero where too few lines can be compared."""
+    enough = np.isfinite(difference).sum(axis=axis, keepdims=True) >= LEAST_LINES
+    known = np.where(enough, difference, 0.0)
+    found: Floats = np.nanmean(np.abs(known - np.nanmedian(known, axis=axis, keepdims=True)), axis=axis)
+    return found
+
+
+def apart(measured: Complexes, model: Complexes) -> Floats:
+    """(..., R) mean absolute differences of levels, (..., F, R), but for a constant each [dB]."""
+    return spread(levels(measured) - levels(model), -2)
+
+
+def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:
+    """Responses of one quantity in each other's place: measured i is computed j, j is the next, and so on round.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measured : (F, R) complex array
+    states : sequence of (F, R) complex arrays
+        FRFs of the model; the one counts that comes nearest.
+    """
+    count = len(inputs.responses)
+    kinds = [(response.quantity, response.input) for response in inputs.responses]
+    other = np.array([[one != two for two in kinds] for one in kinds])
+    level = levels(measured)
+    # (S, R, R): measured i less computed j.
+    table = np.array([[spread(level[:, [i]] - levels(state), 0) for i in range(count)] for state in states])
+    table[:, np.isnan(level).all(axis=0)] = 0.0
+    table[:, other] = 1e3
+    orders = [linear_sum_assignment(each)[1] for each in table]
+    order = min(zip(orders, table, strict=True), key=lambda pair: float(pair[1][np.arange(count), pair[0]].sum()))[0]
+    found = []
+    for cycle in _cycles(order.tolist()):
+        at, to = list(cycle), [int(order[i]) for i in cycle]
+        stated, changed = float(table[:, at, at].sum(axis=1).min()), float(table[:, at, to].sum(axis=1).min())
+        if stated > len(at) * LEAST_DIFFERENCE and changed < CLEARLY * stated:
+            found.append(cycle)
+    return found
+
+
+def _cycles(order: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Those of a permutation that move anything."""
+    left = {i for i, to in enumerate(order) if i != to}
+    while left:
+        cycle = [min(left)]
+        while order[cycle[-1]] != cycle[0]:
+            cycle.append(order[cycle[-1]])
+        left -= set(cycle)
+        yield tuple(cycle)
+
+
+def exchanged_text(inputs: Inputs, cycle: Sequence[int], job: str) -> str:
+    """What was found, and what to write: measured under the first name is the sensor that the model has as the second."""
+    names = [inputs.responses[i].name for i in cycle]
+    following = [*names[1:], names[0]]
+    # The record that holds a response is the one that was measured in its place.
+    records = ", ".join(f"{to}: {name}" for name, to in zip(names, following, strict=True))
+    said = f"{', '.join(names[:-1])} and {names[-1]}"
+    fits = (
+        "each fits the model's FRF of the other"
+        if len(names) == 2
+        else ", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True))
+    )
+    return (
+        f"{said} in each other's place, it seems: {fits}: exchange the places of "
+        f"{' and '.join(f'responses.{name}' for name in names)}, or jobs.{job}.records: {{{records}}}"
+    )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Another way to read the numbers of a measurement, under which they are FRFs of the model.
+
+    Attributes
+    ----------
+    text : str
+        What was found, and what to do.
+    before, after : float
+        Median over the responses of how far levels are apart, constants taken out, as stated and read so [dB].
+    """
+
+    text: str
+    before: float
+    after: float
+
+
+def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, states: Complexes, job: str) -> Reading | None:
+    """How the numbers have to be read to be FRFs of the model; None where they are, or where no reading makes them so.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    frequency_hz : (F,) float array
+    measured : (F, R) complex array
+    states : (S, F, R) complex array
+    job : str
+    """
+    computed = levels(states)
+    omega = 20.0 * np.log10(2.0 * np.pi * frequency_hz)[:, None]
+    quantities = [response.quantity for response in inputs.responses]
+
+    def least(values: Complexes, motions: bool) -> tuple[float, int]:
+        """Over derivatives and states."""
+        powers = [b for b in (0, *POWERS) if b == 0 or (motions and all(moved(quantity, b) for quantity in quantities))]
+        scores = [float(np.median(spread(levels(values) - computed - b * omega, 1), axis=1).min()) for b in powers]
+        return min(zip(scores, powers, strict=True))
+
+    before, _ = least(measured, True)
+    if before <= LEAST_DIFFERENCE:
+        return None
+    motion = quantities[0]
+    found = [(*least(values, inverse), text, inverse) for values, text, inverse in _read_otherwise(measured, job)]
+    after, power, text, inverse = min(found)
+    if after >= min(CLEARLY * before, MOST_LEFT):
+        return None
+    if inverse:
+        word = _INVERSE.get(moved(motion, power) or "", "force over response")
+        text = f"inverse FRFs, it seems ({word}): export {motion} over force, or take the reciprocal of every value"
+    return Reading(f"{text}; levels lie {before:.1f} dB from the model's as stated, {after:.1f} dB read so", before, after)
+
+
+_INVERSE = {
+    "displacement": "dynamic stiffness, force over displacement",
+    "velocity": "mechanical impedance, force over velocity",
+    "acceleration": "apparent mass, force over acceleration",
+}
+
+
+def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, str, bool]]:
+    """The numbers read in other ways, what to do then, and whether they are reciprocals."""
+    valid: Bools = np.isfinite(measured) & (measured != 0)
+    known = np.where(valid, measured, 1.0)
+
+    def only(values: Complexes | Floats) -> Complexes:
+        return np.where(valid, values.astype(np.complex128), np.nan)
+
+    yield only(1.0 / known), "", True
+    real = bool(np.abs(known.imag).max() <= REAL * np.abs(known).max())
+    decibels = known.real if real else np.abs(known)
+    if np.abs(decibels).max() < 1000.0:
+        fix = f"levels in decibels taken for magnitudes, it seems: jobs.{job}.format: {{representation: db-phase}}"
+        if real:
+            fix = "levels in decibels taken for real parts, it seems: export real and imaginary parts, or levels with a column of phases"
+        yield only(10.0 ** (decibels / 20.0)), fix, False
+    if not real:
+        fix = f"magnitudes and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: magnitude-phase}}"
+        yield only(known.real), fix, False
+        if np.abs(known.real).max() < 1000.0:
+            fix = f"decibels and phases taken for real and imaginary parts, it seems: jobs.{job}.format: {{representation: db-phase}}"
+            yield only(10.0 ** (known.real / 20.0)), fix, False
+    fix = "squared magnitudes, it seems (power spectra): export the FRFs, response over force, with their phases"
+    yield only(np.sqrt(np.abs(known))), fix, False

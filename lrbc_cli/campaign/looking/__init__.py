@@ -1,0 +1,1 @@
+"""Measurements beside the model before anything is identified, for ``lrbc check``."""

@@ -1,0 +1,79 @@
+"""Whether a stiffness or mass matrix that is larger or smaller by the factor of a unit makes the measured FRFs those of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes
+from lrbc_cli.campaign.identification.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
+from lrbc_cli.campaign.reduced.memory import options_of
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.build import reduce_model
+from lrbc_cli.reduction.reduced import ReducedModel
+
+#: What may be left of the differences, constants taken out, and how far the constant itself may be off [dB].
+MOST_LEFT, MOST_OFF = 4.0, 4.0
+
+#: Slips of one or two digits.
+_FURTHER = (-2, -1, 1, 2)
+
+#: Tolerance of the reduced models that are compared, and the size from which one has far more modes in the band than a measurement shows.
+COARSE, MOST_SIZE = 3e-2, 120
+
+
+def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Complexes, before: float) -> str | None:
+    """Which matrix is off by which factor, and what to write; None where that explains nothing.
+
+    A factor on the stiffness moves all frequencies as its reciprocal on the mass does; the level of the FRFs tells which of the two it is.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    s : (F,) complex array
+    measured : (F, R) complex array
+    dynamic : (F, m) complex array
+        Of the terms at the start values.
+    before : float
+        How far levels are apart as it is, constants taken out, in the median over the responses [dB].
+    """
+    found: list[tuple[float, str, float, float]] = []
+    factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
+    for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
+        # Near one that explains the measurement only those matter that lie next to it.
+        if found and abs(np.log10(factor) - np.log10(min(found)[3])) > 1.0:
+            continue
+        for matrix, size, D, level, model in _cases(inputs, factor, dynamic):
+            difference = levels(measured) - levels(model.evaluate(s, D))
+            left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
+            if left < min(MOST_LEFT, CLEARLY * before) and abs(off) < MOST_OFF:
+                found.append((left, matrix, size, factor))
+    if not found:
+        return None
+    left, matrix, size, _ = min(found)
+    text = mistake_text(inputs.campaign.model, matrix, size, inputs.campaign.path.parent)
+    return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
+
+
+def _cases(inputs: Inputs, factor: float, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float, ReducedModel]]:
+    """Matrix, by how much it is too large, dynamic values of the terms, and level to take off, each with its reduced model.
+
+    A mass divided by f is f (K + D + s C) in place of K + D + s C, and FRFs that are larger by f.
+    """
+    options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1, max_size=MOST_SIZE)
+    plain, backend = inputs.model, inputs.campaign.reduction.backend
+
+    def reduced(model: FeModel) -> ReducedModel:
+        return reduce_model(model, inputs.input_of, options, backend=backend).model
+
+    with suppress(LrbcError):
+        stiff = reduced(replace(plain, K=plain.K * factor))
+        yield "stiffness", 1.0 / factor, dynamic, 0.0, stiff
+        light = reduced(replace(plain, K=plain.K * factor, C=plain.C * factor)) if plain.C.nnz else stiff
+        yield "mass", factor, factor * dynamic, 20.0 * float(np.log10(factor)), light
