@@ -313,7 +313,7 @@ def test_a_dof_table_in_millimetres(tmp_path: Path) -> None:
     file.write_text(millimetres(file.read_text(), range(3, 6)))
     result = folder.run("check")
     assert result.code == 3
-    for part in ("dofs.csv", "the coordinates do not fit the matrices", "7e+05 m/s", "are the coordinates millimetres"):
+    for part in ("dofs.csv", "the coordinates do not fit the matrices", "7e+05 m/s", "the coordinates of the DOF table are millimetres"):
         assert part in result.stderr
 
 
