@@ -163,7 +163,7 @@ def _unlike(
     typical = float(np.median(every))
     told: dict[tuple[object, ...], str] = {}
     if typical > LEAST_DIFFERENCE:
-        text = rescaled_text(inputs, s, measured, parameters.dynamic(parameters.initial, s), typical)
+        text = rescaled_text(inputs, s, measured, model, parameters.dynamic(parameters.initial, s), typical)
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:

@@ -17,6 +17,7 @@ from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.updating.peaks import peaks_of
 
 #: What may be left of the differences, constants taken out, and how far the constant itself may be off [dB].
 MOST_LEFT, MOST_OFF = 4.0, 4.0
@@ -24,11 +25,18 @@ MOST_LEFT, MOST_OFF = 4.0, 4.0
 #: Slips of one or two digits.
 _FURTHER = (-2, -1, 1, 2)
 
+#: A factor of ten moves frequencies by 3.2, and with them the number of resonances in the band: of a plate as much, of a beam by 1.8.
+#: Where measurement and model show numbers nearer to each other than this, no such factor is looked for.
+MORE = 1.6
+
+#: A resonance stands out of the mean level by so much [dB].
+PROMINENCE = 3.0
+
 #: Tolerance of the reduced models that are compared, and the size from which one has far more modes in the band than a measurement shows.
 COARSE, MOST_SIZE = 3e-2, 120
 
 
-def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Complexes, before: float) -> str | None:
+def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, before: float) -> str | None:
     """Which matrix is off by which factor, and what to write; None where that explains nothing.
 
     A factor on the stiffness moves all frequencies as its reciprocal on the mass does; the level of the FRFs tells which of the two it is.
@@ -37,16 +45,22 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Co
     ----------
     inputs : Inputs
     s : (F,) complex array
-    measured : (F, R) complex array
+    measured, computed : (F, R) complex arrays
+        The latter at the start values.
     dynamic : (F, m) complex array
         Of the terms at the start values.
     before : float
         How far levels are apart as it is, constants taken out, in the median over the responses [dB].
     """
+    seen, here = _resonances(measured), _resonances(computed)
+    if max(seen, here) < MORE * min(seen, here):
+        return None
     found: list[tuple[float, str, float, float]] = []
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
-        # Near one that explains the measurement only those matter that lie next to it.
+        # A stiffer model has fewer resonances. Near a factor that explains the measurement only those matter that lie next to it.
+        if (factor > 1.0) != (here > seen):
+            continue
         if found and abs(np.log10(factor) - np.log10(min(found)[3])) > 1.0:
             continue
         for matrix, size, D, level, model in _cases(inputs, factor, dynamic):
@@ -59,6 +73,13 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Co
     left, matrix, size, _ = min(found)
     text = mistake_text(inputs.campaign.model, matrix, size, inputs.campaign.path.parent)
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
+
+
+def _resonances(values: Complexes) -> int:
+    """How many stand out of the mean level of the responses; one where none does."""
+    level = levels(values)
+    known = level[:, np.isfinite(level).all(axis=0)]
+    return max(peaks_of(known.mean(axis=1), prominence=PROMINENCE).size, 1) if known.size else 1
 
 
 def _cases(inputs: Inputs, factor: float, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float, ReducedModel]]:
