@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
 import subprocess
@@ -132,7 +133,8 @@ def score_state(
         lost = truth["lost"].get(name, 0.0)
         verdict = bolt.get("verdict", "undecided")
         joints.append(JointScore(name, lost, change, value, *interval, bolt.get("probability_loose"), verdict, seen.get(name, True)))
-    known = reference["misfit_db"]["final"]
+    # A reference job that is unexplained itself is explained within no limit.
+    known = math.inf if reference["status"] == "unexplained" else reference["misfit_db"]["final"]
     if failed:
         return StateScore(campaign, tree["job"], "failed", role, tuple(joints), known, reason=tree["reason"])
     misfit, cost = tree["misfit_db"], tree["cost"]

@@ -62,7 +62,9 @@ def test_without_jobs(bare: Folder) -> None:
     tree = planned(bare, "--override", "output=new")
     out = bare.path / "new"
     assert {file.name for file in out.iterdir()} == FILES
-    assert json.loads((out / "plan.json").read_text()) == tree
+    written = json.loads((out / "plan.json").read_text())
+    assert len(written.pop("digest")) == 64
+    assert written == tree
     assert tree["state"] == "initial"
     assert tree["noise"] == {"sigma_db": 1.0, "correlation_factor": 2.0, "source": "assumed"}
     assert list(rows(tree)) == [f"B{i}" for i in range(1, 7)]
@@ -230,6 +232,21 @@ def test_a_finished_job_is_a_state(box: Folder) -> None:
         "source": "--noise",
     }
     assert planned(box, "--state", "initial")["state"] == "initial"
+
+
+def test_nothing_is_detectable_beside_a_reference_job_that_is_unexplained(box: Folder) -> None:
+    assert any(bolt["verdict"] == "detectable" for bolt in planned(box)["bolts"])
+    tree = box.tree()
+    tree["update"]["largest_misfit"] = 1e-12
+    box.write(tree)
+    box.run("update", "--job", "tight")
+    assert box.result("tight")["status"] == "unexplained"
+    found = planned(box)
+    assert counted(found) == {"detectable": 0, "marginal": 0, "not detectable": len(found["bolts"])}
+    why = "the reference job tight is unexplained: nothing is judged"
+    assert why in found["notes"]
+    assert {bolt["note"] for bolt in found["bolts"]} >= {why}
+    assert why in box.run("plan", "--draws", "0").stdout
 
 
 def test_values_where_there_are_no_bolts(bare: Folder) -> None:

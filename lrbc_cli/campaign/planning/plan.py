@@ -87,12 +87,13 @@ class PlanState:
 
 @dataclass(frozen=True)
 class About:
-    """The state about which is asked: theta, the noise of a line there, and where that is from."""
+    """The state about which is asked: theta, the noise of a line there and where that is from, and why nothing would be judged."""
 
     state: PlanState
     theta: Floats
     noise: Noise
     origin: str
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,12 +156,8 @@ def make_plan(
     )
     tightened = about.state.kind == "free"
     asked = [question.experiment(loss if tightened else -loss) for loss in LOSSES]
-    cases = [
-        (n, loss)
-        for loss, found in zip(LOSSES, asked, strict=True)
-        for n in np.flatnonzero(found.change).tolist()
-        if by == "bolts" and not tightened
-    ]
+    felt = [(loss, np.flatnonzero(found.change).tolist()) for loss, found in zip(LOSSES, asked, strict=True)]
+    cases = [(n, loss) for loss, places in felt for n in places if by == "bolts" and not tightened]
     draws = draws_for(len(cases), request.draws) if cases else 0
     said: dict[tuple[int, float], list[Draw]] = {}
     if draws:
@@ -169,10 +166,8 @@ def make_plan(
         assumes = [f"tight state: {about.state.words}", *assumptions(rehearsal, draws, about.origin)]
     else:
         assumes = [f"state: {about.state.words}", *_linearised(inputs, by, tightened, request.draws, joints=shapes.joints_only)]
-    prospects = [
-        Prospect(loss, found, [said.get((n, loss), []) for n in range(len(question.targets))])
-        for loss, found in zip(LOSSES, asked, strict=True)
-    ]
+    every = range(len(question.targets))
+    prospects = [Prospect(loss, found, [said.get((n, loss), []) for n in every]) for loss, found in zip(LOSSES, asked, strict=True)]
     tree = _settings(inputs, about, shapes.joints_only) | {
         "losses": LOSSES,
         "loss": LOSS,
@@ -183,8 +178,8 @@ def make_plan(
         "assumes": assumes,
         "lines": {"count": int(question.selected.size), "frequency_hz": grid[question.selected]},
         "nuisances": [{"kind": e.kind, "name": e.name, "std": e.std} for e in question.nuisances],
-        **judged(inputs, prospects, question.targets),
-        "notes": ["no bolts: every value along the edges stands for itself"] if by == "values" else [],
+        **judged(inputs, prospects, question.targets, about.doubt),
+        "notes": [*(["no bolts: every value along the edges stands for itself"] if by == "values" else []), *filter(None, [about.doubt])],
         "seconds": {"reduction": ready - begin, "plan": time.perf_counter() - ready},
     }
     tree["provenance"]["certificate"] = {"key": stage.decision.key, "size": stage.reduction.model.size, "worst": stage.reduction.worst}
@@ -353,7 +348,8 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         raise ConfigError("no noise", place="--noise", expected="a standard deviation above 0, in dB", found=f"{request.noise:g}")
     if request.noise is not None:
         noise, origin = Noise(request.noise, noise.factor), "--noise"
-    return About(state, theta, noise, origin)
+    unexplained = isinstance(record, JobRecord) and record.status == "unexplained"
+    return About(state, theta, noise, origin, f"the reference job {source} is unexplained: nothing is judged" if unexplained else "")
 
 
 def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shapes, str]:

@@ -38,8 +38,8 @@ class Prospect:
     draws: Sequence[Sequence[Draw]]
 
 
-def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target]) -> dict[str, Any]:
-    """Bolts, responses and excitations of ``plan.json``.
+def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Target], doubt: str = "") -> dict[str, Any]:
+    """Bolts, responses and excitations of ``plan.json``; with a doubt, why nothing would be judged, no bolt is detectable.
 
     What an identification would say of a bolt is counted where it was rehearsed, else linearised. What responses are worth is linearised,
     at the loss on which the words rest.
@@ -49,7 +49,7 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
     found, every = main.experiment, np.arange(main.experiment.responses)
     now, best = outlook(found, used, update.confidence), outlook(found, every, update.confidence)
     said = {one.decades: _losses(one, outlook(one.experiment, used, update.confidence)) for one in prospects}
-    words = [verdict(entry["right"]) for entry in said[LOSS]]
+    words = [verdict(0.0 if doubt else entry["right"]) for entry in said[LOSS]]
     bolts = [
         {
             "name": target.name,
@@ -61,7 +61,7 @@ def judged(inputs: Inputs, prospects: Sequence[Prospect], targets: Sequence[Targ
             "variance_removed": now.removed[n],
             "losses": [entries[n] for entries in said.values()],
             "all_responses": {"d_prime": best.distance[n], "std": best.std[n]},
-            "note": None if target.column >= 0 and found.change[n] else _HELD if target.column >= 0 else _NOT_FELT,
+            "note": (doubt or None) if target.column >= 0 and found.change[n] else _HELD if target.column >= 0 else _NOT_FELT,
         }
         for n, target in enumerate(targets)
     ]
