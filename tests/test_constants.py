@@ -19,9 +19,9 @@ ROOMS = ("updating", "campaign", "method", "config")
 ALLOWED = {
     "mathematics or a unit": {
         *("NORMAL_95", "CHI2_95", "DB", "KELVIN", "GB", "MILLIMETRES"),
-        *("GRAVITY", "POUND_FORCE", "INCH", "FOOT", "PSI", "MEDIAN_SPREAD", "DEVIATION", "STUDENT"),
+        *("GRAVITY", "POUND_FORCE", "INCH", "FOOT", "PSI", "GRAVITIES", "MEDIAN_SPREAD", "DEVIATION", "STUDENT"),
     },
-    "rounding only": {"ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
+    "rounding only": {"_ROUNDING", "ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
     "versions and names": {
         *("FORMAT_VERSION", "CALIBRATION_VERSION", "RESULT_FORMAT", "RESULT_VERSION", "EVIDENCE_FORMAT"),
         *("IDENTIFICATION_VERSION", "JUDGEMENT_VERSION"),
@@ -34,6 +34,7 @@ ALLOWED = {
         *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
         *("LEAST_DOFS", "MOST_FILLED", "FAR", "FEW", "MANY", "LARGE_LOSS", "_DIGITS", "EXCHANGED", "LEAST_DIFFERENCE", "ALONE"),
         *("MOST_LEFT", "COARSE", "MOST_SECONDS", "UNLIKE", "LARGEST_LOG10"),
+        *("CLEARLY", "REAL", "LEAST_ALIKE", "MOST_STATES", "MOST_OFF", "MORE", "PROMINENCE", "MOST_SIZE", "_FURTHER", "USUAL"),
         *("MIN_BAND", "FAR_ABOVE", "MAX_LINES", "MAX_LOG10", "SLOWEST", "LIGHTEST", "HEAVIEST", "PENALTY", "LEAST_USED", "MIN_COHERENCE"),
     },
     "campaign files that are drafted from what is there, lists in messages, the picture": {

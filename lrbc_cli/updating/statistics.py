@@ -27,6 +27,9 @@ class ValidationChannels:
         Lines in common from which that can be told, and the relative distance up to which two lines are one.
     least_span : float
         Share of the reference job's lines that a job's reach over: a file that was cut off on its way shows less. A choice.
+    exchanged_db, exchanged_share : float
+        Responses are in each other's place where they lie further from the model than the one as they are called [dB], in the mean and
+        constants taken out, and nearer to it than the other times that in each other's place. A choice: twice the misfit of a tight state.
     """
 
     least_lines: float = 0.8
@@ -35,6 +38,8 @@ class ValidationChannels:
     least_common: int = 10
     same_line: float = 1e-5
     least_span: float = 0.98
+    exchanged_db: float = 3.0
+    exchanged_share: float = 0.5
 
 
 @dataclass(frozen=True)

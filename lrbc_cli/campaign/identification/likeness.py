@@ -53,7 +53,7 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     states : sequence of (F, R) complex arrays
         FRFs of the model; the one counts that comes nearest.
     """
-    count = len(inputs.responses)
+    count, limits = len(inputs.responses), inputs.statistics.validation
     kinds = [(response.quantity, response.input) for response in inputs.responses]
     other = np.array([[one != two for two in kinds] for one in kinds])
     level = levels(measured)
@@ -67,7 +67,7 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     for cycle in _cycles(order.tolist()):
         at, to = list(cycle), [int(order[i]) for i in cycle]
         stated, changed = float(table[:, at, at].sum(axis=1).min()), float(table[:, at, to].sum(axis=1).min())
-        if stated > len(at) * LEAST_DIFFERENCE and changed < CLEARLY * stated:
+        if stated > len(at) * limits.exchanged_db and changed < limits.exchanged_share * stated:
             found.append(cycle)
     return found
 
