@@ -50,8 +50,8 @@ ALONE = 3.0
 #: Predicted seconds up to which a reduced model is built for this where none is in the cache.
 MOST_SECONDS = 3.0
 
-#: States of the model that a measurement is compared with.
-MOST_STATES = 150
+#: States of the model that a measurement is compared with, and how many of the nearest with all sensors in each other's place.
+MOST_STATES, NEAREST = 150, 4
 
 
 @dataclass
@@ -110,9 +110,9 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
     reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
     if reading is not None:
         return {("read",): reading.text}
-    near = _nearest(inputs, few, states)
+    near = _nearest(few, states)
     told: dict[tuple[object, ...], str] = {}
-    exchanges = exchanged(inputs, few.values, states)
+    exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
     offsets = tuple(replace(o, named=o.named and _trusted(o, offsets)) for o in offsets if o.response not in involved)
@@ -146,11 +146,12 @@ def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> Co
     return found
 
 
-def _nearest(inputs: Inputs, measurement: Measurement, states: Complexes) -> list[Complexes]:
-    """The start values, and the states that come nearest but for a factor, times a power of the frequency or not."""
+def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list[Complexes]:
+    """The start values, and the states that come nearest but for a factor, times a power of the frequency or not; so many of each."""
     omega = 20.0 * np.log10(2.0 * np.pi * measurement.frequency_hz)[:, None]
     level = levels(measurement.values) - levels(states)
-    nearest = {int(np.median(spread(level - b * omega, 1), axis=1).argmin()) for b in (0, *POWERS)}
+    orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
+    nearest = {int(k) for order in orders for k in order[:most]}
     return [states[k] for k in sorted({0, *nearest})]
 
 
