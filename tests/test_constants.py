@@ -40,7 +40,7 @@ ALLOWED = {
     "campaign files that are drafted from what is there, lists in messages, the picture": {
         *("ASSUMED_RATIO", "MOST_FILES", "_MOST", "MOST", "_CHUNK", "DIGITS"),
     },
-    "how much a process remembers": {"_modes"},
+    "how much a process remembers": {"_modes", "MOST_KEPT"},
     "figures of `lrbc plan`, before anything is judged": {
         *("LOSSES", "LOSS", "SIGMA_DB", "FACTOR", "RANGE_DB", "DETECTABLE", "HIDDEN", "LINES", "NOISE_SHARE"),
         *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "REHEARSALS", "DRAWS", "REFERENCES"),

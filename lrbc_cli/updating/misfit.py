@@ -45,6 +45,10 @@ def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complex
     return lambda theta: frf(theta) if theta.ndim == 1 else np.stack([frf(each) for each in theta])
 
 
+#: Lines times parameters up to which states are remembered: their derivatives are then some MB each.
+MOST_KEPT = 100_000
+
+
 @dataclass(frozen=True)
 class FrfModel:
     """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
@@ -76,7 +80,8 @@ class FrfModel:
         return y
 
     def _kept(self, kind: object, theta: Floats, make: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
-        found = self._last.of(theta.tobytes(), make, kind)
+        small = self.s.size * self.parameters.size <= MOST_KEPT
+        found = self._last.of(theta.tobytes(), make, kind) if small else make()
         for array in found:
             array.flags.writeable = False
         return found
