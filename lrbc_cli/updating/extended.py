@@ -10,7 +10,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.updating.misfit import DB
+from lrbc_cli.updating.residuals import DB
 
 
 @dataclass(frozen=True)

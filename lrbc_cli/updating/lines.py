@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
-from lrbc_cli.updating.misfit import decibel
 from lrbc_cli.updating.peaks import peaks_of
+from lrbc_cli.updating.residuals import decibel
 
 
 @dataclass(frozen=True)

@@ -437,18 +437,3 @@ def mean_misfit(y: Complexes, measured: Complexes) -> Floats:
     difference = np.abs(decibel(y) - decibel(np.where(valid, measured, 1.0)))
     count = valid.sum(axis=0)
     return np.where(count > 0, np.where(valid, difference, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
-__all__ = [
-    "DB",
-    "SLOPE_STEP",
-    "ChangeError",
-    "Evaluation",
-    "FrfModel",
-    "Misfit",
-    "decibel",
-    "mean_misfit",
-    "penalty_rows",
-    "port_model",
-    "reduced_model",
-]

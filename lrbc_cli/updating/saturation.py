@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.updating.misfit import decibel
+from lrbc_cli.updating.residuals import decibel
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_operators
 from lrbc_cli.reduction.dynamic import DynamicStiffness
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.vectors import local_scale, reference_values
-from lrbc_cli.updating.misfit import Misfit, decibel
+from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.residuals import decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]

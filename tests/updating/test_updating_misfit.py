@@ -10,7 +10,8 @@ from systems import direct_frf, relative
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
-from lrbc_cli.updating.misfit import ChangeError, Misfit, decibel, mean_misfit, penalty_rows, port_model, reduced_model
+from lrbc_cli.updating.misfit import ChangeError, Misfit, mean_misfit, penalty_rows, port_model, reduced_model
+from lrbc_cli.updating.residuals import decibel
 
 ROWS = np.array([0, 2, 3])
 

@@ -13,13 +13,14 @@ from pads import PADS, THIRDS, S, loosened, pads_dynamic, pads_model, pads_ports
 from systems import direct_frf
 
 from lrbc_cli.updating.error_model import ERRORS
-from lrbc_cli.updating.misfit import Misfit, decibel, port_model, reduced_model
+from lrbc_cli.updating.misfit import Misfit, port_model, reduced_model
 from lrbc_cli.updating.optimise import gauss_newton
 from lrbc_cli.updating.residuals import (
     DB,
     DataResidual,
     ResidualOptions,
     coherence_sigma,
+    decibel,
     noise_weights,
     soft,
 )

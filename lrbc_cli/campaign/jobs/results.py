@@ -31,7 +31,7 @@ from lrbc_cli.results.store import read_job, versions, write, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.lcurve import LCurve
-from lrbc_cli.updating.misfit import decibel
+from lrbc_cli.updating.residuals import decibel
 
 #: What of a result judging writes.
 JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
