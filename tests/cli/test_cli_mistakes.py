@@ -478,6 +478,22 @@ MISTAKES = [
         "4 of 6 bolts",
         "bolts file",
     ),
+    Mistake(
+        "row of a bolt copied, its name not changed",
+        "frame",
+        text("model/bolts.csv", lambda t: t.replace("\nB3,", "\nB2,")),
+        3,
+        "lines 3 and 4 are both B2 but lie at different places (y ",
+        "give one its own name",
+    ),
+    Mistake(
+        "row of a bolt twice",
+        "frame",
+        text("model/bolts.csv", lambda t: re.sub(r"(\nB2,[^\n]*)", r"\1\1", t)),
+        3,
+        "stands in the table twice",
+        "lines 3 and 4 say the same: remove one of the two",
+    ),
     Mistake("bolt misspelt", "frame", config(("removed: [B3, B4]", "removed: [B3, B04]")), 2, "'B04'", "did you mean 'B4'?"),
     Mistake("no list", "frame", config(("removed: [B3, B4]", "removed: B3, B4")), 2, "wrong type", "write a list: [B3, B4]"),
     Mistake(
