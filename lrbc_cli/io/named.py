@@ -289,8 +289,8 @@ class _NamedFrfs:
             fits = any(array.ndim > 1 and len(texts) in array.shape for array in self.named.arrays.values())
             if len(columns) > 1 and len(texts) > 1 and not fits:
                 self.warnings.append(
-                    f"`{key}` has {len(texts)} entries for the {len(columns)} columns of {name} and was not used: correct it, or say which "
-                    "column is which by records: {RESPONSE: NUMBER, ...} of the job"
+                    f"`{key}` has {len(texts)} entries for the {len(columns)} columns of {name} and was not used: correct it, or give "
+                    "records: {RESPONSE: NUMBER, ...} in the job"
                 )
         group, own = _group(name), heading(_last(name)).name
         # What is alone in its structure is called by that.

@@ -596,7 +596,7 @@ MISTAKES = [
         all_of(named_columns("acc1", "acc2", "acc3"), config((LOOSE, LOOSE[:-3] + "h5"), (TIGHT, TIGHT[:-3] + "h5"))),
         3,
         "`names` has 3 entries for the 4 columns of H and was not used",
-        "correct it, or say which column is which by records: {",
+        "correct it, or give records: {",
     ),
     Mistake("sensor off", "frame", numbers(FRFS[0], times(0.0, 5, 7)), 3, "acc3 is zero on the whole band", "take acc3 out of responses"),
     Mistake(

@@ -161,7 +161,8 @@ class Table:
         if not differ:
             return f"{lines} say the same: remove one of the two"
         how = "lie at different places" if differ.keys() <= {"x", "y", "z"} else "differ"
-        return f"{lines} are both {value} but {how} ({', '.join(differ.values())}): give one its own {name}"
+        what = value if name == "name" else f"{name} {value}"
+        return f"{lines} are both {what} but {how} ({', '.join(differ.values())}): give one its own {name}"
 
 
 def _cell(cell: str) -> str | float:
