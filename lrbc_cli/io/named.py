@@ -61,9 +61,12 @@ class Named:
 
     def names_of(self, name: str, count: int) -> tuple[str, ...]:
         """Names of the columns of an array; of several columns what its structure lies in may hold them, too."""
+        return next((texts for texts in self.lists_of_names(name, count).values() if len(texts) == count), ())
+
+    def lists_of_names(self, name: str, count: int) -> dict[str, tuple[str, ...]]:
+        """What may name the columns of an array, of any number of entries."""
         groups = [name, *self._around(name)]
-        found = (texts for group in (groups if count > 1 else groups[:2]) for texts in self._in(group, _NAMES).values())
-        return next((texts for texts in found if len(texts) == count), ())
+        return {key: texts for group in (groups if count > 1 else groups[:2]) for key, texts in self._in(group, _NAMES).items()}
 
     def _around(self, name: str) -> list[str]:
         """The structures that an array lies in, the innermost first, the last of them the file."""
@@ -281,6 +284,14 @@ class _NamedFrfs:
         names = self.named.names_of(name, len(columns))
         if names:
             return [text.strip() for text in names]
+        for key, texts in self.named.lists_of_names(name, len(columns)).items():
+            # A list may be of another array.
+            fits = any(array.ndim > 1 and len(texts) in array.shape for array in self.named.arrays.values())
+            if len(columns) > 1 and len(texts) > 1 and not fits:
+                self.warnings.append(
+                    f"`{key}` has {len(texts)} entries for the {len(columns)} columns of {name} and was not used: correct it, or give "
+                    "records: {RESPONSE: NUMBER, ...} in the job"
+                )
         group, own = _group(name), heading(_last(name)).name
         # What is alone in its structure is called by that.
         alone = sum(array.dtype.kind == "c" and _group(key) == group for key, array in self.named.arrays.items()) == 1

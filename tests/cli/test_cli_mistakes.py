@@ -11,9 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse as sp
 from campaigns import Folder, Result, lrbc
 from campaigns import frame as make_frame
 from campaigns import plate as make_plate
@@ -211,6 +213,18 @@ def cut_in_line(name: str, share: float = 0.6) -> Damage:
     return text(name, cut)
 
 
+def named_columns(*names: str) -> Damage:
+    """The FRFs of two jobs in HDF5, with a list of names."""
+
+    def damage(folder: Folder) -> None:
+        for name in FRFS[:2]:
+            rows = np.loadtxt(folder.data / name, delimiter=",", skiprows=1)
+            with h5py.File((folder.data / name).with_suffix(".h5"), "w") as file:
+                file["frequency"], file["H"], file["names"] = rows[:, 0], rows[:, 1::2] + 1j * rows[:, 2::2], names
+
+    return damage
+
+
 HZ = np.arange(30.0, 501.0)
 COHERENCE = 1.0 - 0.05 * np.random.default_rng(1).random((HZ.size, 4))
 SECONDS = np.arange(2048) / 2048
@@ -232,6 +246,7 @@ K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
 ACC1 = ", quantity: acceleration}\n  acc2"
 UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
 LOOSE = "frf: data/frf/loose-2.csv"
+TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
@@ -478,6 +493,22 @@ MISTAKES = [
         "4 of 6 bolts",
         "bolts file",
     ),
+    Mistake(
+        "row of a bolt copied, its name not changed",
+        "frame",
+        text("model/bolts.csv", lambda t: t.replace("\nB3,", "\nB2,")),
+        3,
+        "lines 3 and 4 are both B2 but lie at different places (y ",
+        "give one its own name",
+    ),
+    Mistake(
+        "row of a bolt twice",
+        "frame",
+        text("model/bolts.csv", lambda t: re.sub(r"(\nB2,[^\n]*)", r"\1\1", t)),
+        3,
+        "stands in the table twice",
+        "lines 3 and 4 say the same: remove one of the two",
+    ),
     Mistake("bolt misspelt", "frame", config(("removed: [B3, B4]", "removed: [B3, B04]")), 2, "'B04'", "did you mean 'B4'?"),
     Mistake("no list", "frame", config(("removed: [B3, B4]", "removed: B3, B4")), 2, "wrong type", "write a list: [B3, B4]"),
     Mistake(
@@ -497,6 +528,85 @@ MISTAKES = [
         "take them out of one",
     ),
     Mistake("hammer about an axis", "frame", config(("0.12, 0.0], component: UZ", "0.12, 0.0], component: ROTX")), 0, "a moment", "UZ"),
+    Mistake(
+        "stiffness copied as mass",
+        "frame",
+        all_of(lambda f: shutil.copy(f.data / "model/stiffness.mtx", f.data / "model/M.mtx"), config((M, "data/model/M.mtx"))),
+        3,
+        "model.mass: M.mtx holds the same numbers as model.stiffness (stiffness.mtx)",
+        "was the stiffness exported twice?",
+    ),
+    Mistake(
+        "stiffness copied as mass, in mm, N, t",
+        "plate",
+        lambda f: shutil.copy(f.data / "plate.sti.gz", f.data / "plate.mas.gz"),
+        3,
+        "model.mass: plate.mas.gz holds the same numbers as model.stiffness (plate.sti.gz)",
+        "was the stiffness exported twice?",
+    ),
+    Mistake(
+        "mass copied as damping",
+        "frame",
+        lambda f: shutil.copy(f.data / "model/mass.mtx.gz", f.data / "model/damping.mtx.gz"),
+        3,
+        "model.damping: damping.mtx.gz holds the same numbers as model.mass (mass.mtx.gz)",
+        "was the mass exported twice?",
+    ),
+    Mistake(
+        "input of an older mesh, which lacks the last nodes",
+        "plate",
+        text("plate.inp", lambda t: re.sub(r"\n(49\d|50\d),.*(?=\n(\d+, |\*))", "", t)),
+        0,
+        "plate.dof names 20 nodes (490 to 509) that plate.inp has not",
+        "is it the input that the matrices were exported from?",
+    ),
+    Mistake(
+        "places of the terms with x and y exchanged",
+        "frame",
+        numbers("model/edge.csv", lambda r: r[:, [1, 0, 2]]),
+        0,
+        "the places in edge.csv lie up to 523 mm from the DOFs that their vectors act on",
+        "they fit with x and y exchanged",
+    ),
+    Mistake(
+        "places of the terms with x and y exchanged, without bolts",
+        "frame",
+        all_of(
+            numbers("model/edge.csv", lambda r: r[:, [1, 0, 2]]),
+            config(("bolts: data/model/bolts.csv", ""), ("    removed: [B3, B4]", ""), ("    removed: [B1, B2, B3, B4, B5, B6]", "")),
+        ),
+        0,
+        "the places in edge.csv lie up to 523 mm from the DOFs that their vectors act on",
+        "they fit with x and y exchanged",
+    ),
+    Mistake(
+        "sparse matrix of numpy.savez",
+        "frame",
+        all_of(
+            lambda f: np.savez(f.data / "model/K.npz", K=np.array(sp.coo_array(np.eye(3)), dtype=object)),
+            config((K, "data/model/K.npz")),
+        ),
+        3,
+        "the array holds Python objects",
+        "scipy.sparse.save_npz('K.npz', K)",
+    ),
+    Mistake(
+        "a name short in HDF5",
+        "frame",
+        all_of(named_columns("acc1", "acc2", "acc3"), config((LOOSE, LOOSE[:-3] + "h5"), (TIGHT, TIGHT[:-3] + "h5"))),
+        3,
+        "`names` has 3 entries for the 4 columns of H and was not used",
+        "correct it, or give records: {",
+    ),
+    Mistake("sensor off", "frame", numbers(FRFS[0], times(0.0, 5, 7)), 3, "acc3 is zero on the whole band", "take acc3 out of responses"),
+    Mistake(
+        "hammer in metres",
+        "plate",
+        config(("[63.333, 60, 4]", "[0.063333, 0.060, 0.004]")),
+        0,
+        "the hammer hit node 393, excitation.hammer is node 101",
+        "times 1000: write near: [63.333, 60, 4]",
+    ),
     Mistake("stiffness as damping", "frame", config(("data/model/damping.mtx.gz", K)), 2, "name one matrix", "name its own file"),
     Mistake("conjugate", "frame", all_of(*(numbers(n, conjugate) for n in FRFS)), 0, "run the other way", "conjugate the FRF file"),
     Mistake("no quantity", "frame", config((ACC1, "}\n  acc2")), 0, "likely acceleration", "responses.acc1.quantity: acceleration"),
@@ -586,6 +696,16 @@ def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Pat
     assert "add '*.dat' there" in told
     assert "remarks" not in told
     assert FRFS[1].partition("/")[2] not in told
+
+
+def test_nodes_that_a_program_added_to_shells_are_no_mistake(tmp_path: Path) -> None:
+    """Shells of CalculiX are expanded to solids with nodes of their own."""
+    folder = make_plate(tmp_path)
+    text("plate.inp", lambda t: re.sub(r"\n(49\d|50\d),.*(?=\n(\d+, |\*))", "", t).replace("TYPE=C3D20R", "TYPE=S8R"))(folder)
+    result = check(folder, "plate")
+    assert result.code == 0, result.stderr
+    assert "60 DOFs of 20 nodes beyond those of plate.inp are inner ones of the FE program" in result.stdout
+    assert "that plate.inp has not" not in result.stdout
 
 
 def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path) -> None:

@@ -61,7 +61,9 @@ X = "1,0,0,0,1,0"
         ("B1,5,x,UX,1", 2, "a whole number"),
         (",5,,UX,1", 2, "a name or number in every line"),
         ("B1,5,,UX,1\nB1,5,8,UX,1\nB2,8,5,UX,2", 4, "a spring stands in the table twice(.|\n)*line 3 holds it already"),
-        ("B1,5,,UX,1\nB2,5,,UX,2", 3, "a spring stands in the table twice"),
+        ("B1,5,,UX,1\nB1,5,,UX,1", 3, "line 2 holds it already; remove one of the two"),
+        ("B1,5,,UX,1\nB2,5,,UX,1", 3, "line 2 holds it already, for bolt B1, this one is for B2: correct the nodes or the bolt"),
+        ("B1,5,,UX,1\nB1,5,,UX,2", 3, "line 2 holds it already, with stiffness 1, this one with 2: correct the nodes or component"),
         ("B9,5,,UX,1", 2, "this bolt is unknown\n  expected: one of B1, B2\n  found:    'B9'"),
     ],
 )

@@ -77,7 +77,10 @@ def test_any_order_of_lines_and_columns(tmp_path, order, columns):
         (DOFS.replace("PRES,1,", "PRES,one,"), "line 4, column 'x'"),
         (DOFS.replace("PRES,1,", "PRES,nan,"), "line 4, column 'x'(.|\n)*finite"),
         (DOFS.replace("PRES", ""), "line 4, column 'component'"),
-        (DOFS.replace("2,12,", "1,12,"), "line 4, column 'dof'(.|\n)*twice(.|\n)*line 3"),
+        (
+            DOFS.replace("2,12,", "1,12,"),
+            "line 4, column 'dof'(.|\n)*twice(.|\n)*lines 3 and 4 are both dof 1 but differ \\(node 11 and 12, ",
+        ),
         (DOFS.replace("2,12,", "7,12,"), "line 4, column 'dof'(.|\n)*out of range"),
         (DOFS.replace("2,12,", "3,12,").replace("1,11", "2,11").replace("0,11", "1,11"), "counts from 1"),
         (DOFS + '3,"13,UX,0,0,0\n', "line 5: the line cannot be split"),
@@ -96,8 +99,12 @@ def test_points(tmp_path):
     points = read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\n7,1,2,3\n"))
     assert points.name == ("B01", "7")
     np.testing.assert_array_equal(points.xyz, [[0, 0.5, 1], [1, 2, 3]])
-    with pytest.raises(DataError, match=r"line 3, column 'name'(.|\n)*line 2"):
+    with pytest.raises(
+        DataError, match=r"line 3, column 'name'(.|\n)*lines 2 and 3 are both B01 but lie at different places \(x 0 and 1, "
+    ):
         read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\nB01,1,2,3\n"))
+    with pytest.raises(DataError, match=r"line 3, column 'name'(.|\n)*lines 2 and 3 say the same: remove one"):
+        read_points(write(tmp_path, "name,x,y,z\nB01,0,0.5,1\nB01,0.0,0.50,1\n"))
     with pytest.raises(DataError, match="line 2, column 'name'"):
         read_points(write(tmp_path, "name,x,y,z\n,0,0.5,1\n"))
 

@@ -6,11 +6,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
+from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
-from lrbc_cli.config.structure import FileRecordRef, RecordRef
+from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.model.selection import nearest, spacing
 
 Wanted = str | int | RecordRef | FileRecordRef
 
@@ -234,7 +238,10 @@ def _require_used(inputs: Inputs, job: JobConfig, name: str, records: list[FrfRe
         place=f"job {name}",
         expected=_wanted_text(wanted) if wanted is not None else f"a record named {response.name}" + _place_text(response),
         found=listed(frf),
-        hint=f"say which one in responses.{response.name}.record or in the job's records, by name, number, node or file",
+        # What was odd about the files may be why.
+        hint="; ".join(
+            [*frf.warnings, f"say which one in responses.{response.name}.record or in the job's records, by name, number, node or file"]
+        ),
     )
 
 
@@ -251,20 +258,39 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
     alike = sum(record.response_node == r.node for r, record in own)
     if 2 * alike <= len(pairs):
         return []
-    found = [
-        f"{called(job)}: {describe(record)} was measured at node {record.response_node}, response {r.name} is node {r.node} of the model: "
-        f"correct the place of responses.{r.name}, or its record"
-        for r, record in own
-        if record.response_node != r.node
-    ]
+    found = []
+    for r, record in own:
+        if record.response_node != r.node:
+            metres = _in_metres(inputs, inputs.campaign.responses[r.name], record.response_node)
+            found.append(
+                f"{called(job)}: {describe(record)} was measured at node {record.response_node}, response {r.name} is node {r.node} of the "
+                f"model: {metres or f'correct the place of responses.{r.name}, or its record'}"
+            )
     for at, (name, (node, _)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
         over = {record.reference_node for r, record in own if r.input == at}
         if node is not None and len(over) == 1 and not over & {None, node}:
+            hit = over.pop()
+            metres = _in_metres(inputs, inputs.campaign.excitation[name], hit)
             found.append(
-                f"{called(job)}: the hammer hit node {over.pop()}, excitation.{name} is node {node} of the model: are hammer and sensor "
-                f"exchanged? Correct excitation.{name}"
+                f"{called(job)}: the hammer hit node {hit}, excitation.{name} is node {node} of the model: "
+                f"{metres or f'are hammer and sensor exchanged? Correct excitation.{name}'}"
             )
     return found
+
+
+def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | None:
+    """That a point was given in metres where the campaign has millimetres, in words: a thousand times it lies at the node measured.
+
+    The other way round it lies outside the model, which is refused.
+    """
+    if point.near is None or point.component is None or inputs.dofs is None:
+        return None
+    place = [value / MILLIMETRES for value in point.near]
+    dof, distance = nearest(inputs.dofs, [value * inputs.campaign.unit_system.length for value in place], point.component) or (-1, np.inf)
+    if dof < 0 or inputs.dofs.node[dof] != node or distance > spacing(inputs.dofs, dof):
+        return None
+    text = ", ".join(f"{value:.6g}" for value in place)
+    return f"the point given lies there when it is taken times 1000: write near: [{text}], in the units of the campaign"
 
 
 def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:

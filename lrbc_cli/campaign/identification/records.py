@@ -199,6 +199,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 f"the record of response {inputs.responses[i].name} is zero on the whole band",
                 file=records[i].file,
                 expected="measured values",
+                hint="was its sensor or cable off? Measure this job again, or do without it everywhere: take "
+                f"{inputs.responses[i].name} out of responses and update.responses",
             )
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,12 +13,16 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config.structure import DofSource
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.encoding import decode
 from lrbc_cli.io.matrices.read import read_vectors
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
-from lrbc_cli.model.dofs import DofLabels, DofTable
+from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable
+
+#: Elements that CalculiX expands to solids with nodes of its own: shells, beams, trusses, plane and axisymmetric ones.
+_EXPANDED = re.compile(r"\*ELEMENT\b.*TYPE\s*=\s*(S\d|M3D|B\d|T[23]D|CP[SE]|CAX)", re.IGNORECASE)
 
 
 @dataclass
@@ -33,12 +38,15 @@ class Numbering:
     notes : list of str
     files : list of Path
         What was read.
+    lacking : Path or None
+        The file of coordinates, where it lacks nodes of the matrices.
     """
 
     table: DofTable | None = None
     labels: DofLabels | None = None
     notes: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+    lacking: Path | None = None
 
 
 def numbering(source: Path | DofSource | None, stiffness: MatrixFile) -> Numbering:
@@ -133,11 +141,42 @@ def _place(found: Numbering, node: Integers, xyz: Floats, path: Path) -> None:
     component = labels.component.astype(object)
     if inner.any():
         component[inner] = [name if name.startswith("INNER") else f"INNER{name}" for name in component[inner]]
-        count = np.unique(labels.node[inner]).size
-        found.notes.append(f"{int(inner.sum())} DOFs of {count} nodes beyond those of {path.name} are inner ones of the FE program")
+        found.lacking = path
     places = np.where(known[:, None], xyz[order][at], xyz.mean(axis=0))
     found.labels = DofLabels(labels.node, component.astype(np.str_))
     found.table = DofTable(node=labels.node, component=found.labels.component, xyz=places)
+
+
+def added_nodes(K: sp.csc_array, found: Numbering) -> tuple[str, str]:
+    """A note on the nodes that have no coordinates, or a warning where they are ordinary ones; both empty where there are none.
+
+    At an ordinary node a rigid translation meets no force, at an incompatible mode it does. Nodes of expanded shells and beams are
+    ordinary ones that the FE program added.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    found : Numbering
+        Of n rows.
+    """
+    dofs, file = found.table, found.lacking
+    if dofs is None or file is None:
+        return "", ""
+    inner = np.char.startswith(dofs.component, "INNER")
+    nodes = np.unique(dofs.node[inner])
+    at_rest, moved = 0, 0
+    for label in COMPONENTS[:3]:
+        motion = np.isin(dofs.component, (label, f"INNER{label}")).astype(float)
+        force, size = (np.abs(A @ motion)[dofs.component == f"INNER{label}"] for A in (K.real, np.abs(K)))
+        at_rest += int(((force < 1e-6 * size) & (size > 0.0)).sum())
+        moved += int((size > 0.0).sum())
+    if 2 * at_rest > moved and not _EXPANDED.search(decode(file.read_bytes())):
+        names = found.files[1].name if len(found.files) > 1 else "the stiffness matrix"
+        return "", (
+            f"{names} names {nodes.size} nodes ({nodes[0]} to {nodes[-1]}) that {file.name} has not: is it the input that the matrices "
+            "were exported from? No point is found at these nodes: name the file that has them under model.dofs.nodes"
+        )
+    return f"{int(inner.sum())} DOFs of {nodes.size} nodes beyond those of {file.name} are inner ones of the FE program", ""
 
 
 def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, what: str) -> sp.csc_array:

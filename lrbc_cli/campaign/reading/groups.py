@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
-from lrbc_cli.campaign.reading.places import require_near
+from lrbc_cli.campaign.reading.places import beside_their_dofs, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
@@ -175,6 +175,9 @@ class GroupReader(ModelReader):
         empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
         if empty.size:
             raise DataError(f"vector {empty[0]} of {name} is empty", file=first.path)
+        beside = None if self.dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), self.dofs.xyz)
+        if beside:
+            self.warn(f"parameters.{name}: the places in {select.positions.name} lie {beside}")
         return left, right, positions
 
     def _bushings(self, name: str, file: Path, component: str | None) -> tuple[sp.csc_array, Floats, tuple[str, ...], bool | None]:

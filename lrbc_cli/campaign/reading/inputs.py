@@ -13,12 +13,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.protect import require_inputs_apart
-from lrbc_cli.campaign.reading.dof_source import numbering
+from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, order_doubt, require_known_bolts, require_roles, slips
+from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, order_doubt, require_apart, require_known_bolts, require_roles, slips
 from lrbc_cli.campaign.reading.places import extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
@@ -363,7 +363,8 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
     source = reader.campaign.model
     first, second = reader.load(source.stiffness), reader.load(source.mass)
     _require_whole(reader.campaign, first, second)
-    reader.number(numbering(source.dofs, first))
+    numbered = numbering(source.dofs, first)
+    reader.number(numbered)
     K = reader.matrix(source.stiffness, "stiffness", found=first)
     n = reader.n = reader.rows = K.shape[0]
     if K.nnz == 0:
@@ -379,17 +380,21 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
             found=f"{reader.labels.size}",
             hint="export matrices and DOF table of one model in one run",
         )
+    require_apart(source, stiffness=K, mass=M)
     K, M = reader.scale(K, M)
     require_roles(K, M, source, reader.campaign.reduction.band)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
+    added, doubt = added_nodes(K, numbered)
+    reader.notes += [added] if added else []
+    reader.warn(*([doubt] if doubt else []))
     fixed, note = fixed_dofs(K, M)
     if note:
         reader.notes.append(note)
         reader.leave_out(fixed)
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
-        doubt = require_metres(K, M, reader.dofs, reader.campaign)
-        reader.warn(*(text for text in (doubt, order_doubt(K, reader.dofs)) if text))
+        units = require_metres(K, M, reader.dofs, reader.campaign)
+        reader.warn(*(text for text in (units, order_doubt(K, reader.dofs)) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 
@@ -407,7 +412,9 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
     if damping is None:
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
-    return reader.matrix(damping, "damping")
+    C = reader.matrix(damping, "damping")
+    require_apart(reader.campaign.model, stiffness=K, mass=M, damping=C)
+    return C
 
 
 def _loss(damping: FieldDamping) -> str:

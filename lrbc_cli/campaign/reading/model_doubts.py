@@ -83,6 +83,29 @@ def require_roles(K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz
     )
 
 
+def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
+    """Refuse a last matrix, of the names of ``model``, that holds the numbers of another one.
+
+    Raises
+    ------
+    DataError
+    """
+    *others, (name, own) = matrices.items()
+    for other, matrix in others:
+        if own.nnz == 0 or own.nnz != matrix.nnz or abs(own - matrix).max() > 10.0**-_DIGITS * abs(own).max():
+            continue
+        ref, first = getattr(source, name), getattr(source, other)
+        raise DataError(
+            f"model.{name}: {ref.path.name} holds the same numbers as model.{other} ({first.path.name})",
+            file=ref.path,
+            place=ref.group,
+            expected=f"the {name} matrix",
+            found=f"the {other} matrix once more",
+            hint=f"was the {other} exported twice? Export the {name} matrix, and name its file"
+            + ("; damping by the mass or the stiffness is {structure: {alpha: ..., beta: ...}}" if name == "damping" else ""),
+        )
+
+
 def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str]:
     """(n,) mask of DOFs that the export left as rows of zeros, or held with a penalty (Abaqus: 1e36), and what is said about them."""
     empty = (np.abs(K).sum(axis=0) == 0) & (np.abs(M).sum(axis=0) == 0) & (np.abs(K).sum(axis=1) == 0) & (np.abs(M).sum(axis=1) == 0)

@@ -14,6 +14,7 @@ from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
@@ -115,6 +116,37 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
         expected=f"coordinates in metres; the model spans {size:.3g} m ({extents(model)})",
         found="(" + ", ".join(f"{value:g}" for value in points[worst]) + f"), {distance[worst]:.3g} m away from it",
         hint=hint,
+    )
+
+
+def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
+    """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
+
+    They do where DOFs of other terms are nearer, or where they are farther away than the terms are from each other.
+
+    Parameters
+    ----------
+    places : (m, 3) float array
+    vectors : (n, m) csc_array
+    model : (n, 3) float array
+        Places of the DOFs [m].
+    """
+    acted = [vectors.indices[start:end] for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True)]
+    trees = [cKDTree(model[at]) for at in acted]
+    every, length = cKDTree(model[np.unique(vectors.indices)]), float(np.linalg.norm(np.ptp(places, axis=0)))
+
+    def away(points: Floats) -> Floats | None:
+        own = np.array([tree.query(point)[0] for tree, point in zip(trees, points, strict=True)])
+        nearer = own > every.query(points)[0] + ROUNDING * length
+        return own if 2 * nearer.sum() > len(own) or float(np.median(own)) > length > 0.0 else None
+
+    distance = away(places)
+    if distance is None:
+        return None
+    orders = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
+    fits = next((axes for axes, order in orders.items() if away(places[:, order]) is None), None)
+    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: " + (
+        f"they fit with {fits} exchanged; exchange these columns" if fits else "correct the coordinates, or the order of the rows"
     )
 
 

@@ -120,7 +120,12 @@ def _member(archive: zipfile.ZipFile, name: str, path: Path, size: int) -> Any:
         shape, _, dtype = header(stream)
     if dtype.hasobject:
         raise DataError(
-            "the array holds Python objects, which are never loaded", file=path, place=name, expected="numbers", found="objects"
+            "the array holds Python objects, which are never loaded",
+            file=path,
+            place=name,
+            expected="numbers",
+            found="objects",
+            hint=f"if it is a sparse matrix, write it by scipy.sparse.save_npz({path.name!r}, {name}), in a file of its own",
         )
     needed = math.prod(shape) * dtype.itemsize
     check_allocation(needed, info.file_size, path, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -106,10 +106,21 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
                 "each spring once",
                 f"{label} between node {first} and {'ground' if second is None else f'node {second}'}",
                 "a spring stands in the table twice",
-                f"line {table.lines[seen[key]]} holds it already; remove one of the two",
+                _twice(table, seen[key], index, owners, stiffness),
             )
         seen[key] = index
     return BushingTable(path, tuple(table.lines), owners, node_a, node_b, component, stiffness, axes)
+
+
+def _twice(table: Table, first: int, second: int, owners: Sequence[str], stiffness: NDArray[np.float64]) -> str:
+    """What to do with two lines of one spring: those of two bolts or of two values are no copies."""
+    held = f"line {table.lines[first]} holds it already"
+    if owners[first] != owners[second]:
+        return f"{held}, for bolt {owners[first]}, this one is for {owners[second]}: correct the nodes or the bolt of one of the two"
+    if stiffness[first] != stiffness[second]:
+        values = f"with stiffness {stiffness[first]:g}, this one with {stiffness[second]:g}"
+        return f"{held}, {values}: correct the nodes or component of one, or remove the wrong one"
+    return f"{held}; remove one of the two"
 
 
 def _second_nodes(table: Table) -> tuple[int | None, ...]:

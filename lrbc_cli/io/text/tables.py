@@ -147,9 +147,30 @@ class Table:
         seen: dict[object, int] = {}
         for index, value in enumerate(values):
             if value in seen:
-                hint = f"line {self.lines[seen[value]]} holds it already; remove one of the two"
+                hint = self._twice(name, value, seen[value], index)
                 raise self.error(index, name, "values that differ", value, "a value stands in the table twice", hint)
             seen[value] = index
+
+    def _twice(self, name: str, value: object, first: int, second: int) -> str:
+        """What to do with two lines of one value: where they differ elsewhere, removing one would lose what it stands for."""
+        pairs = {key: (self.rows[first][at], self.rows[second][at]) for key, at in self.columns.items() if key != name}
+        differ = {
+            key: f"{key} {one or 'empty'} and {other or 'empty'}" for key, (one, other) in pairs.items() if _cell(one) != _cell(other)
+        }
+        lines = f"lines {self.lines[first]} and {self.lines[second]}"
+        if not differ:
+            return f"{lines} say the same: remove one of the two"
+        how = "lie at different places" if differ.keys() <= {"x", "y", "z"} else "differ"
+        what = value if name == "name" else f"{name} {value}"
+        return f"{lines} are both {what} but {how} ({', '.join(differ.values())}): give one its own {name}"
+
+
+def _cell(cell: str) -> str | float:
+    """A cell as what can be compared: a number may be written in several ways."""
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def is_dof_table(path: Path) -> bool:
@@ -260,7 +281,7 @@ def read_points(path: Path) -> PointTable:
             "points at places of their own",
             f"{names[second]} at {_place(xyz[second])}",
             "two points lie at one place",
-            f"line {table.lines[first]} puts {names[first]} there already; remove one, or correct its coordinates",
+            f"line {table.lines[first]} puts {names[first]} there already; correct the coordinates of one, or remove what is there twice",
         )
     return PointTable(name=tuple(names), xyz=xyz)
 
