@@ -152,7 +152,7 @@ TABLES = [
     Case("truncated DOF table", truncated("dofs.csv"), 3, ("dofs.csv", "expected:", "found:")),
     Case("garbage DOF table", garbage("dofs.csv"), 3, ("dofs.csv",)),
     Case("DOF missing", substitute("dofs.csv", r"^31,.*\n", ""), 3, ("dofs.csv", "does not fit", "32 DOFs", "31")),
-    Case("DOF double", substitute("dofs.csv", r"^31,", "30,"), 3, ("dofs.csv", "line 33", "twice", "line 32")),
+    Case("DOF double", substitute("dofs.csv", r"^31,", "30,"), 3, ("dofs.csv", "line 33", "twice", "lines 32 and 33")),
     Case(
         "DOFs from one",
         on_file("dofs.csv", lambda t: re.sub(rb"(?m)^(\d+)", lambda m: str(int(m[1]) + 1).encode(), t)),
