@@ -247,9 +247,9 @@ def test_smoothing(box: Folder) -> None:
     np.testing.assert_allclose(found["log10"], p, atol=1e-3)
 
 
-def write_terms(folder: Folder, vectors: np.ndarray, parameter: list[str] | None = None, name: str = "terms") -> None:
+def write_terms(folder: Folder, vectors: np.ndarray, parameter: list[str] | None = None, name: str = "terms", step: float = 0.3) -> None:
     scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(vectors), symmetry="general", precision=17)
-    rows = [f"{0.3 * k},0,0" + (f",{parameter[k]}" if parameter else "") for k in range(vectors.shape[1])]
+    rows = [f"{step * k},0,0" + (f",{parameter[k]}" if parameter else "") for k in range(vectors.shape[1])]
     header = "x,y,z" + (",parameter" if parameter else "")
     (folder.data / f"{name}.csv").write_text("\n".join([header, *rows]) + "\n")
 
@@ -270,7 +270,7 @@ def test_terms_that_share_a_parameter(box: Folder) -> None:
 def test_left_and_right_vectors(box: Folder) -> None:
     """A nonreciprocal coupling: force on one mass by the motion of the next."""
     left, right = np.eye(32)[:, [0, 2, 4]], np.eye(32)[:, [1, 3, 5]]
-    write_terms(box, left)
+    write_terms(box, left, step=0.6)
     write_terms(box, right, name="right")
     select = {"left": "data/terms.mtx", "right": "data/right.mtx", "positions": "data/terms.csv"}
     groups(box, links={"select": select, "initial": 3.0, "bounds": [1.0, 4.5]})

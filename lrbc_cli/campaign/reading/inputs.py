@@ -413,7 +413,12 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
     C = reader.matrix(damping, "damping")
-    require_apart(reader.campaign.model, stiffness=K, mass=M, damping=C)
+    require_apart(reader.campaign.model, stiffness=K, damping=C)
+    try:
+        require_apart(reader.campaign.model, mass=M, damping=C)
+    except DataError as error:
+        # It may be meant, with alpha = 1/s.
+        reader.warn(f"{error.problem}: {error.hint}")
     return C
 
 
