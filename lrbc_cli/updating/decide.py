@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -214,6 +214,10 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: floa
     found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in evidence.bolts)
     limit = rule.implausible_rise * evidence.prior_std
     rises = tuple(v.name for v in found if v.change_std is not None and v.change is not None and v.change > limit)
+    if role == JOB and valid.passed and rises and not any(v.verdict == LOOSE for v in found):
+        # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
+        why = f"{', '.join(rises)} tighter than in the reference job: was all tight there?"
+        valid = replace(valid, passed=None, unvalidated=why, reason=f"not validated: {why} {valid.reason}")
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,11 @@ from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf
 
 from lrbc_cli.campaign.identification import identify as identification
+from lrbc_cli.campaign.reading.factors import CalibrationUse
+from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reduced.stage import obtain_reduction
+from lrbc_cli.config import load_campaign
+from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating import levels
@@ -321,6 +327,28 @@ def test_a_baseline_that_the_matrix_does_not_hold(box: Folder) -> None:
         assert result.code == 3
         for part in ("parameters.springs.baseline", "does not hold what is subtracted", "fix:"):
             assert part in result.stderr
+
+
+@pytest.mark.parametrize(("factor", "holds"), [(0.97, True), (0.5, False)])
+def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, factor: float, holds: bool) -> None:
+    """A few per cent are no other matrix; what hides a loss of ten times stays an error."""
+    path = box.data / "K.mtx"
+    K = scipy.io.mmread(path, spmatrix=False).toarray()
+    K[np.arange(6), np.arange(6)] += 3e6
+    scipy.io.mmwrite(path, sp.coo_array(factor * K), symmetry="general", precision=17)
+    tree = box.tree()
+    tree["parameters"]["springs"]["baseline"] = 3e6
+    box.write(tree)
+    inputs = read_as_exported(load_campaign(box.config))
+    cache = box.config.parent / "cache"
+    with pytest.raises(DataError, match="does not hold what is subtracted"):
+        obtain_reduction(inputs, cache)
+    used = replace(inputs, calibration=CalibrationUse(True, "used", factors={"stiffness.structure": factor}))
+    if holds:
+        assert obtain_reduction(used, cache).reduction.reached
+    else:
+        with pytest.raises(DataError, match="does not hold what is subtracted"):
+            obtain_reduction(used, cache)
 
 
 def test_baseline(box: Folder) -> None:

@@ -166,6 +166,13 @@ def test_the_scene_of_what_is_flat_is_a_plan_and_else_a_view_in_space(output: Pa
                 assert y.low <= np.nanmin(item.y) <= np.nanmax(item.y) <= y.high
 
 
+def test_a_node_without_a_line_beside_a_mesh_is_drawn(output: Path) -> None:
+    record = plate(output)
+    solid, air = record.fields
+    alone = solid.model_copy(update={"xyz": np.vstack([solid.xyz, solid.xyz.mean(axis=0)])})
+    structure_chart(record.model_copy(update={"fields": (alone, air)}))
+
+
 def test_the_page_of_the_picture_needs_nothing_from_outside(output: Path) -> None:
     text = structure_page(plate(output))
     page = Elements(text)

@@ -228,6 +228,14 @@ def test_tighter_than_tight_is_implausible() -> None:
     limit = RULE.implausible_rise * 0.35
     found = judge(evidence(changed(1.01 * limit, 0.1), replace(changed(0.99 * limit, 0.1), name="B2")), RULE)
     assert found.implausible == ("B1",)
+    # Was all tight in the reference job? Such a job clears nothing, unless a bolt is loose anyway.
+    assert found.validity.passed is None
+    assert found.validity.explained
+    assert "B1 tighter than in the reference job" in found.validity.unvalidated
+    beside = judge(evidence(changed(1.01 * limit, 0.1), replace(changed(-2.0, 0.1), name="B2")), RULE)
+    assert beside.implausible == ("B1",)
+    assert beside.validity.passed
+    assert judge(evidence(changed(1.01 * limit, 0.1)), RULE, BASELINE).validity.passed
 
 
 def test_scatter_is_the_rms_of_judged_changes() -> None:

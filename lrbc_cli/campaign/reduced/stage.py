@@ -122,8 +122,10 @@ def obtain_reduction(
     return stage
 
 
-def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, rounding: float = 1e-11) -> None:
+def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, scaled: float = 0.1, rounding: float = 1e-11) -> None:
     """What is subtracted as a baseline has to be in the matrix: without it no motion may have a negative stiffness.
+
+    A calibration that lowers the stiffness of the structure lowers the springs that the matrix holds with it, what is subtracted stays.
 
     Parameters
     ----------
@@ -131,6 +133,9 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     model : ReducedModel
     share : float
         Of what a motion loses by the baselines, that may be missing in the matrix.
+    scaled : float
+        The same as far as the calibration has taken it: a free spring then counts as that much below zero, so that a loss of ten times
+        is still seen as one.
     rounding : float
         Of the largest stiffness.
 
@@ -149,7 +154,9 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     x = vectors[:, 0]
     each = baseline * (left.T @ x) * (right.T @ x)
     lacking = float(each.sum() - x @ K @ x)
-    if values[0] > -rounding * np.abs(values).max() or lacking < share * float(each.sum()):
+    factors = {} if inputs.calibration is None else inputs.calibration.factors
+    taken_by = max(0.0, 1.0 - min((value for name, value in factors.items() if name.startswith("stiffness.")), default=1.0))
+    if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(taken_by, scaled)) * float(each.sum()):
         return
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
     raise DataError(

@@ -180,7 +180,9 @@ def panel_of(scene: Scene, width: float, left: float, extra: list[Item]) -> tupl
     items: list[Item] = [
         Curve(role, *broken(segments @ view), scene.labels.get(role, "") if above < 2 else "") for above, role, segments in layers(scene)
     ]
-    items += [marks_at(role, dots @ view, scene.labels[role]) for role, dots in scene.dots.items() if not scene.plane or role != "air"]
+    items += [
+        marks_at(role, dots @ view, scene.labels.get(role, "")) for role, dots in scene.dots.items() if not scene.plane or role != "air"
+    ]
     for role in dict.fromkeys(role for role, _ in scene.marks):
         chosen = [index for index, (own, _) in enumerate(scene.marks) if own == role]
         names = tuple(scene.marks[index][1].name for index in chosen)
