@@ -329,8 +329,8 @@ def test_a_baseline_that_the_matrix_does_not_hold(box: Folder) -> None:
             assert part in result.stderr
 
 
-@pytest.mark.parametrize(("factor", "holds"), [(0.97, True), (0.5, False)])
-def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, factor: float, holds: bool) -> None:
+@pytest.mark.parametrize(("field", "factor", "holds"), [("structure", 0.97, True), ("structure", 0.5, False), ("acoustic", 0.97, False)])
+def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, field: str, factor: float, holds: bool) -> None:
     """A few per cent are no other matrix; what hides a loss of ten times stays an error."""
     path = box.data / "K.mtx"
     K = scipy.io.mmread(path, spmatrix=False).toarray()
@@ -343,7 +343,7 @@ def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, factor:
     cache = box.config.parent / "cache"
     with pytest.raises(DataError, match="does not hold what is subtracted"):
         obtain_reduction(inputs, cache)
-    used = replace(inputs, calibration=CalibrationUse(True, "used", factors={"stiffness.structure": factor}))
+    used = replace(inputs, calibration=CalibrationUse(True, "used", factors={f"stiffness.{field}": factor}))
     if holds:
         assert obtain_reduction(used, cache).reduction.reached
     else:

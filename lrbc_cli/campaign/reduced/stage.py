@@ -154,9 +154,8 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     x = vectors[:, 0]
     each = baseline * (left.T @ x) * (right.T @ x)
     lacking = float(each.sum() - x @ K @ x)
-    factors = {} if inputs.calibration is None else inputs.calibration.factors
-    taken_by = max(0.0, 1.0 - min((value for name, value in factors.items() if name.startswith("stiffness.")), default=1.0))
-    if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(taken_by, scaled)) * float(each.sum()):
+    factor = 1.0 if inputs.calibration is None else inputs.calibration.factors.get("stiffness.structure", 1.0)
+    if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(max(1.0 - factor, 0.0), scaled)) * float(each.sum()):
         return
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
     raise DataError(
