@@ -39,7 +39,7 @@ class JobFinding:
     assumed : str or None
         ``reference`` or ``baseline``: its bolts are tight by assumption, not by comparison.
     doubtful : sequence of str
-        Bolts of a baseline that come out loose all the same.
+        Bolts of the reference job, or of a baseline, that come out loose all the same.
     missing : sequence of str
         Responses that the job should have been identified from, and does not hold.
     measurement : sequence of float
@@ -84,7 +84,7 @@ def open_points(job: JobFinding) -> list[str]:
     if inconclusive:
         points.append(_inconclusive(inconclusive))
     if job.doubtful:
-        points.append(f"{_names(job.doubtful)} taken as tight, but loose against the reference job")
+        points.append(f"{_names(job.doubtful)} taken as tight, but {_doubt(job)}")
     if job.assumed is None and not job.seen:
         points.append(_no_verdict(job))
     if job.missing:
@@ -152,8 +152,12 @@ def sentence(job: JobFinding) -> str:
     else:
         text = f"no loose bolt found, but none is judged tight: {', '.join(counts)}"
     if job.doubtful:
-        text += f"; but {_names(job.doubtful)} loose against the reference job"
+        text += f"; but {_names(job.doubtful)} {_doubt(job)}"
     return text if job.validated else f"{text} ({_unvalidated(job)})"
+
+
+def _doubt(job: JobFinding) -> str:
+    return "far looser than the other bolts there" if job.assumed == "reference" else "loose against the reference job"
 
 
 def _unvalidated(job: JobFinding) -> str:

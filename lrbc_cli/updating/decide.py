@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
+
+#: What is said of a bolt that cannot well have been tight in the tight state.
+FALLEN = "far looser than the other bolts"
+
+#: Standard deviation of a normal distribution over its median departure.
+MAD_TO_STD = 1.4826
 
 #: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
 REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
@@ -133,7 +140,7 @@ class BoltVerdict:
     threshold : float or None
         Of the change [decades].
     suspect : bool
-        Taken as tight, but it would be loose in another job.
+        Taken as tight, but it would be loose in another job, or in the reference job lies far below the other bolts.
     """
 
     name: str
@@ -160,12 +167,15 @@ class Judgement:
         Bolts that come out tighter than in the tight state by more than their prior allows.
     alternatives : tuple of (tuple of str, float)
         Bolts below their threshold in each of several states of nearly equal posterior probability; empty where these agree.
+    fallen : dict
+        How far bolts lie below the others of the tight state, by name, where they hardly can have been tight there [decades].
     """
 
     validity: Validity
     bolts: tuple[BoltVerdict, ...]
     implausible: tuple[str, ...]
     alternatives: tuple[tuple[tuple[str, ...], float], ...] = ()
+    fallen: dict[str, float] = field(default_factory=dict)
 
 
 def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
@@ -211,15 +221,42 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: floa
     valid = validity(evidence, rule)
     felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
     level = float(np.quantile(felt, rule.contrast_quantile)) if felt else 0.0
+    fallen = fallen_bolts(evidence.bolts, rule) if role != BASELINE else {}
     found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in evidence.bolts)
+    if role == REFERENCE and valid.explained:
+        found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
     limit = rule.implausible_rise * evidence.prior_std
     rises = tuple(v.name for v in found if v.change_std is not None and v.change is not None and v.change > limit)
-    if role == JOB and valid.passed and rises and not any(v.verdict == LOOSE for v in found):
+    if role == JOB and valid.explained and (rises or fallen) and not any(v.verdict == LOOSE for v in found):
         # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
-        why = f"{', '.join(rises)} tighter than in the reference job: was all tight there?"
-        valid = replace(valid, passed=None, unvalidated=why, reason=f"not validated: {why} {valid.reason}")
+        why = f"{', '.join(rises)} tighter than in the reference job" if rises else f"{', '.join(fallen)} {FALLEN} in the reference job"
+        why += ": was all tight there?"
+        reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
+        valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why} {valid.reason}")
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
-    return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several)
+    return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)
+
+
+def fallen_bolts(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str, float]:
+    """Bolts that in the tight state lie below the others by more than these scatter, and how far [decades].
+
+    Bolts of the same groups are compared, with their median. Their scatter is taken from the median of the departures, which those that
+    are loose do not move as long as they are the fewer, and is no less than that of tight joints.
+    """
+    found = {}
+    tight = {
+        bolt.name: (bolt.felt - (bolt.difference or 0.0), bolt.tight_std, bolt.groups)
+        for bolt in bolts
+        if bolt.felt is not None and bolt.tight_std is not None
+    }
+    for name, (value, std, own) in tight.items():
+        peers = np.array([other for other, _, groups in tight.values() if groups == own])
+        middle = float(np.median(peers))
+        scatter = max(MAD_TO_STD * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
+        limit = rule.limit(rule.loose_change, scatter)
+        if float(ndtr((limit - (value - middle)) / max(std, 1e-12))) >= rule.confidence:
+            found[name] = value - middle
+    return found
 
 
 def _alternatives(evidence: Evidence, verdicts: Sequence[BoltVerdict]) -> tuple[tuple[tuple[str, ...], float], ...]:

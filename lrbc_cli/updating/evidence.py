@@ -102,6 +102,10 @@ class BoltEvidence:
         That it is loose rather than tight at all, however little it changed.
     joint : bool
         It owns its terms; else it is a place along an edge.
+    tight_std : float or None
+        Standard deviation of the stiffness in the tight state, which is ``felt`` less ``difference``, or ``felt`` in the reference job.
+    groups : tuple of int
+        Numbers of the groups whose values speak for it: bolts of the same ones have the same unit and scale.
     """
 
     name: str
@@ -113,6 +117,8 @@ class BoltEvidence:
     change: Change | None = None
     probability_changed: float | None = None
     joint: bool = False
+    tight_std: float | None = None
+    groups: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,6 +27,8 @@ class Edge:
         log10 stiffness above which the FRFs do not feel a difference: values above it count as equal.
     reference : (k,) float array or None
         The same of the tight state.
+    std : (k,) float array or None
+        Standard deviations of the tight state.
     """
 
     xyz: Floats
@@ -34,6 +36,7 @@ class Edge:
     log10: Floats
     cap: float
     reference: Floats | None
+    std: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Joints:
 
     Attributes
     ----------
-    log10, cap, reference
+    log10, cap, reference, std
         See ``Edge``.
     bolt : (k,) int array
         Bolt that owns each value, -1 where none does.
@@ -52,6 +55,7 @@ class Joints:
     cap: float
     reference: Floats | None
     bolt: Integers
+    std: Floats | None = None
 
 
 #: The values that speak for a bolt: those of one edge, or of one or more groups of joints, by the number of the group.
@@ -233,6 +237,8 @@ def at_bolts(
         felt = float(np.mean(np.concatenate([np.minimum(group.log10[at], group.cap) for group, at in parts])))
         tight = [np.minimum(group.reference[at], group.cap) for group, at in parts if group.reference is not None]
         difference = felt - float(np.mean(np.concatenate(tight))) if len(tight) == len(parts) else None
+        stds = [group.std[at] for group, at in parts if group.std is not None]
+        tight_std = float(np.sqrt(np.mean(np.square(np.concatenate(stds))))) if len(stds) == len(parts) else np.inf
         found.append(
             BoltEvidence(
                 name=name,
@@ -242,6 +248,8 @@ def at_bolts(
                 difference=difference,
                 change=None if change_of is None else change_of(b, spot, difference),
                 joint=isinstance(parts[0][0], Joints),
+                tight_std=tight_std if np.isfinite(tight_std) else None,
+                groups=tuple(i for i, _ in spot),
             )
         )
     return tuple(found)

@@ -163,6 +163,24 @@ def test_the_reference_file_once_more_clears_nothing(tmp_path: Path) -> None:
     assert "(not validated: loose.uff holds the measurement of tight once more; was another file meant?)" in done.stdout
 
 
+def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None:
+    """What is as loose in both comes out tight: only the other bolts of the reference job tell."""
+    folder = box(tmp_path / "box")
+    noise = np.random.default_rng(5).standard_normal
+    records = read_frf(folder.data / "loose.uff").records
+    write_frf(
+        folder.data / "tight.uff", FrfSet("tight", tuple(replace(r, values=r.values * (1 + 0.003 * noise(r.values.size))) for r in records))
+    )
+    done = folder.run("update", "--fail-on-loose")
+    assert done.code == 7, done.stderr
+    reference = folder.result("tight")
+    assert reference["taken_as_tight"]["doubtful"] == ["B3", "B4"]
+    assert "not all tight, it seems: B3 (" in done.stderr
+    assert "taken as tight; but B3, B4 far looser than the other bolts there" in done.stdout
+    assert "B3, B4 far looser than the other bolts in the reference job" in folder.result("loose")["validity"]["unvalidated"]
+    assert "B4 far looser than the other bolts there" in folder.run("status").stdout
+
+
 def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], None]:
     """The measurement of the tight state in another file."""
 

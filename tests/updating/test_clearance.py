@@ -38,6 +38,7 @@ def test_an_all_clear() -> None:
         (job("oooooo"), "no bolt lies where"),
         (job("tttttt", validated=False), "not validated"),
         (job("tttttt", assumed="baseline", doubtful=("B3",)), "B3 taken as tight, but loose"),
+        (job("tttttt", assumed="reference", doubtful=("B3",)), "B3 taken as tight, but far looser than the other bolts there"),
         (job("tttuut", assumed="reference"), "2 inconclusive"),
         (job("tttttt", "unexplained", assumed="reference"), "does not explain"),
         (replace(job("tt"), bolts=(BoltFinding("B1", "tight"), BoltFinding("B2", "a word of a later version"))), "1 inconclusive"),
@@ -84,6 +85,10 @@ def test_nothing_compared_is_nothing_shown(jobs: dict[str, JobFinding]) -> None:
         (REFERENCE, "the reference job, taken as tight"),
         (job("tu", assumed="reference"), "the reference job, taken as tight: 1 tight, 1 inconclusive"),
         (job("", assumed="reference"), "the reference job, no bolts to judge"),
+        (
+            job("tt", assumed="reference", doubtful=("B2",)),
+            "the reference job, taken as tight; but B2 far looser than the other bolts there",
+        ),
         (job("tt", assumed="baseline", doubtful=("B2",)), "a baseline, taken as tight; but B2 loose against the reference job"),
     ],
 )

@@ -238,6 +238,59 @@ def test_tighter_than_tight_is_implausible() -> None:
     assert judge(evidence(changed(1.01 * limit, 0.1)), RULE, BASELINE).validity.passed
 
 
+def row(*tight: float, difference: float = 0.0, std: float = 0.1, groups: tuple[int, ...] = (0,)) -> list[BoltEvidence]:
+    """Bolts that were so stiff in the tight state, by their log10."""
+    return [
+        replace(changed(difference, 0.05), name=f"B{k + 1}", felt=value + difference, tight_std=std, groups=groups)
+        for k, value in enumerate(tight)
+    ]
+
+
+class TestLooseInTheReferenceJob:
+    #: What two bolts left loose in the reference job of the sample frame look like.
+    FRAME = (6.3, 6.2, 4.3, 4.2, 6.0, 6.3)
+
+    def test_the_reference_job_says_so(self) -> None:
+        found = judge(evidence(*row(*self.FRAME)), RULE, REFERENCE)
+        assert [bolt.name for bolt in found.bolts if bolt.suspect] == ["B3", "B4"] == list(found.fallen)
+        assert {bolt.verdict for bolt in found.bolts} == {"tight"}
+        assert "far looser than the other bolts" in (found.bolts[2].note or "")
+        assert found.fallen["B3"] == pytest.approx(-1.8)
+
+    def test_a_job_like_it_is_no_all_clear(self) -> None:
+        found = judge(evidence(*row(*self.FRAME)), RULE)
+        assert found.validity.passed is None
+        assert "B3, B4 far looser than the other bolts in the reference job" in found.validity.unvalidated
+        # A loose bolt is an alarm all the same.
+        assert judge(evidence(*row(*self.FRAME, difference=-2.0)), RULE).validity.passed
+
+    @pytest.mark.parametrize(
+        "tight",
+        [
+            # The lowest of the virtual rigs with all bolts tight, and what six equal values with one in doubt may do.
+            (-0.44, -0.05, -0.03, 0.13, 0.13, 0.25, 0.38, 0.47, 0.6, 0.78),
+            (2.49, 2.51, 2.74, 2.79, 2.8, 2.8, 2.91, 3.0, 3.01, 3.1, 3.35, 3.4, 3.41, 3.42),
+            (0.0, 0.0, 0.0, 0.0, 0.0, -0.79),
+            (0.0, -2.0),
+        ],
+    )
+    def test_tight_bolts_scatter(self, tight: tuple[float, ...]) -> None:
+        found = judge(evidence(*row(*tight)), RULE)
+        assert found.validity.passed
+        assert not found.fallen
+
+    def test_bolts_of_other_groups_and_those_hardly_seen_are_not_compared(self) -> None:
+        soft = [replace(bolt, name=f"S{bolt.name}") for bolt in row(3.0, 3.1, groups=(1,))]
+        assert not judge(evidence(*row(6.0, 6.1, 6.0, 6.2), *soft), RULE, REFERENCE).fallen
+        assert not judge(evidence(*row(*self.FRAME, std=2.0)), RULE, REFERENCE).fallen
+        unknown = [replace(bolt, tight_std=None) for bolt in row(*self.FRAME)]
+        assert not judge(evidence(*unknown), RULE, REFERENCE).fallen
+
+    def test_nothing_is_said_where_nothing_is_explained(self) -> None:
+        found = judge(evidence(*row(*self.FRAME), misfit_db=9.0), RULE, REFERENCE)
+        assert not any(bolt.suspect for bolt in found.bolts)
+
+
 def test_scatter_is_the_rms_of_judged_changes() -> None:
     def tight(change: float | None, std: float | None = 0.1, word: str = "tight") -> BoltVerdict:
         return BoltVerdict(name="B", verdict=word, change=change, change_std=std)

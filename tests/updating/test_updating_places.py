@@ -235,6 +235,13 @@ class TestJoints:
         groups = [Joints(np.zeros(1), 5.0, np.zeros(1), np.array([0])), Joints(np.zeros(1), 5.0, None, np.array([0]))]
         assert at_bolts(groups, ["A"], np.zeros((1, 3)))[0].difference is None
 
+    def test_the_tight_state_is_as_well_known_as_its_values(self):
+        known = Joints(np.zeros(2), 5.0, np.zeros(2), np.array([0, 1]), np.array([0.3, np.inf]))
+        other = Joints(np.zeros(1), 5.0, np.zeros(1), np.array([0]), np.array([0.1]))
+        found = at_bolts([known, other], ["A", "B"], np.zeros((2, 3)))
+        assert [bolt.tight_std for bolt in found] == [pytest.approx(np.sqrt(0.05)), None]
+        assert [bolt.groups for bolt in found] == [(0, 1), (0,)]
+
     def test_edges_serve_the_bolts_that_own_nothing(self):
         joint = Joints(np.array([-2.0]), 5.0, np.zeros(1), np.array([3]))
         bolts = np.vstack([BOLTS[:3], [[9.0, 9.0, 9.0]], BOLTS[3:]])

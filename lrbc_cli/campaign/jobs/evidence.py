@@ -209,6 +209,15 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
     if inputs.bolts is None:
         return False, ()
     names, xyz = inputs.bolts.name, inputs.bolts.xyz
+    itself = inputs.campaign.update.reference == result.name
+    confidence = bands(result) if itself else {}
+
+    def tight_std(group: ParameterGroup) -> Floats | None:
+        """Of the tight state; infinite where it could be clamped without the data objecting."""
+        own = confidence.get(group.name)
+        std, upper = (own.std, own.upper) if own is not None else (_stored(reference, group, key) for key in ("std", "upper95"))
+        return None if std is None or upper is None else np.where(np.isfinite(upper), std, np.inf)
+
     groups: list[Edge | Joints] = []
     where: list[tuple[ParameterGroup, slice]] = []
     for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
@@ -216,17 +225,18 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
             continue
         log10, cap = effective(group, result.solution.theta[values]), result.saturations[group.name].start
         tight = _stored(reference, group, "log10_effective")
+        std = tight_std(group)
         if group.bolt is not None:
-            groups.append(Joints(log10, cap, tight, group.bolt))
+            groups.append(Joints(log10, cap, tight, group.bolt, std))
         elif group.xyz is not None and group.arc_length is not None:
-            groups.append(Edge(group.xyz, group.arc_length, log10, cap, tight))
+            groups.append(Edge(group.xyz, group.arc_length, log10, cap, tight, std))
         else:
             continue
         where.append((group, values))
     if not groups:
         places = [(float(x), float(y), float(z)) for x, y, z in xyz]
         return False, tuple(BoltEvidence(name=name, position=position) for name, position in zip(names, places, strict=True))
-    if reference is None or inputs.campaign.update.reference == result.name:
+    if reference is None or itself:
         return True, at_bolts(groups, names, xyz)
 
     def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:

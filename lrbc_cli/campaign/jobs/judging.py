@@ -106,7 +106,17 @@ def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> dic
 
 
 def suspects(judgement: Judgement) -> list[str]:
-    """A warning where bolts of a baseline come out loose: their changes count as scatter of tight states, which hides loose bolts."""
+    """A warning where bolts of a tight state come out loose, which hides loose bolts.
+
+    Those of a baseline count as scatter of tight states; with those of the reference job the bolts of all others are compared.
+    """
+    if judgement.fallen and any(bolt.suspect for bolt in judgement.bolts):
+        named = ", ".join(f"{name} ({below:+.2f} decades)" for name, below in judgement.fallen.items())
+        return [
+            f"not all tight, it seems: {named} lie far below the other bolts; bolts that are as loose in other jobs come out tight against "
+            "this one: tighten them and measure the reference job again; bolts that are softer by design want a group of their own "
+            "(parameters), or a stiffness each (select: {bushings: FILE})"
+        ]
     named = ", ".join(f"{bolt.name} ({bolt.change or 0.0:+.2f} decades)" for bolt in judgement.bolts if bolt.suspect)
     if not named:
         return []
