@@ -59,13 +59,20 @@ class Cost:
     ----------
     memory : dict
         Bytes beyond what the process holds once the model is read, by what needs them.
+    work : float
+        Operations, those of sparse steps counted by how much slower they are than a dense product: the same on every machine.
+    line : float
+        Those of one full line with all columns.
     seconds : float
+        At the speed of a dense product now, which depends on what else the machine does.
     nonzeros : int
         Entries of the factors.
     backend : str
     """
 
     memory: dict[str, float]
+    work: float
+    line: float
     seconds: float
     nonzeros: int
     backend: str
@@ -136,16 +143,15 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
         "estimate": _estimate_bytes(model),
         "libraries": LIBRARIES,
     }
-    rate = _product_rate()
     factor, solve = EFFICIENCY[backend]
     # A complex multiplication and addition is eight operations of reals; LU takes two triangles.
-    line = (4 if Z.half else 8) * analysis.operations / (factor * rate)
-    solved = 8 * 2 * analysis.triangle * inputs / (solve * rate)
-    orthogonalised = 2 * n * (2 * columns * moments) * (2 * columns * moments + 2 * size) / (ORTHOGONALISATION * rate)
-    reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / (ORTHOGONALISATION * rate)
+    line = (4 if Z.half else 8) * analysis.operations / factor
+    solved = 8 * 2 * analysis.triangle * inputs / solve
+    orthogonalised = 2 * n * (2 * columns * moments) * (2 * columns * moments + 2 * size) / ORTHOGONALISATION
+    reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / ORTHOGONALISATION
     more = solved * (columns * moments / inputs - 1)
-    seconds = (POINTS + options.held_out) * (line + solved) + POINTS * (more + orthogonalised + reduced)
-    return Cost(memory, seconds, analysis.nonzeros, backend)
+    work = float((POINTS + options.held_out) * (line + solved) + POINTS * (more + orthogonalised + reduced))
+    return Cost(memory, work, float(line + solved + more), work / _product_rate(), analysis.nonzeros, backend)
 
 
 def _estimate_bytes(model: FeModel) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence
+from lrbc_cli.updating.scale import DEVIATION
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
@@ -16,8 +17,6 @@ TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
 #: What is said of a bolt that cannot well have been tight in the tight state.
 FALLEN = "far looser than the other bolts"
 
-#: Standard deviation of a normal distribution over its median departure.
-MAD_TO_STD = 1.4826
 
 #: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
 REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
@@ -252,7 +251,7 @@ def fallen_bolts(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str,
     for name, (value, std, own) in tight.items():
         peers = np.array([other for other, _, groups in tight.values() if groups == own])
         middle = float(np.median(peers))
-        scatter = max(MAD_TO_STD * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
+        scatter = max(DEVIATION * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
         limit = rule.limit(rule.loose_change, scatter)
         if float(ndtr((limit - (value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle

@@ -21,6 +21,12 @@ from campaigns import frame as make_frame
 from campaigns import plate as make_plate
 from samples import reduced_cache
 
+from lrbc_cli.campaign.looking import rescaled
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction import predict
+from lrbc_cli.reduction.full import full_ports
+from lrbc_cli.reduction.ports import PortFrf
+
 Damage = Callable[[Folder], object]
 Rows = Callable[[np.ndarray], np.ndarray]
 
@@ -708,10 +714,32 @@ def test_nodes_that_a_program_added_to_shells_are_no_mistake(tmp_path: Path) -> 
     assert "that plate.inp has not" not in result.stdout
 
 
-def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path) -> None:
-    """Nothing is kept of it."""
+def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is kept of it; what else the machine does makes no difference."""
+    monkeypatch.setattr(predict, "_product_rate", lambda: 1e6)
     folder = make_frame(tmp_path)
     numbers(FRFS[0], times(1 / 9.81, 1))(folder)
     result = folder.run("check")
     assert "job tight: not in the model's units" in result.stdout
     assert not folder.cache.exists()
+
+
+def test_factors_that_explain_nothing_cost_a_few_full_lines_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A soft model has thousands of modes in the band: reducing it took minutes."""
+    solved = []
+
+    def counted(model: FeModel, input_of: np.ndarray, s: np.ndarray, *args: object, **options: object) -> PortFrf:
+        solved.append(s.size)
+        return full_ports(model, input_of, s, *args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(rescaled, "full_ports", counted)
+    inputs = make_plate(tmp_path).inputs()
+    s = 2j * np.pi * np.linspace(200.0, 800.0, 200)
+    noise, smooth = np.random.default_rng(0).normal(size=(200, 5)) + 0j, np.ones((200, 5), dtype=complex)
+    dynamic = np.ones((200, inputs.model.terms.size), dtype=complex)
+    assert rescaled.rescaled_text(inputs, s, 10.0**noise, smooth, dynamic, 6.0) is None
+    # Four units, one or two digits, two gravities.
+    assert solved == [12] * 8
+    monkeypatch.setattr(rescaled, "MOST_WORK", 1e3)
+    assert rescaled.rescaled_text(inputs, s, 10.0**noise, smooth, dynamic, 6.0) is None
+    assert len(solved) == 8

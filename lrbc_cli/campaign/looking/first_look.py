@@ -21,7 +21,7 @@ from lrbc_cli.campaign.identification.likeness import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking.rescaled import COARSE, rescaled_text
+from lrbc_cli.campaign.looking.rescaled import rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
@@ -47,8 +47,12 @@ UNLIKE = 6.0
 #: A response that lies so many times farther from the model than the median of all may not be where the model has it.
 ALONE = 3.0
 
-#: Predicted seconds up to which a reduced model is built for this where none is in the cache.
-MOST_SECONDS = 3.0
+#: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
+#: that what `check` finds does not depend on what else the machine does.
+MOST_WORK = 2e11
+
+#: Tolerance of that model.
+COARSE = 3e-2
 
 #: States of the model that a measurement is compared with, and how many of the nearest with all sensors in each other's place.
 MOST_STATES, NEAREST = 150, 4
@@ -91,7 +95,7 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
 def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
     """The reduced model of the cache, else a coarse one that is built here where that is cheap; None where it is not."""
     decision = cache.look_up(folder, cache.key_parts(inputs))
-    if not decision.hit and reduction_cost(inputs)[0].seconds > MOST_SECONDS:
+    if not decision.hit and reduction_cost(inputs)[0].work > MOST_WORK:
         return None
     options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
     backend = inputs.campaign.reduction.backend

@@ -12,11 +12,11 @@ from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
-from lrbc_cli.campaign.reduced.memory import options_of
+from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.build import reduce_model
-from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.full import full_ports
+from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.updating.peaks import peaks_of
 
 #: What may be left of the differences, constants taken out, and how far the constant itself may be off [dB].
@@ -32,8 +32,8 @@ MORE = 1.6
 #: A resonance stands out of the mean level by so much [dB].
 PROMINENCE = 3.0
 
-#: Tolerance of the reduced models that are compared, and the size from which one has far more modes in the band than a measurement shows.
-COARSE, MOST_SIZE = 3e-2, 120
+#: Lines that are compared, and predicted operations up to which another factor is tried: half a minute.
+LINES, MOST_WORK = 12, 2e12
 
 
 def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, before: float) -> str | None:
@@ -56,6 +56,9 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
     if max(seen, here) < MORE * min(seen, here):
         return None
     found: list[tuple[float, str, float, float]] = []
+    few = np.unique(np.linspace(0, s.size - 1, min(s.size, LINES)).round().astype(np.int64))
+    s, measured, dynamic = s[few], measured[few], dynamic[few]
+    line, spent = reduction_cost(inputs)[0].line * few.size, 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
     for factor in (*factors, *GRAVITIES, *(1.0 / gravity for gravity in GRAVITIES)):
         # A stiffer model has fewer resonances. Near a factor that explains the measurement only those matter that lie next to it.
@@ -63,8 +66,11 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
             continue
         if found and abs(np.log10(factor) - np.log10(min(found)[3])) > 1.0:
             continue
-        for matrix, size, D, level, model in _cases(inputs, factor, dynamic):
-            difference = levels(measured) - levels(model.evaluate(s, D))
+        spent += line * (2 if inputs.model.C.nnz else 1)
+        if spent > MOST_WORK:
+            break
+        for matrix, size, values, level in _cases(inputs, factor, s, dynamic):
+            difference = levels(measured) - levels(values)
             left, off = float(np.median(spread(difference, 0))), float(np.nanmedian(difference)) - level
             if left < min(MOST_LEFT, CLEARLY * before) and abs(off) < MOST_OFF:
                 found.append((left, matrix, size, factor))
@@ -82,19 +88,19 @@ def _resonances(values: Complexes) -> int:
     return max(peaks_of(known.mean(axis=1), prominence=PROMINENCE).size, 1) if known.size else 1
 
 
-def _cases(inputs: Inputs, factor: float, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float, ReducedModel]]:
-    """Matrix, by how much it is too large, dynamic values of the terms, and level to take off, each with its reduced model.
+def _cases(inputs: Inputs, factor: float, s: Complexes, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float]]:
+    """Matrix, by how much it is too large, FRFs then, and level to take off.
 
-    A mass divided by f is f (K + D + s C) in place of K + D + s C, and FRFs that are larger by f.
+    A mass divided by f is f (K + D + s C) in place of K + D + s C, and FRFs that are larger by f. Full solves: reduced models of what has
+    thousands of modes in the band are as large as the model.
     """
-    options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1, max_size=MOST_SIZE)
-    plain, backend = inputs.model, inputs.campaign.reduction.backend
+    plain, settings = inputs.model, inputs.campaign.reduction
 
-    def reduced(model: FeModel) -> ReducedModel:
-        return reduce_model(model, inputs.input_of, options, backend=backend).model
+    def ports(model: FeModel) -> PortFrf:
+        return full_ports(model, inputs.input_of, s, settings.band, backend=settings.backend)
 
     with suppress(LrbcError):
-        stiff = reduced(replace(plain, K=plain.K * factor))
-        yield "stiffness", 1.0 / factor, dynamic, 0.0, stiff
-        light = reduced(replace(plain, K=plain.K * factor, C=plain.C * factor)) if plain.C.nnz else stiff
-        yield "mass", factor, factor * dynamic, 20.0 * float(np.log10(factor)), light
+        stiff = ports(replace(plain, K=plain.K * factor))
+        yield "stiffness", 1.0 / factor, stiff.evaluate(dynamic), 0.0
+        light = ports(replace(plain, K=plain.K * factor, C=plain.C * factor)) if plain.C.nnz else stiff
+        yield "mass", factor, light.evaluate(factor * dynamic), 20.0 * float(np.log10(factor))
