@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.identification.doubts import noise_level, unreached, worsened
+from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.updating.scale import Offset
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
 
@@ -41,6 +42,19 @@ def test_accelerances_in_g(frame: Folder) -> None:
         assert "all responses (acc1, acc2, acc3, acc4)" in unit
         assert f"likely FRFs in g/N: jobs.{job}.format.unit: g/N" in unit
         assert not any(b["verdict"] == "loose" for b in tree["bolts"])
+
+
+def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> None:
+    """A sensor at another place than the model's, say: it was told as in/s2/N, with a scale to write."""
+    inputs = frame.inputs()
+
+    def found(half: float, after: float) -> list[str]:
+        wrong = Offset(response=2, db=31.1, half=half, power=0, known=(), before=27.4, after=after, named=True)
+        sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in (0, 1, 3)]
+        return offset_texts(inputs, [wrong, *sound], "tight")
+
+    assert found(8.7, 10.5) == []
+    assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
 
 
 def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:

@@ -248,6 +248,44 @@ class Mistake:
     fix: str
 
 
+def by_y(table: str) -> str:
+    """Sorted in a spreadsheet, the column dof filled down anew."""
+    head, *rows = table.splitlines()
+    cells = sorted((row.split(",") for row in rows), key=lambda row: (float(row[4]), float(row[3])))
+    return "\n".join([head, *(",".join([str(k), *row[1:]]) for k, row in enumerate(cells))]) + "\n"
+
+
+def solver_order(folder: Folder) -> None:
+    """As Ansys exports matrices and BACK, NOD2BCS forgotten."""
+    pairs = [line.split(".") for line in (folder.data / "plate.dof").read_text().split()]
+    nodes = [int(node) for node, _ in pairs][::3]
+    head = "%%MatrixMarket matrix array integer general\n"
+    (folder.data / "V.mtx").write_text(f"{head}{len(nodes)} 1\n" + "\n".join(map(str, nodes)) + "\n")
+    order = np.random.default_rng(0).permutation(len(pairs)) + 1
+    for name in ("plate.sti.gz", "plate.mas.gz"):
+        with gzip.open(folder.data / name) as file:
+            a = np.loadtxt(file)
+        a[:, 0], a[:, 1] = order[a[:, 0].astype(int) - 1], order[a[:, 1].astype(int) - 1]
+        a[:, :2] = np.sort(a[:, :2], axis=1)
+        with gzip.open(folder.data / name, "wt") as out:
+            out.writelines(f"{int(i)} {int(j)} {value:.13e}\n" for i, j, value in a)
+    folder.replace("map: data/plate.dof", "map: data/V.mtx")
+
+
+#: Places of hammer and sensors on the plate.
+PLACES = (("63.333", "60"), ("20", "100"), ("106.667", "180"), ("193.333", "60"), ("236.667", "140"), ("280", "100"))
+
+
+def moved_to_the_middle(x: str, y: str) -> tuple[str, str]:
+    return f"near: [{x}, {y}, 4]", f"near: [{float(x) - 150:.3f}, {float(y) - 100:g}, 4]"
+
+
+def inverse(file: str) -> str:
+    """Numerator and denominator exchanged in the header."""
+    both = re.compile(r"( +12 +0 +0 +0 acceleration[^\n]*\n)( +13 +0 +0 +0 Force[^\n]*\n)")
+    return both.sub(r"\2\1", file)
+
+
 K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
 ACC1 = ", quantity: acceleration}\n  acc2"
 UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
@@ -256,6 +294,9 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "DOF table sorted and numbered anew",
+    "mapping of Ansys without the order",
+    "coordinates of the test from the middle",
     "mass a thousand times too large",
     "stiffness a thousand times too large",
     "weight density",
@@ -393,7 +434,45 @@ MISTAKES = [
     Mistake(
         "DOF table component by component", "frame", text("model/dofs.csv", by_component), 0, "rows of the matrices go node by node", "sort"
     ),
-    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, "connects DOFs that lie", "export matrices and table"),
+    Mistake("DOF table in no order", "frame", text("model/dofs.csv", scattered), 0, "it seems, the DOF table is not", "as it was exported"),
+    Mistake("DOF table sorted and numbered anew", "frame", text("model/dofs.csv", by_y), 0, "sorted by node number", "in a spreadsheet"),
+    Mistake(
+        "mass and damping exchanged",
+        "frame",
+        config(
+            (f"mass: {M}", "mass: M"),
+            ("damping: data/model/damping.mtx.gz", f"damping: {M}"),
+            ("mass: M", "mass: data/model/damping.mtx.gz"),
+        ),
+        3,
+        "mass and the damping matrix stand in each other's place",
+        "exchange model.mass and model.damping",
+    ),
+    Mistake("mapping of Ansys without the order", "plate", solver_order, 0, "in the solver's order", "order: NOD2BCS.mtx"),
+    Mistake(
+        "coordinates of the test from the middle",
+        "plate",
+        config(*(moved_to_the_middle(x, y) for x, y in PLACES)),
+        0,
+        "6 of 6 points of hammer and sensors",
+        "with (150, 100, 0) added to each of them",
+    ),
+    Mistake(
+        "another axis than the file says",
+        "plate",
+        config(("[193.333, 60, 4], component: UZ", "[193.333, 60, 4], component: UX")),
+        0,
+        "was measured along UZ, response acc3 is UX",
+        "write responses.acc3.component: UZ",
+    ),
+    Mistake(
+        "force over acceleration",
+        "plate",
+        text("frf/tight-1.uff", inverse),
+        3,
+        "the file holds no FRF",
+        "response and reference are exchanged",
+    ),
     Mistake("model in mm without units", "plate", config((UNITS, "")), 3, "do not fit the matrices", "`units: mm-N-t`"),
     Mistake("t for kg", "plate", config(("units: mm-N-t", "units: mm-kg-ms")), 3, "do not fit the matrices", "`units: mm-N-t`"),
     Mistake("units in capitals", "plate", config(("units: mm-N-t", "units: MM-N-T")), 2, "not a system of units", "units: mm-N-t"),

@@ -8,14 +8,14 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.likeness import exchanged, exchanged_text
+from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.residuals import coherence_sigma
-from lrbc_cli.updating.scale import MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0
@@ -23,8 +23,9 @@ FAR_ABOVE_NOISE = 3.0
 #: Where the noise is not known, or is less: what a calibrated model leaves at most, as `lrbc plan` assumes it [dB].
 LARGE_MISFIT = 1.0
 
-#: Share of the band in which a constant factor can be told from errors of the model.
-LEAST_BAND = 0.5
+#: Share of the band in which a constant factor can be told from errors of the model: another axis, or another unit of it, looks like
+#: anything.
+LEAST_BAND = 0.8
 
 #: Misfits are shown to two decimals: less is no difference [dB].
 SHOWN = 0.01
@@ -43,12 +44,26 @@ def factors_of(inputs: Inputs, measurement: Measurement, states: Sequence[Comple
     Returns
     -------
     tuple of Offset
-        None where the lines cover less than half of the band: over a resonance or two errors of the model look like a factor.
+        None where the lines cover less of the band: over a resonance or two errors of the model look like a factor.
     """
     low, high = inputs.campaign.reduction.band
     if np.ptp(measurement.frequency_hz) < LEAST_BAND * (high - low):
         return ()
     return offsets_of(measurement.frequency_hz, measurement.values, states, _quantities(inputs))
+
+
+def trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
+    """Whether a factor is none of the errors that a model has.
+
+    Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
+    """
+    alike = sum(other.named and other.power == offset.power for other in offsets)
+    firm = [other for other in offsets if other.named and other.half <= MOST_REACH and other.after <= MOST_LEFT]
+    shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
+    # What most of the others say for themselves needs less to be believed.
+    if offset not in firm and 2 * shared <= len(offsets):
+        return False
+    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
 
 
 def _quantities(inputs: Inputs) -> list[str]:
@@ -99,9 +114,12 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
 
 def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[str]:
     """What the factors and the phases say, a line each; nothing where all is well."""
+    firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
     found = [
         "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
         for common in grouped(offsets, _quantities(inputs))
+        # What leaves most of the misfit wherever it is seen is no unit and no gain.
+        if firm.intersection(common.responses)
     ]
     silent = inputs.campaign.update.residual == "db"
     tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if silent else ""

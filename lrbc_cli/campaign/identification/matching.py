@@ -13,6 +13,7 @@ from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
 from lrbc_cli.errors import DataError
+from lrbc_cli.model.dofs import COMPONENTS
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.selection import nearest, spacing
 
@@ -260,11 +261,18 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
         return []
     found = []
     for r, record in own:
+        key, where = f"responses.{r.name}", f"{called(job)}: {describe(record)} was measured"
         if record.response_node != r.node:
             metres = _in_metres(inputs, inputs.campaign.responses[r.name], record.response_node)
             found.append(
-                f"{called(job)}: {describe(record)} was measured at node {record.response_node}, response {r.name} is node {r.node} of the "
-                f"model: {metres or f'correct the place of responses.{r.name}, or its record'}"
+                f"{where} at node {record.response_node}, response {r.name} is node {r.node} of the "
+                f"model: {metres or f'correct the place of {key}, or its record'}"
+            )
+        elif {record.response_direction, r.direction} <= {1, 2, 3} and record.response_direction != r.direction:
+            axes = dict(enumerate(COMPONENTS[:3], start=1))
+            found.append(
+                f"{where} along {axes[record.response_direction]}, response {r.name} is {axes[r.direction or 0]} of that node: write "
+                f"{key}.component: {axes[record.response_direction]}, or take another channel of the sensor for it ({key}.record)"
             )
     for at, (name, (node, _)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
         over = {record.reference_node for r, record in own if r.input == at}

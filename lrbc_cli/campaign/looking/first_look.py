@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes
-from lrbc_cli.campaign.identification.doubts import factors_of, offset_texts
+from lrbc_cli.campaign.identification.doubts import LEAST_BAND, factors_of, offset_texts, trusted
 from lrbc_cli.campaign.identification.likeness import (
     LEAST_DIFFERENCE,
     apart,
@@ -30,16 +30,10 @@ from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, POWERS, Offset
+from lrbc_cli.updating.scale import POWERS
 
 #: Lines of a job that are looked at.
 LINES = 200
-
-#: Share of the band that its lines have to cover.
-LEAST_BAND = 0.8
-
-#: What may be left of the misfit at start values where a factor is taken out [dB].
-MOST_LEFT = 6.0
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
@@ -84,7 +78,6 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
             return [], "measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
         reference = inputs.campaign.update.reference
         low, high = inputs.campaign.reduction.band
-        # Another axis, or another unit of it, looks like anything.
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
         return _told({name: _looked_at(inputs, source, measurements[name], name) for name in order}), ""
@@ -119,7 +112,7 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
     exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
-    offsets = tuple(replace(o, named=o.named and _trusted(o, offsets)) for o in offsets if o.response not in involved)
+    offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
     for text in offset_texts(inputs, offsets, name):
         # The words up to the numbers: the same of several jobs is said once.
         told[tuple(text.split(":")[:2])] = text
@@ -186,20 +179,6 @@ def _unlike(
             "channel is not another sensor's"
         )
     return told
-
-
-def _trusted(offset: Offset, offsets: Sequence[Offset]) -> bool:
-    """Whether a factor is none of the errors that a model has at its start values.
-
-    Then its interval is narrow and little is left; a power of the frequency comes alone, or most responses share it.
-    """
-    alike = sum(other.named and other.power == offset.power for other in offsets)
-    firm = [other for other in offsets if other.named and other.half <= MOST_REACH and other.after <= MOST_LEFT]
-    shared = sum(other.power == offset.power and abs(other.db - offset.db) <= MOST_REACH for other in firm)
-    # What most of the others say for themselves needs less to be believed.
-    if offset not in firm and 2 * shared <= len(offsets):
-        return False
-    return offset.power == 0 or abs(offset.db) <= max(offset.half, LEAST_REACH) or 2 * alike > max(len(offsets), 4)
 
 
 def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.config.structure import DofSource
@@ -20,6 +22,18 @@ from lrbc_cli.io.text.dof_maps import USUAL, read_dof_map
 from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.io.text.tables import is_dof_table, read_dof_table
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable
+
+#: DOFs below which, and share of all entries above which, it cannot be told: everything is everything's neighbour.
+LEAST_DOFS, MOST_FILLED = 100, 0.3
+
+#: DOFs that a matrix connects are next to each other: their median distance over that of any two, from which they are not.
+FAR = 0.8
+
+#: Sorted otherwise they are nearer than this share of it: an order that has nothing to do with the mesh brings no DOFs together.
+NEARER = 0.5
+
+#: A rigid translation meets no force but at supports: share of rows without any, in an order that is wrong, and in the right one.
+FEW, MANY = 0.05, 0.3
 
 #: Elements that CalculiX expands to solids with nodes of its own: shells, beams, trusses, plane and axisymmetric ones.
 _EXPANDED = re.compile(r"\*ELEMENT\b.*TYPE\s*=\s*(S\d|M3D|B\d|T[23]D|CP[SE]|CAX)", re.IGNORECASE)
@@ -208,3 +222,98 @@ def aligned(found: MatrixFile, labels: DofLabels | None, n: int, path: Path, wha
         matrix = sp.csc_array(matrix)
         matrix.resize((n, n))
     return matrix
+
+
+def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None = None) -> str | None:
+    """A warning where the rows are in another order than the table, in words.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    source : Path or DofSource or None
+        What the table was made of.
+    """
+    n = dofs.size
+    if n < LEAST_DOFS or K.nnz > MOST_FILLED * n * n:
+        return None
+    own = _at_rest(K, dofs.component)
+    for text, order in _other_orders(dofs):
+        if own < FEW and _at_rest(K, dofs.component[order]) > MANY:
+            return (
+                f"the rows of the matrices go {text}, it seems, not as the DOF table does: a rigid translation would meet forces at "
+                f"{1 - own:.0%} of all DOFs; sort the DOF table so, and number its column dof anew from 0"
+            )
+    # What an FE program adds by itself lies anywhere.
+    given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
+    entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
+    apart = _distances(xyz, entries.row, entries.col)
+    anew = _sorted_anew(dofs, given, entries, float(apart.mean()))
+    if anew is not None:
+        return anew
+    # DOFs of one node tell nothing.
+    apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
+    if not apart.size or (near := float(np.median(apart))) < FAR * usual:
+        return None
+    places = np.unique(xyz, axis=0)
+    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+    return (
+        f"the stiffness connects DOFs that lie {near:.3g} m apart, as far as any two of the model, where nodes are {spacing:.3g} m "
+        f"apart: {_solver_order(source) or 'the DOF table is of another model or in another order; export matrices and table in one run'}"
+    )
+
+
+def _sorted_anew(dofs: DofTable, given: Integers, entries: sp.coo_array, own: float) -> str | None:
+    """That the rows of the table were sorted and numbered anew: sorted as they were, DOFs that the matrix connects lie much nearer."""
+    places = dict(zip("xyz", dofs.xyz[given].T, strict=True))
+    axes = [axis for axis, values in places.items() if np.ptp(values) > 0.0]
+    orders = {
+        "by node number": np.argsort(dofs.node[given], kind="stable"),
+        **{f"by {', then '.join(way)}": np.lexsort([places[axis] for axis in reversed(way)]) for way in permutations(axes)},
+    }
+    mean = {text: float(_distances(dofs.xyz[given[order]], entries.row, entries.col).mean()) for text, order in orders.items()}
+    text = min(mean, key=lambda name: mean[name])
+    if mean[text] > NEARER * own:
+        return None
+    return (
+        f"the rows of the matrices are sorted {text}, it seems, the DOF table is not: DOFs that the stiffness connects lie {own:.3g} m "
+        f"apart in the mean, sorted so {mean[text]:.3g} m; was the table sorted in a spreadsheet, and its column dof filled down anew? Take "
+        "the table as it was exported, or sort its rows so, and number the column dof from 0 then"
+    )
+
+
+def _solver_order(source: Path | DofSource | None) -> str | None:
+    """What an exported mapping of Ansys lacks, where that is one: Matrix Market files of its matrices are in the solver's order."""
+    if not isinstance(source, DofSource) or source.map is None or source.order is not None:
+        return None
+    if not source.map.read_bytes()[:14].lower().startswith(b"%%matrixmarket"):
+        return None
+    return (
+        f"the rows of the matrices stand in the solver's order, it seems, {source.map.name} names nodes in that of the model: export "
+        "NOD2BCS of the same .full file too, and name it as model.dofs: {map: ..., order: NOD2BCS.mtx, nodes: ...} (`lrbc guide export`)"
+    )
+
+
+def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
+    """Share of the rows at which a rigid translation meets no force, of those that it could move."""
+    rest, all_rows = 0, 0
+    for label in COMPONENTS[:3]:
+        moved = (component == label).astype(float)
+        force, size = np.abs(K.real @ moved), np.abs(K) @ moved
+        rest += int(((force < 1e-6 * size) & (size > 0.0)).sum())
+        all_rows += int((size > 0.0).sum())
+    return rest / all_rows if all_rows else 1.0
+
+
+def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
+    """Usual orders of rows as permutations of the table's."""
+    rank = np.array([COMPONENTS.index(label) if label in COMPONENTS else len(COMPONENTS) for label in dofs.component.tolist()])
+    return [
+        ("node by node", np.lexsort((dofs.component, rank, dofs.node))),
+        ("component by component", np.lexsort((dofs.node, dofs.component, rank))),
+    ]
+
+
+def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
+    return np.asarray(np.linalg.norm(xyz[one] - xyz[two], axis=1))

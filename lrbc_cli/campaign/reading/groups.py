@@ -175,7 +175,9 @@ class GroupReader(ModelReader):
         empty = np.flatnonzero((np.diff(left.indptr) == 0) | (np.diff(right.indptr) == 0))
         if empty.size:
             raise DataError(f"vector {empty[0]} of {name} is empty", file=first.path)
-        beside = None if self.dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), self.dofs.xyz)
+        # A table in another order puts the DOFs elsewhere, not the terms.
+        dofs = None if self.disordered else self.dofs
+        beside = None if dofs is None else beside_their_dofs(positions.xyz, (abs(left) + abs(right)).tocsc(), dofs.xyz)
         if beside:
             self.warn(f"parameters.{name}: the places in {select.positions.name} lie {beside}")
         return left, right, positions

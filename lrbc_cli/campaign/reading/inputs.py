@@ -13,13 +13,21 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.protect import require_inputs_apart
-from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering
+from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
-from lrbc_cli.campaign.reading.model_doubts import doubts, fixed_dofs, order_doubt, require_apart, require_known_bolts, require_roles, slips
-from lrbc_cli.campaign.reading.places import extents, require_metres
+from lrbc_cli.campaign.reading.model_doubts import (
+    doubts,
+    fixed_dofs,
+    require_apart,
+    require_known_bolts,
+    require_mass,
+    require_roles,
+    slips,
+)
+from lrbc_cli.campaign.reading.places import beside_nodes, extents, require_metres
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
@@ -289,6 +297,8 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     assert outputs is not None
     assert carried is not None
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
+    if reader.dofs is not None:
+        reader.warn(*beside_nodes(reader.dofs, list(reader.near.values()), reader.unit.length))
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
     require_known_bolts(campaign, bolts)
@@ -394,7 +404,9 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
         units = require_metres(K, M, reader.dofs, reader.campaign)
-        reader.warn(*(text for text in (units, order_doubt(K, reader.dofs)) if text))
+        order = order_doubt(K, reader.dofs, source.dofs)
+        reader.disordered = order is not None
+        reader.warn(*(text for text in (units, order) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 
@@ -413,6 +425,8 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)
     C = reader.matrix(damping, "damping")
+    if reader.dofs is not None:
+        require_mass(M, C, reader.dofs, reader.campaign.model)
     require_apart(reader.campaign.model, stiffness=K, damping=C)
     try:
         require_apart(reader.campaign.model, mass=M, damping=C)

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
@@ -23,15 +23,6 @@ from lrbc_cli.updating.places import Edge, Joints, spots
 
 #: Stiffness that no structure has: a penalty [N/m, or N/mm].
 PENALTY = 1e30
-
-#: DOFs below which, and share of all entries above which, it cannot be told: everything is everything's neighbour.
-LEAST_DOFS, MOST_FILLED = 100, 0.3
-
-#: DOFs that a matrix connects are next to each other: their median distance over that of any two, from which they are not.
-FAR = 0.8
-
-#: A rigid translation meets no force but at supports: share of rows without any, in an order that is wrong, and in the right one.
-FEW, MANY = 0.05, 0.3
 
 #: A loss factor that no bolted structure reaches: it is given in per cent, it seems.
 LARGE_LOSS = 0.5
@@ -83,6 +74,31 @@ def require_roles(K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz
     )
 
 
+def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: ModelConfig) -> None:
+    """Refuse mass and damping in each other's place.
+
+    Raises
+    ------
+    DataError
+        Where a translation meets the damping of all its DOFs with one sign, as it meets a mass, and the mass cancels as a stiffness does.
+    """
+    for label in COMPONENTS[:3]:
+        at = np.flatnonzero(dofs.component == label)
+        sums = [(float(np.real(A[at][:, at]).sum()), float(np.abs(np.real(A[at][:, at])).sum())) for A in (M, C)]
+        if not at.size or any(size == 0.0 for _, size in sums):
+            continue
+        mass, damping = (total / size for total, size in sums)
+        if mass < min(MANY, 0.5 * damping) and damping > MANY:
+            raise DataError(
+                "the mass and the damping matrix stand in each other's place",
+                file=source.mass.path,
+                place=source.mass.group or "model.mass",
+                expected="entries of one sign for the most part: the sum over a translation is the weight of the structure",
+                found=f"{label}: {mass:.1%} of the mass is left of its entries' sizes, {damping:.0%} of the damping",
+                hint="exchange model.mass and model.damping in the campaign file",
+            )
+
+
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
     """Refuse a last matrix, of the names of ``model``, that holds the numbers of another one.
 
@@ -118,65 +134,6 @@ def fixed_dofs(K: sp.csc_array, M: sp.csc_array) -> tuple[NDArray[np.bool_], str
 def loss_factor(model: FeModel) -> float:
     """Of a complex stiffness matrix, from its diagonal."""
     return float(model.K.imag.diagonal().sum() / model.K.real.diagonal().sum())
-
-
-def order_doubt(K: sp.csc_array, dofs: DofTable) -> str | None:
-    """A warning where the rows are in another order than the table, in words.
-
-    Parameters
-    ----------
-    K : (n, n) csc_array
-    dofs : DofTable
-        Of n rows.
-    """
-    n = dofs.size
-    if n < LEAST_DOFS or K.nnz > MOST_FILLED * n * n:
-        return None
-    own = _at_rest(K, dofs.component)
-    for text, order in _other_orders(dofs):
-        if own < FEW and _at_rest(K, dofs.component[order]) > MANY:
-            return (
-                f"the rows of the matrices go {text}, it seems, not as the DOF table does: a rigid translation would meet forces at "
-                f"{1 - own:.0%} of all DOFs; sort the DOF table so, and number its column dof anew from 0"
-            )
-    # What an FE program adds by itself lies anywhere.
-    given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
-    entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
-    apart = _distances(xyz, entries.row, entries.col)
-    # DOFs of one node tell nothing.
-    apart, usual = apart[apart > 0.0], float(np.median(_distances(xyz, *np.random.default_rng(0).integers(len(xyz), size=(2, 4096)))))
-    if not apart.size or (near := float(np.median(apart))) < FAR * usual:
-        return None
-    places = np.unique(xyz, axis=0)
-    spacing = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
-    return (
-        f"the stiffness connects DOFs that lie {near:.3g} m apart, as far as any two of the model, where nodes are {spacing:.3g} m "
-        "apart: the DOF table is of another model or in another order; export matrices and table in one run"
-    )
-
-
-def _at_rest(K: sp.csc_array, component: np.ndarray) -> float:
-    """Share of the rows at which a rigid translation meets no force, of those that it could move."""
-    rest, all_rows = 0, 0
-    for label in COMPONENTS[:3]:
-        moved = (component == label).astype(float)
-        force, size = np.abs(K.real @ moved), np.abs(K) @ moved
-        rest += int(((force < 1e-6 * size) & (size > 0.0)).sum())
-        all_rows += int((size > 0.0).sum())
-    return rest / all_rows if all_rows else 1.0
-
-
-def _other_orders(dofs: DofTable) -> list[tuple[str, Integers]]:
-    """Usual orders of rows as permutations of the table's."""
-    rank = np.array([COMPONENTS.index(label) if label in COMPONENTS else len(COMPONENTS) for label in dofs.component.tolist()])
-    return [
-        ("node by node", np.lexsort((dofs.component, rank, dofs.node))),
-        ("component by component", np.lexsort((dofs.node, dofs.component, rank))),
-    ]
-
-
-def _distances(xyz: Floats, one: Integers, two: Integers) -> Floats:
-    return np.asarray(np.linalg.norm(xyz[one] - xyz[two], axis=1))
 
 
 def require_known_bolts(campaign: Campaign, bolts: PointTable | None) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from lrbc_cli.config.structure import DofSource, ModelConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.selection import nearest, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
 #: Speed that no wave in a mesh has [m/s]: in diamond it is 18 km/s, and sqrt(K_ii / M_ii) times the spacing of the nodes is a few times
@@ -30,6 +33,9 @@ SLOWEST, LIGHTEST, HEAVIEST = 10.0, 0.3, 3e6
 USUAL = np.array([(SLOWEST * FASTEST) ** 0.5, (LIGHTEST * HEAVIEST) ** 0.5, 1.0])
 
 MILLIMETRES = 1e-3
+
+#: A point lies at a node within this share of the distance to the next one.
+AT_NODE = 0.05
 
 #: Sizes of the model beyond which no slip but that of the unit is likely.
 EVIDENT = 20.0
@@ -117,6 +123,49 @@ def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: P
         found="(" + ", ".join(f"{value:g}" for value in points[worst]) + f"), {distance[worst]:.3g} m away from it",
         hint=hint,
     )
+
+
+@dataclass(frozen=True)
+class NearPoint:
+    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes."""
+
+    place: Floats
+    component: str
+    warning: str
+
+
+def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> list[str]:
+    """Warnings of points beside the nodes: one where another origin, at a side or in the middle of the model, explains all of them.
+
+    Parameters
+    ----------
+    dofs : DofTable
+    points : sequence of NearPoint
+    unit : float
+        Of the campaign's coordinates [m].
+    """
+    told = [point.warning for point in points if point.warning]
+    if len(told) < 2 or 2 * len(told) <= len(points):
+        return told
+    low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
+    # What leaves all points at nodes, or is the only one that leaves all of them within a mesh size.
+    fits: list[tuple[float, tuple[float, ...]]] = []
+    for shift in product(*(sorted({0.0, a, 0.5 * (a + b), b}) for a, b in zip(low.tolist(), high.tolist(), strict=True))):
+        away = []
+        for point in points:
+            dof, distance = nearest(dofs, (point.place + shift).tolist(), point.component) or (0, np.inf)
+            away.append(distance / spacing(dofs, dof))
+        if max(away) <= 1.0:
+            fits.append((max(away), shift))
+    fits.sort()
+    if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
+        return told
+    added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
+    return [
+        f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
+        "nodes: the coordinates were measured from another origin than the model's, it seems: add that to each `near` of excitation and "
+        "responses"
+    ]
 
 
 def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:

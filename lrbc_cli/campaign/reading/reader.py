@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
-from lrbc_cli.campaign.reading.places import require_near
+from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, require_near
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
@@ -89,6 +89,9 @@ class ModelReader:
         self.kept: NDArray[np.int64] | None = None
         self.row_of: NDArray[np.int64] | None = None
         self.n = 0
+        #: Points by coordinates, by their keys, and whether the rows of the DOF table seem to be in another order.
+        self.near: dict[tuple[str, ...], NearPoint] = {}
+        self.disordered = False
 
     def hash(self, path: Path) -> None:
         """Note the hash of a file that was read."""
@@ -405,11 +408,11 @@ class ModelReader:
         require_near(np.array([place]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
         size = spacing(table, dof)
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
-        if distance > 0.05 * size:
-            self.warn(
-                f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
-                "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
-            )
+        beside = (
+            f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
+            "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
+        )
+        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "")
         return dof, text
 
     def point(self, dof: int) -> Point:

@@ -48,6 +48,10 @@ _INSTEAD = {
 }
 _SPECTRA = "a spectrum has no phase against the force: export the FRF (H1, response over hammer force), complex"
 _NO_PHASE = "export the FRF complex (real and imaginary part), not its magnitude"
+_INVERSE = (
+    "response and reference are exchanged: force over a motion (apparent mass, impedance, dynamic stiffness); let the analyser take the "
+    "hammer as reference, and export the response over its force (one over the values is that only where one record was measured alone)"
+)
 _DATASETS = {15: "nodes", 18: "coordinate systems", 55: "mode shapes", 82: "trace lines", 151: "header", 164: "units", 2411: "nodes"}
 _UNKNOWN, _GENERAL, _FORCE, _FREQUENCY = 0, 1, 13, 18
 
@@ -124,7 +128,8 @@ def _no_frf(path: Path, functions: list[UffFunction], notes: Notes) -> DataError
         return DataError("the file holds no FRF", file=path, expected=expected, found=f"no dataset 58, but {there or 'none'}", hint=hint)
     kinds = {function.function_type for function in functions}
     instead = [_INSTEAD[kind] for kind in (1, 5) if kind in kinds] + ([_INSTEAD[6]] if kinds == {6} else [])
-    hint = _NO_PHASE if 4 in kinds else [*instead, _SPECTRA][0]
+    inverse = all(function.numerator.kind == _FORCE for function in functions if function.function_type == 4)
+    hint = (_INVERSE if inverse else _NO_PHASE) if 4 in kinds else [*instead, _SPECTRA][0]
     found = notes.left_out or "coherence only"
     return DataError("the file holds no FRF", file=path, expected=expected, found=found, hint=hint)
 
