@@ -278,8 +278,8 @@ def _sorted_anew(dofs: DofTable, given: Integers, entries: sp.coo_array, own: fl
         return None
     return (
         f"the rows of the matrices are sorted {text}, it seems, the DOF table is not: DOFs that the stiffness connects lie {own:.3g} m "
-        f"apart in the mean, sorted so {mean[text]:.3g} m; was the table sorted in a spreadsheet, and its column dof filled down anew? Take "
-        "the table as it was exported, or sort its rows so, and number the column dof from 0 then"
+        f"apart in the mean, sorted so {mean[text]:.3g} m; was the table sorted in a spreadsheet, and its column dof filled down anew?"
+        " Take the table as it was exported, or sort its rows so, and number the column dof from 0 then"
     )
 
 

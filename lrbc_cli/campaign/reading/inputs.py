@@ -297,8 +297,6 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     assert outputs is not None
     assert carried is not None
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
-    if reader.dofs is not None:
-        reader.warn(*beside_nodes(reader.dofs, list(reader.near.values()), reader.unit.length))
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
     require_known_bolts(campaign, bolts)
@@ -342,6 +340,9 @@ def _guesses(campaign: Campaign) -> list[str]:
 
 
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
+    if reader.dofs is not None:
+        # All points have been read by now.
+        reader.warn(*beside_nodes(reader.dofs, list(reader.near.values()), reader.unit.length))
     reader.read_bolts()
     return reader.terms()
 
