@@ -22,6 +22,7 @@ from campaigns import plate as make_plate
 from samples import reduced_cache
 
 from lrbc_cli.campaign.looking import rescaled
+from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import predict
 from lrbc_cli.reduction.full import full_ports
@@ -280,6 +281,15 @@ def moved_to_the_middle(x: str, y: str) -> tuple[str, str]:
     return f"near: [{x}, {y}, 4]", f"near: [{float(x) - 150:.3f}, {float(y) - 100:g}, 4]"
 
 
+def other_face(folder: Folder) -> None:
+    """Each node of the lower face by the one above it, 4 mm away."""
+    node, xyz, _ = read_nodes(folder.data / "plate.inp")
+    above = {
+        int(n): int(node[np.argmin(np.linalg.norm(xyz - place - [0.0, 0.0, 4.0], axis=1))]) for n, place in zip(node, xyz, strict=True)
+    }
+    text("bushings.csv", lambda t: re.sub(r"(?m)^(B\d),(\d+)", lambda m: f"{m[1]},{above[int(m[2])]}", t))(folder)
+
+
 def inverse(file: str) -> str:
     """Numerator and denominator exchanged in the header."""
     both = re.compile(r"( +12 +0 +0 +0 acceleration[^\n]*\n)( +13 +0 +0 +0 Force[^\n]*\n)")
@@ -294,6 +304,8 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "springs at the nodes of the other face",
+    "stiffness of two directions exchanged",
     "DOF table sorted and numbered anew",
     "mapping of Ansys without the order",
     "coordinates of the test from the middle",
@@ -447,6 +459,38 @@ MISTAKES = [
         3,
         "mass and the damping matrix stand in each other's place",
         "exchange model.mass and model.damping",
+    ),
+    Mistake(
+        "bolts in metres in a campaign in mm",
+        "plate",
+        numbers("bolts.csv", times(1e-3)),
+        0,
+        "nearer to the springs of other bolts than to their own",
+        "multiply them by 1000",
+    ),
+    Mistake(
+        "a digit lost in the place of a bolt",
+        "plate",
+        text("bolts.csv", lambda t: t.replace("B3,280,", "B3,28,")),
+        0,
+        "bolts.csv: B3 lies nearer to the springs of other bolts than to its own",
+        "correct them",
+    ),
+    Mistake(
+        "springs at the nodes of the other face",
+        "plate",
+        other_face,
+        0,
+        "the matrix holds no spring at node",
+        "4 mm away: correct the nodes in bushings.csv",
+    ),
+    Mistake(
+        "stiffness of two directions exchanged",
+        "plate",
+        text("bushings.csv", lambda t: t.replace("UX,5000", "UX,@").replace("UZ,1000", "UZ,5000").replace("UX,@", "UX,1000")),
+        0,
+        "the matrix holds the stiffness of UX where bushings.csv has that of UZ",
+        "exchange the two in bushings.csv",
     ),
     Mistake("mapping of Ansys without the order", "plate", solver_order, 0, "in the solver's order", "order: NOD2BCS.mtx"),
     Mistake(

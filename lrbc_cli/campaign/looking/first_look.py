@@ -25,8 +25,8 @@ from lrbc_cli.campaign.looking.rescaled import rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage
-from lrbc_cli.errors import LrbcError
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_baselines
+from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
@@ -80,7 +80,10 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
-        return _told({name: _looked_at(inputs, source, measurements[name], name) for name in order}), ""
+        # A matrix without what is subtracted from it is none to compare with.
+        lacking = _lacking(inputs, source)
+        told = [] if lacking else _told({name: _looked_at(inputs, source, measurements[name], name) for name in order})
+        return lacking + told, ""
     except LrbcError as error:
         return [], f"measured and computed FRFs were not compared: {error.problem}"
 
@@ -94,6 +97,16 @@ def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
     backend = inputs.campaign.reduction.backend
     found = cache.load(decision, inputs) if decision.hit else reduce_model(inputs.model, inputs.input_of, options, backend=backend)
     return _Looking(inputs, ReductionStage(found, decision, 0.0), "port")
+
+
+def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
+    """What `lrbc reduce` will refuse: baselines that the stiffness does not hold."""
+    try:
+        if source.stage is not None:
+            require_baselines(inputs, source.stage.reduction.model)
+    except DataError as error:
+        return [f"{error.problem}: {error.hint}"]
+    return []
 
 
 def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name: str) -> dict[tuple[object, ...], str]:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
-from lrbc_cli.campaign.reading.places import beside_their_dofs, require_near
+from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
@@ -209,6 +209,9 @@ class GroupReader(ModelReader):
                 f"{file.name}: the nodes of {count} spring{'s' if count > 1 else ''} lie up to {1e3 * gap:.3g} mm aside of its axis: it "
                 "holds them also where both turn as one rigid piece; join nodes on the axis, or export rigid arms to it"
             )
+        astray = None if self.bolts is None else beside_their_springs(self.bolts, places, table.bolt)
+        if astray:
+            self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {astray} ({file.name} names the nodes)")
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
 

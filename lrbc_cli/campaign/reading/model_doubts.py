@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sp
@@ -256,6 +257,48 @@ def _held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup
                 )
         elif group.config.kind == "stiffness" and _exceeded(model, group):
             yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
+
+
+def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None) -> str | None:
+    """Where the springs of a table are that the matrix does not hold as the table says, in words; None where that cannot be told.
+
+    Of translational springs to ground, by the forces that meet a rigid translation: for those who know already that something is missing.
+
+    Parameters
+    ----------
+    model : FeModel
+    group : TermGroup
+    dofs : DofTable or None
+    """
+    file, baseline = group.config.select.bushings, group.config.baseline
+    if dofs is None or file is None or baseline <= 0.0:
+        return None
+    left = model.terms.left[:, group.terms].tocsc()
+    alone = np.flatnonzero(np.diff(left.indptr) == 1)
+    rows, stated = left.indices[left.indptr[alone]], baseline * left.data[left.indptr[alone]] ** 2
+    label = dofs.component[rows]
+    force = {name: model.K.real @ (dofs.component == name).astype(float) for name in COMPONENTS[:3]}
+    known = [name for name in COMPONENTS[:3] if np.any(label == name)]
+    held = np.array([force[str(name)][row] if name in known else np.nan for row, name in zip(rows, label, strict=True)])
+    lacking = np.flatnonzero(held < (1.0 - HELD) * stated)
+    if not lacking.size:
+        return None
+    means = {name: (float(np.median(held[label == name])), float(np.median(stated[label == name]))) for name in known}
+    for first, second in combinations(known, 2):
+        if all(abs(means[a][0] / means[b][1] - 1.0) < HELD for a, b in ((first, second), (second, first))):
+            return f"the matrix holds the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
+    k = int(lacking[0])
+    row, name = int(rows[k]), str(label[k])
+    there = np.flatnonzero((dofs.component == name) & (np.abs(force[name] / stated[k] - 1.0) < HELD))
+    if abs(held[k]) < HELD * stated[k] and there.size:
+        away = np.linalg.norm(dofs.xyz[there] - dofs.xyz[row], axis=1)
+        other, gap = int(dofs.node[there[np.argmin(away)]]), 1e3 * float(away.min())
+        return (
+            f"the matrix holds no spring at node {dofs.node[row]} {name}, but one of that stiffness at node {other}, {gap:.3g} mm away: "
+            f"correct the nodes in {file.name} ({lacking.size} springs)"
+        )
+    told = ", ".join(f"{have / want * baseline:.4g} times of {name}" for name, (have, want) in means.items())
+    return f"the matrix holds {told} what {file.name} says, {baseline:g} is stated: correct that table, or the baseline"
 
 
 def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:

@@ -17,7 +17,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import ROUNDING
-from lrbc_cli.model.dofs import DofTable
+from lrbc_cli.model.dofs import DofTable, PointTable
 from lrbc_cli.model.selection import nearest, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
@@ -36,6 +36,12 @@ MILLIMETRES = 1e-3
 
 #: A point lies at a node within this share of the distance to the next one.
 AT_NODE = 0.05
+
+#: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
+CLEARLY_NEARER = 0.5
+
+#: Axes that are exchanged, and the columns then.
+EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
 
 #: Sizes of the model beyond which no slip but that of the unit is likely.
 EVIDENT = 20.0
@@ -168,6 +174,45 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
     ]
 
 
+def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str]) -> str | None:
+    """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
+
+    Parameters
+    ----------
+    bolts : PointTable
+    springs : (m, 3) float array
+        Their places [m].
+    owner : (m,) sequence of str
+        The bolt of each.
+    """
+    names = [name for name in bolts.name if name in owner]
+    xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
+    if len(names) < 2:
+        return None
+    own = np.array(owner)[None, :] == np.array(names)[:, None]
+
+    def astray(points: Floats, share: float) -> Bools:
+        away = np.linalg.norm(points[:, None] - springs[None], axis=2)
+        mine, other = (np.where(mask, away, np.inf).min(axis=1) for mask in (own, ~own))
+        found: Bools = other < share * mine
+        return found
+
+    lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
+    if not lost.size:
+        return None
+    ways = {
+        "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
+        "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
+        **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
+    }
+    fix = next(
+        (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
+    )
+    which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
+    lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
+    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
+
+
 def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
     """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
 
@@ -192,8 +237,7 @@ def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> s
     distance = away(places)
     if distance is None:
         return None
-    orders = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
-    fits = next((axes for axes, order in orders.items() if away(places[:, order]) is None), None)
+    fits = next((axes for axes, order in EXCHANGES.items() if away(places[:, order]) is None), None)
     return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: " + (
         f"they fit with {fits} exchanged; exchange these columns" if fits else "correct the coordinates, or the order of the rows"
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.model_doubts import lacking_springs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
@@ -158,14 +159,15 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(max(1.0 - factor, 0.0), scaled)) * float(each.sum()):
         return
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
+    hint = lacking_springs(inputs.model, group, inputs.dofs) or (
+        "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
+    )
     raise DataError(
         f"parameters.{group.name}.baseline: the stiffness matrix does not hold what is subtracted from it",
         file=inputs.campaign.path,
         expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
         found=f"a motion whose stiffness in the matrix is {_share(float(x @ K @ x) / float(each.sum()))} of what baselines take from it",
-        hint="leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
-        if not inputs.warnings
-        else f"mend first what is warned of: {'; '.join(inputs.warnings)}",
+        hint=hint if not inputs.warnings else f"mend first what is warned of: {'; '.join(inputs.warnings)}",
     )
 
 
