@@ -31,6 +31,7 @@ ALLOWED = {
     },
     "warnings and refusals of input that is in doubt: units, bands, places": {
         *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
+        *("LATE", "LATER", "DELAY_LINES"),
         *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
         *("LEAST_DOFS", "MOST_FILLED", "FAR", "NEARER", "AT_NODE", "CLEARLY_NEARER", "EXCHANGES", "FEW", "MANY", "LARGE_LOSS"),
         *("_DIGITS", "EXCHANGED", "LEAST_DIFFERENCE", "ALONE"),

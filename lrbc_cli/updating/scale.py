@@ -43,6 +43,13 @@ ALIKE, TURNED = 0.6, 0.6
 #: The same of the mean over all responses, where they are taken to be mirrored.
 LEAST_ALIKE = 0.35
 
+#: Mean cosine between measured and computed phase, a delay taken off, from which it is one, and by how much that must exceed the cosine as
+#: it is: phases that fall by 180 degrees at each resonance, beside a model's that do not, come to 2 / pi = 0.64.
+LATE, LATER = 0.8, 0.3
+
+#: Lines at most by which a delay is sought.
+DELAY_LINES = 200
+
 GRAVITY, POUND_FORCE, INCH, FOOT, PSI = 9.80665, 4.4482216, 0.0254, 0.3048, 6894.757
 
 
@@ -90,6 +97,8 @@ class Offset:
         Whether the phase is turned by 180 degrees, and whether it runs the other way.
     phases : mapping
         How alike the phases are if turned, and if mirrored: mean cosines.
+    delay : float
+        By which measured lags computed, negative where it leads [s]; 0 where none is clear.
     """
 
     response: int
@@ -103,6 +112,7 @@ class Offset:
     reversed: bool = False
     conjugate: bool = False
     phases: Mapping[tuple[bool, bool], float] = field(default_factory=dict, repr=False)
+    delay: float = 0.0
 
     @property
     def unit(self) -> Known | None:
@@ -247,7 +257,7 @@ def offset_of(
         None where too few lines can be compared, or no factor with one of these powers is known.
     """
     least = np.inf
-    found: list[tuple[float, Offset, Complexes, Complexes]] = []
+    found: list[tuple[float, Offset, Complexes, Complexes, Floats]] = []
     for model in states:
         valid = np.isfinite(measured) & (np.abs(measured) > 0) & np.isfinite(model) & (np.abs(model) > 0)
         if valid.sum() < 2 * LEAST_LINES:
@@ -267,14 +277,41 @@ def offset_of(
                 if not known:
                     continue
             offset = Offset(response=response, db=centre, half=half, power=b, known=known, before=before, after=left)
-            found.append((left / BETTER if b else left, offset, x * 1j ** (-b), y))
+            found.append((left / BETTER if b else left, offset, x * 1j ** (-b), y, frequency_hz[valid]))
     if not found:
         return None
-    _, best, x, y = min(found, key=lambda entry: entry[0])
+    _, best, x, y, lines = min(found, key=lambda entry: entry[0])
     big = best.power != 0 or abs(best.db) >= max(LEAST_OFFSET, best.half)
     named = bool(big and np.isfinite(best.half) and best.after <= LEFT * least)
     known = tuple(k for k in best.known if k.db != 0.0 or best.power)
-    return replace(best, known=known, before=least, named=named, phases=_scores(x, y, best.power))
+    return replace(best, known=known, before=least, named=named, phases=_scores(x, y, best.power), delay=delay_of(lines, x, y))
+
+
+def delay_of(frequency_hz: Floats, measured: Complexes, model: Complexes) -> float:
+    """By which measured lags computed [s]; 0 where no delay makes their phases alike, or they are alike without.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured, model : (F,) complex arrays
+        No zeros.
+    """
+    few = np.unique(np.linspace(0, frequency_hz.size - 1, min(frequency_hz.size, DELAY_LINES)).round().astype(np.int64))
+    f, z = frequency_hz[few], (measured / np.abs(measured) * np.conj(model / np.abs(model)))[few]
+    width, step = float(np.ptp(f)), float(np.median(np.diff(f)))
+
+    def alike(tau: Floats) -> Floats:
+        # Of either sign: a sensor may be reversed, too.
+        return np.asarray(np.abs(np.real(np.exp(2j * np.pi * np.outer(tau, f)) @ z)) / f.size)
+
+    # A whole turn from line to line is none; four steps over the width of the maximum.
+    count = int(np.ceil(width / step))
+    coarse = np.arange(-count, count + 1) / (4.0 * width)
+    fine = coarse[int(np.argmax(alike(coarse)))] + np.linspace(-1.0, 1.0, 41) / (4.0 * width)
+    found = alike(fine)
+    best = int(np.argmax(found))
+    clear = found[best] >= LATE and found[best] - alike(np.zeros(1))[0] >= LATER
+    return float(fine[best]) if clear else 0.0
 
 
 def moved(quantity: str, power: int) -> str | None:

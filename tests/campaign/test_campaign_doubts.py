@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, unreached, worsened
+from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.updating.scale import Offset
 
@@ -55,6 +55,15 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
 
     assert found(8.7, 10.5) == []
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
+
+
+def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
+    """The reference job is: then model and units are right."""
+    inputs = frame.inputs()
+    one = own_fault_text(inputs, np.array([7.9, 1.9, 1.8, 2.0]), "tight")
+    assert "acc1 alone lies far off (7.9 dB and more, 1.9 dB in the median of all): was a sensor overloaded, moved, turned" in one
+    every = own_fault_text(inputs, np.array([9.0, 8.0, 10.0, 9.5]), "tight")
+    assert "no response stands out: was the hammer at another point" in every
 
 
 def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:

@@ -181,6 +181,15 @@ def test_loose_bolts_of_the_reference_job_are_seen_there(tmp_path: Path) -> None
     assert "B4 far looser than the other bolts there" in folder.run("status").stdout
 
 
+def test_what_is_stated_as_removed_and_comes_out_tight_is_told(tmp_path: Path) -> None:
+    folder = box(tmp_path / "box")
+    tree = folder.tree()
+    tree["jobs"]["loose"]["removed"] = ["B1", "B3"]
+    folder.write(tree)
+    done = folder.run("update")
+    assert "jobs.loose.removed: B1 is stated to be missing, and judged tight against tight" in done.stderr
+
+
 def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], None]:
     """The measurement of the tight state in another file."""
 

@@ -7,7 +7,7 @@ import pytest
 from pads import PADS, S, loosened, pads_model, pads_ports
 
 from lrbc_cli.updating.misfit import port_model
-from lrbc_cli.updating.scale import grouped, misses_unit, offsets_of
+from lrbc_cli.updating.scale import delay_of, grouped, misses_unit, offsets_of
 
 FREQUENCY = S.imag / (2 * np.pi)
 RNG = np.random.default_rng(3)
@@ -35,8 +35,23 @@ def test_a_model_in_error_is_no_factor(frfs):
     for states in (("computed",), ("far",), ("far", "computed")):
         offsets = found(frfs["measured"], *(frfs[state] for state in states))
         assert len(offsets) == 4
-        assert not any(o.named or o.reversed or o.conjugate for o in offsets)
+        assert not any(o.named or o.reversed or o.conjugate or o.delay for o in offsets)
         assert not misses_unit(offsets)
+
+
+@pytest.mark.parametrize("milliseconds", [2.0, -3.0])
+def test_a_delay_of_the_sensors(frfs, milliseconds):
+    late = frfs["measured"] * np.exp(-2j * np.pi * FREQUENCY * 1e-3 * milliseconds)[:, None]
+    # Reversed or not.
+    for sign in (1.0, -1.0):
+        assert [o.delay for o in found(sign * late, frfs["far"], frfs["computed"])] == [pytest.approx(1e-3 * milliseconds, rel=0.05)] * 4
+
+
+def test_resonances_that_the_model_has_not_are_no_delay():
+    """Each turns the phase by 180 degrees: a stair, which a straight line fits badly."""
+    frequency = np.linspace(10.0, 500.0, 400)
+    stair = np.exp(-1j * np.pi * np.floor(frequency / 25.0))
+    assert delay_of(frequency, stair, np.ones(400, dtype=complex)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text
+from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text, outlying
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
@@ -130,6 +130,16 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[st
             f"reversed sign, it seems: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's; "
             f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, turned, -1.0)}{tail}"
         )
+    late = [o for o in offsets if o.delay]
+    if late:
+        delay = float(np.median([o.delay for o in late]))
+        word, side = ("late", "behind") if delay > 0 else ("early", "ahead of")
+        names = _names(inputs, [o.response for o in late], len(offsets))
+        found.append(
+            f"{word}, it seems: {names}: measured phases leave the model's by 360 degrees "
+            f"every {abs(1.0 / delay):.3g} Hz, as if the sensors were {1e3 * abs(delay):.3g} ms {side} the hammer; likely another front "
+            "end, filter or trigger: let the analyser correct the delay of its channels, and export again; the calibration feels it"
+        )
     mirrored = [o.response for o in offsets if o.conjugate]
     if mirrored:
         found.append(
@@ -164,6 +174,20 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
     lines = result.measurement.frequency_hz[result.selected]
     band = f"{lines.size} lines from {lines[0]:g} to {lines[-1]:g} Hz"
     return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
+
+
+def own_fault_text(inputs: Inputs, misfits: Floats, reference: str) -> str:
+    """What to look at where the model explains the reference job and not this one: in this measurement, in a clause."""
+    alone = outlying(misfits)
+    names = ", ".join(inputs.responses[i].name for i in alone)
+    typical = float(np.nanmedian(misfits))
+    if not alone:
+        what = "no response stands out: was the hammer at another point or in another direction, was a window applied?"
+    else:
+        lie, far = "lies" if len(alone) == 1 else "lie", misfits[alone].min()
+        what = f"{names} alone {lie} far off ({far:.1f} dB and more, {typical:.1f} dB in the median of all): was a sensor "
+        what += "overloaded, moved, turned or exchanged?"
+    return f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again"
 
 
 def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
@@ -227,6 +251,8 @@ def doubts(
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
+    if reference is not None and reference.explained:
+        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job)}"
     job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name)]
     noise = noise_level(result.measurement, job, inputs.used)

@@ -15,6 +15,9 @@ from lrbc_cli.updating.scale import LEAST_LINES, POWERS, moved
 #: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
 
+#: A response that lies so many times farther from the model than the median of all may not be where the model has it.
+ALONE = 3.0
+
 #: What may be left then [dB].
 MOST_LEFT = 6.0
 
@@ -41,6 +44,13 @@ def spread(difference: Floats, axis: int) -> Floats:
 def apart(measured: Complexes, model: Complexes) -> Floats:
     """(..., R) mean absolute differences of levels, (..., F, R), but for a constant each [dB]."""
     return spread(levels(measured) - levels(model), -2)
+
+
+def outlying(misfits: Floats) -> list[int]:
+    """Responses that lie alone far from the model, by the misfit of each [dB]: none where they are not the fewer."""
+    typical = float(np.nanmedian(misfits))
+    alone: list[int] = np.flatnonzero(misfits > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
+    return alone if 2 * len(alone) < misfits.size else []
 
 
 def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:

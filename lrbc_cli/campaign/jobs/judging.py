@@ -9,7 +9,7 @@ from typing import Any
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, BoltVerdict, DecisionRule, Judgement, judge, scatter_of
+from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, TIGHT, BoltVerdict, DecisionRule, Judgement, judge, scatter_of
 from lrbc_cli.updating.evidence import VALIDATION, Evidence
 
 #: Status of a job whose measurement the model does not explain.
@@ -37,7 +37,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     judgement = judge(evidence, inputs.method.rule, role_of(update, name), scatter)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
-    warnings += [*evidence.warnings, *suspects(judgement)]
+    warnings += [*evidence.warnings, *suspects(judgement), *contradicted(inputs, name, judgement)]
     if update.loose_change is not None and update.loose_change < -1.0:
         lost = 100.0 * (1.0 - 10.0**update.loose_change)
         warnings.append(f"update.loose_change: {update.loose_change:g} calls a bolt tight that lost up to {lost:.4g} % of its stiffness")
@@ -124,6 +124,20 @@ def suspects(judgement: Judgement) -> list[str]:
         f"not all tight, it seems: {named} come out loose against the "
         "reference job; as a baseline it lowers the change at which bolts of the other jobs count as loose: take it out of "
         "update.baselines, or measure it again"
+    ]
+
+
+def contradicted(inputs: Inputs, name: str, judgement: Judgement) -> list[str]:
+    """A warning where bolts that are stated to be removed are judged tight."""
+    update = inputs.campaign.update
+    removed = inputs.campaign.jobs[name].removed if role_of(update, name) == JOB else ()
+    tight = [bolt.name for bolt in judgement.bolts if bolt.name in removed and bolt.verdict == TIGHT]
+    if not tight:
+        return []
+    return [
+        f"jobs.{name}.removed: {', '.join(tight)} {'is' if len(tight) == 1 else 'are'} stated to be missing, and judged tight against "
+        f"{update.reference}: are the files of the two jobs, or of others, exchanged? Correct `frf` or `removed`; where both are right, "
+        "these responses do not show it (`lrbc plan`)"
     ]
 
 

@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.likeness import (
     exchanged_text,
     levels,
     other_reading,
+    outlying,
     spread,
 )
 from lrbc_cli.campaign.identification.records import Measurement
@@ -37,9 +38,6 @@ LINES = 200
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
-
-#: A response that lies so many times farther from the model than the median of all may not be where the model has it.
-ALONE = 3.0
 
 #: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
 #: that what `check` finds does not depend on what else the machine does.
@@ -183,8 +181,8 @@ def _unlike(
             "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
             "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
         )
-    alone = np.flatnonzero(every > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
-    for i in alone if 2 * len(alone) < every.size else ():
+    alone = outlying(every)
+    for i in alone:
         response = inputs.responses[i].name
         told["alone", i] = (
             f"{response} lies {every[i]:.1f} dB from the model, constants taken out, where the median of all responses is "
