@@ -304,6 +304,7 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "mass a thousand times too large where units are stated",
     "springs at the nodes of the other face",
     "stiffness of two directions exchanged",
     "DOF table sorted and numbered anew",
@@ -459,6 +460,14 @@ MISTAKES = [
         3,
         "mass and the damping matrix stand in each other's place",
         "exchange model.mass and model.damping",
+    ),
+    Mistake(
+        "mass a thousand times too large where units are stated",
+        "plate",
+        triplets_times("plate.mas.gz", 1e3),
+        0,
+        "; or the mass matrix is 1000 times too large",
+        "scale: 0.001}",
     ),
     Mistake(
         "bolts in metres in a campaign in mm",

@@ -370,10 +370,11 @@ def likely_mistake(campaign: Campaign, dofs: DofTable, speed: float, density: fl
     text = "the coordinates of the DOF table are millimetres, the matrices in metres: convert them, or export all in one system of units"
     add(text, speed * MILLIMETRES, density / MILLIMETRES**3, size * MILLIMETRES)
     for factor in (10.0**power for power in POWERS):
-        # The units of all are the likelier slip.
+        # Where none are stated, the units of all are the likelier slip.
+        handicap = ALIKE if stated == SI else 0.0
         for matrix, change in (("mass", (factor**0.5, 1.0 / factor)), ("stiffness", (factor**-0.5, 1.0))):
             text = mistake_text(campaign.model, matrix, factor, campaign.path.parent)
-            add(text, speed * change[0], density * change[1], size, handicap=ALIKE)
+            add(text, speed * change[0], density * change[1], size, handicap=handicap)
     if not found:
         return None
     least = min(found)[0]
