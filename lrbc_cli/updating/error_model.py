@@ -19,14 +19,14 @@ class ErrorModel:
     least_discrepancy_db, most_discrepancy_db : float
         Range of ``s`` [dB]: digits of the files below, no model at all above.
     change_error : float
-        Standard deviation of the change of a level that a model predicts, over that change. 0.1 to 0.35 (rms over the lines) where
-        single bolts of virtual rigs are removed.
+        Standard deviation of the change of a level that a model predicts, over that change: of each line for itself, and of the mean
+        over the lines about a resonance together. 0.1 to 0.35 (rms over the lines) where single bolts of virtual rigs are removed.
     shift_error : float
         Standard deviation of the shift of a resonance that a model predicts, over that shift. 0.08 to 0.17 where bolts of virtual rigs
         are removed. Of it what all resonances share is an error of a joint's change, over that change.
     shift_knots : float
-        Distance of the knots between which such errors of the frequency axis are interpolated, over the highest line. A choice: resonances
-        further apart than this err independently.
+        Distance of the knots between which such errors of the frequency axis are interpolated, over the highest line, and width of the
+        bands whose lines share an error of their mean change. A choice: resonances further apart than this err independently.
     most_correction_db : float
         A correction by the reference job may not exceed this [dB]: beyond it model and measurement have different resonances there.
     most_lags : int

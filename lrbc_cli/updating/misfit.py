@@ -20,6 +20,7 @@ from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decib
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
+Integers = NDArray[np.intp]
 
 
 class Sensitive(Protocol):
@@ -219,7 +220,8 @@ class ChangeError:
     """How wrong a predicted change of the FRFs may be.
 
     A resonance that the model moves may in fact have moved by some percent more or less, in all responses alike: an unknown shift of the
-    axis of frequency, piecewise linear, with a standard deviation of that share of how far the resonances nearby have moved.
+    axis of frequency, piecewise linear, with a standard deviation of that share of how far the resonances nearby have moved. And
+    levels may have changed by some percent more or less: every line for itself, and those of a response about a resonance together.
 
     Attributes
     ----------
@@ -249,8 +251,8 @@ class ChangeError:
         with np.errstate(divide="ignore", invalid="ignore"):
             return y, np.asarray(DB * np.log(self.nearby(theta[: self.size]) / y) / self.step_hz, dtype=complex)
 
-    def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes]:
-        """(F, R) change of the levels from the prior to theta [dB], and (F, R, K) errors of one standard deviation."""
+    def __call__(self, prior: Floats, theta: Floats) -> tuple[Floats, Complexes, Integers]:
+        """(F, R) change of the levels from the prior to theta [dB], (F, R, K) shifts of one standard deviation, (F,) the knot nearby."""
         f = self.frequency_hz
         spacing = self.errors.shift_knots * f.max()
         knots = np.arange(f.min() - spacing, f.max() + 2 * spacing, spacing)
@@ -266,7 +268,8 @@ class ChangeError:
         slope, first, change = (np.where(np.isfinite(x), x, 0.0) for x in (slope, first, change))
         steep = 0.5 * (slope.real**2 + first.real**2)
         shift = np.sqrt((hats.T @ (change**2).sum(axis=1)) / np.maximum(hats.T @ steep.sum(axis=1), np.finfo(float).tiny))
-        return change, np.asarray(slope[:, :, None] * (self.errors.shift_error * hats * shift)[:, None, :])
+        shifts = np.asarray(slope[:, :, None] * (self.errors.shift_error * hats * shift)[:, None, :])
+        return change, shifts, hats.argmax(axis=1)
 
 
 class Misfit:
@@ -406,8 +409,8 @@ class Misfit:
     def about(self, theta: Floats, error: ChangeError) -> Misfit:
         """The same cost with lines weighted by how far the boundary has moved the model at theta from the prior."""
         other = copy(self)
-        change, patterns = error(self.prior, theta)
-        other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, patterns), 0
+        change, shifts, band = error(self.prior, theta)
+        other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, shifts, band), 0
         return other
 
     @property

@@ -9,12 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.sparse import csr_array
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
+Integers = NDArray[np.intp]
 
 #: d(20 log10 x)/d ln x.
 DB = 20.0 / float(np.log(10.0))
@@ -43,6 +45,37 @@ class ResidualOptions:
     kind: Literal["db", "log-complex"] = "db"
     loss_scale: float | None = None
     floor: float | None = None
+
+
+class _Bands:
+    """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
+
+    Parameters
+    ----------
+    size : (m,) float array
+        The error of one standard deviation over the residual's own.
+    band : (m,) int array
+    """
+
+    def __init__(self, size: Floats, band: Integers) -> None:
+        self._errors = csr_array((size, band, np.arange(size.size + 1)), shape=(size.size, int(band.max(initial=-1)) + 1))
+        self._power = np.bincount(band, size**2)
+        self._known = self._power > 0.0
+        #: log det of ``I + GGᵀ``.
+        self.log_det = float(np.log1p(self._power).sum())
+
+    def _scaled(self, columns: Floats, exponent: float) -> Floats:
+        factor = np.zeros_like(self._power)
+        factor[self._known] = ((1.0 + self._power[self._known]) ** exponent - 1.0) / self._power[self._known]
+        along = self._errors.T @ columns
+        return np.asarray(columns + self._errors @ (factor.reshape(-1, *[1] * (columns.ndim - 1)) * along))
+
+    def __call__(self, columns: Floats) -> Floats:
+        return self._scaled(columns, -0.5)
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return self._scaled(columns, 0.5)
 
 
 class _Shared:
@@ -114,14 +147,19 @@ class DataResidual:
             floor = power.max(axis=0) * 10.0 ** (-self.options.floor / 10.0)
             self._floor = np.broadcast_to(floor, self.valid.shape)[self.valid]
         self._noise = self._sigma
-        self._patterns: Floats | None = None
+        self._shifts: Floats | None = None
+        self._changes: tuple[Floats, Integers] | None = None
         self._weigh(errors.first_discrepancy_db)
 
     def _weigh(self, level: float) -> None:
         self.level = level
         self._weights = None if self._sigma is None else noise_weights(self._sigma, level)
-        patterns = self._patterns
-        self._shared = None if patterns is None else _Shared(self._own_weights(patterns.shape[0])[:, None] * patterns / level)
+        self._bands, self._shared = None, None
+        if self._changes is not None and self._shifts is not None:
+            size, band = self._changes
+            own = self._own_weights(size.size) / level
+            self._bands = _Bands(own * size, band)
+            self._shared = _Shared(self._bands(own[:, None] * self._shifts))
 
     def _own_weights(self, count: int) -> Floats:
         """(count,) weights of the residuals."""
@@ -130,7 +168,7 @@ class DataResidual:
     @property
     def weighted(self) -> bool:
         """Whether lines are weighted by what is known of their noise."""
-        return self._sigma is not None or self._patterns is not None
+        return self._sigma is not None or self._shifts is not None
 
     def with_level(self, level: float) -> DataResidual:
         """The same with another standard deviation of the model discrepancy [dB]."""
@@ -141,7 +179,7 @@ class DataResidual:
     def weighted_as(self, other: DataResidual) -> DataResidual:
         """The same with the weights of another on the same lines."""
         found = copy(self)
-        found._sigma, found._patterns = other._sigma, other._patterns
+        found._sigma, found._shifts, found._changes = other._sigma, other._shifts, other._changes
         found._weigh(other.level)
         return found
 
@@ -153,8 +191,10 @@ class DataResidual:
         other._weigh(self.level)
         return other
 
-    def with_change(self, y: Complexes, change: Floats, most: float, patterns: Floats | Complexes) -> DataResidual:
+    def with_change(self, y: Complexes, change: Floats, most: float, shifts: Floats | Complexes, band: Integers) -> DataResidual:
         """The same where the model has moved by so much [dB] from a state that it explains: a share of that may be wrong.
+
+        Of every line for itself, and of the mean over the lines of a band together: the lines about a resonance gain and lose alike.
 
         Parameters
         ----------
@@ -164,23 +204,37 @@ class DataResidual:
             In dB.
         most : float
             The error that no change exceeds: that of a state which is compared with nothing [dB].
-        patterns : (F, R, K) float or complex array
-            Errors that the lines share, each with a standard deviation of one: ``20/ln10`` times the change of ln(H).
+        shifts : (F, R, K) float or complex array
+            Errors that all responses share, each with a standard deviation of one: ``20/ln10`` times the change of ln(H).
+        band : (F,) int array
+            Lines of one band of a response share the error of their mean change.
 
         Returns
         -------
         DataResidual
         """
-        other = copy(self)
-        wrong = self.errors.change_error * np.abs(change[self.valid])
+        other = self._plain()
+        wrong = self.errors.change_error * change
         both = np.hypot(wrong, most)
         # Nothing is wrong with a model that explains its reference state exactly.
         wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
-        other._sigma = wrong if self._noise is None else np.hypot(self._noise, wrong)
-        other._weights = other._shared = None
-        rows: NDArray[Any] = patterns if self.phase else patterns.real
-        _, other._patterns, _ = other(y, rows)
+        own = np.abs(wrong[self.valid])
+        other._sigma = own if self._noise is None else np.hypot(self._noise, own)
+        lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
+        mean = (lies.T @ np.where(self.valid, wrong, 0.0) / np.maximum(lies.T @ self.valid, 1.0))[band]
+        errors = np.concatenate([shifts, ((1.0 + 1.0j) * mean if self.phase else mean)[:, :, None]], axis=2)
+        _, rows, _ = other(y, errors if self.phase else errors.real)
+        bands = (band[:, None] + lies.shape[1] * np.arange(change.shape[1]))[self.valid]
+        if self.phase:
+            bands = np.concatenate([bands, bands + lies.shape[1] * change.shape[1]])
+        other._shifts, other._changes = rows[:, :-1], (rows[:, -1], bands)
         other._weigh(self.level)
+        return other
+
+    def _plain(self) -> DataResidual:
+        """The same without weights."""
+        other = copy(self)
+        other._weights = other._bands = other._shared = None
         return other
 
     @property
@@ -188,20 +242,20 @@ class DataResidual:
         """Logarithm of the determinant of the covariance of the residuals over ``level²``; lines that are only noise do not count."""
         weights = 0.0 if self._weights is None else float(np.log(self._weights[self._weights > 0]).sum())
         # Real and imaginary parts have the same weights.
-        return -2.0 * weights * (2 if self.phase else 1) + (0.0 if self._shared is None else self._shared.log_det)
+        shared = sum(part.log_det for part in (self._bands, self._shared) if part is not None)
+        return -2.0 * weights * (2 if self.phase else 1) + shared
 
     def carried(self, columns: Floats, other: DataResidual) -> Floats:
         """Derivatives of residuals as another that differs in the weights only gives them, as this one would."""
         before = other._own_weights(columns.shape[0])
         plain = columns if other._shared is None else other._shared.undo(columns)
+        plain = plain if other._bands is None else other._bands.undo(plain)
         share = np.divide(self._own_weights(columns.shape[0]), before, out=np.zeros_like(before), where=before > 0)
         return self._whiten(share[:, None] * plain)
 
     def raw(self, y: Complexes) -> Floats:
         """Residuals before they are weighted."""
-        other = copy(self)
-        other._weights = other._shared = None
-        return other(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+        return self._plain()(y, np.zeros((*y.shape, 0), dtype=complex))[0]
 
     def follow(self, y: Complexes, spent: float) -> float:
         """Standard deviation of the model discrepancy, by the residuals that are left [dB].
@@ -239,6 +293,7 @@ class DataResidual:
         return most if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
 
     def _whiten(self, columns: Floats) -> Floats:
+        columns = columns if self._bands is None else self._bands(columns)
         return columns if self._shared is None else self._shared(columns)
 
     @property

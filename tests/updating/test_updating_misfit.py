@@ -10,6 +10,7 @@ from systems import direct_frf, relative
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
+from lrbc_cli.updating.error_model import ERRORS
 from lrbc_cli.updating.misfit import ChangeError, Misfit, mean_misfit, penalty_rows, port_model, reduced_model
 from lrbc_cli.updating.residuals import decibel
 
@@ -246,7 +247,10 @@ class TestChangeError:
     @pytest.mark.parametrize("shift", [0.02, -0.3])
     def test_the_error_is_a_share_of_the_shift(self, shift: float) -> None:
         prior, theta = np.zeros(1), np.array([shift])
-        change, patterns = self.error()(prior, theta)
+        change, patterns, band = self.error()(prior, theta)
+        assert (np.diff(band) >= 0).all()
+        # Bands are as wide as the knots lie apart.
+        assert np.bincount(band)[1:-1].max() <= np.ceil(ERRORS.shift_knots * self.LINES[-1]) + 1
         np.testing.assert_allclose(
             change, decibel(self.response(theta, self.LINES)) - decibel(self.response(prior, self.LINES)), atol=1e-10
         )
@@ -262,7 +266,7 @@ class TestChangeError:
         assert np.abs(total[still]).max() < 0.02 * np.abs(total[near]).max()
 
     def test_no_change_no_error(self) -> None:
-        change, patterns = self.error()(np.zeros(1), np.zeros(1))
+        change, patterns, _ = self.error()(np.zeros(1), np.zeros(1))
         np.testing.assert_array_equal(change, 0.0)
         np.testing.assert_array_equal(patterns, 0.0)
 

@@ -303,17 +303,26 @@ class TestSharedErrors:
         measured = np.exp(rng.normal(size=shape) + 1j * rng.uniform(0, 6, shape))
         y = measured * np.exp(0.05 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)))
         patterns = rng.normal(size=(*shape, 3)) + 1j * rng.normal(size=(*shape, 3))
+        band = rng.integers(0, 5, shape[0])
+        measured[rng.integers(0, shape[0], 6), rng.integers(0, shape[1], 6)] = np.nan
         sigma, level, change = np.abs(rng.normal(size=shape)), 0.3, 2.0 * rng.normal(size=shape)
         plain = DataResidual(measured, ResidualOptions(kind))
-        data = DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(y, change, 0.4, patterns)
+        data = DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(y, change, 0.4, patterns, band)
         J = rng.normal(size=(*shape, 2)) + 1j * rng.normal(size=(*shape, 2))
         real = kind == "db"
         r, rows, _ = plain(y, J.real if real else J)
         B = plain(y, patterns.real if real else patterns)[1]
-        wrong = ERRORS.change_error * np.abs(change)
+        valid = np.isfinite(measured)
+        wrong = ERRORS.change_error * change
         wrong /= np.sqrt(1 + (wrong / 0.4) ** 2)
-        own = np.hypot(sigma, wrong)
-        own = np.tile(own.ravel(), 1 if real else 2)
+        own = np.tile(np.hypot(sigma, wrong)[valid], 1 if real else 2)
+        # Of a response, the lines of a band share the error of their mean change.
+        shared = []
+        for k, n in itertools.product(range(5), range(shape[1])):
+            here = valid & (band == k)[:, None] & (np.arange(shape[1]) == n)
+            mean = np.where(here, wrong[here].mean() if here.any() else 0.0, 0.0)[valid]
+            shared += [mean] if real else [np.r_[mean, 0.0 * mean], np.r_[0.0 * mean, mean]]
+        B = np.column_stack([B, *shared])
         inverse = level**2 * np.linalg.inv(np.diag(level**2 + own**2) + B @ B.T)
         found, found_rows, _ = data(y, J.real if real else J)
         np.testing.assert_allclose(found @ found, r @ inverse @ r, rtol=1e-9)
@@ -322,7 +331,9 @@ class TestSharedErrors:
         assert data.log_det == pytest.approx(-np.linalg.slogdet(inverse)[1], rel=1e-9)
         # Derivatives under other weights need not be formed again.
         other = (
-            DataResidual(measured, ResidualOptions(kind), sigma).with_level(level).with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns)
+            DataResidual(measured, ResidualOptions(kind), sigma)
+            .with_level(level)
+            .with_change(1.3 * y, 0.5 * change, 0.4, 2.0 * patterns, band)
         )
         np.testing.assert_allclose(data.carried(other(y, J.real if real else J)[1], other), found_rows, rtol=1e-8, atol=1e-10)
 
@@ -334,7 +345,7 @@ class TestSharedErrors:
         patterns = rng.normal(size=(*shape, 6))
         error = patterns @ rng.normal(size=6) + 0.1 * rng.normal(size=shape)
         y = 10 ** (error / 20) + 0j
-        data = DataResidual(measured).with_change(y, np.zeros(shape), 1.0, patterns)
+        data = DataResidual(measured).with_change(y, np.zeros(shape), 1.0, patterns, np.zeros(shape[0], dtype=np.int64))
         assert data.follow(y, 0.0) == pytest.approx(0.1, rel=0.1)
         assert np.std(error) > 1.0
 
@@ -343,7 +354,8 @@ class TestSharedErrors:
         shape = (20, 3)
         measured = np.exp(rng.normal(size=shape)) + 0j
         y = measured * 1.1
-        first = DataResidual(measured, sigma=np.ones(shape)).with_change(y, np.ones(shape), 1.0, rng.normal(size=(*shape, 2)))
+        band = np.repeat([0, 1], 10)
+        first = DataResidual(measured, sigma=np.ones(shape)).with_change(y, np.ones(shape), 1.0, rng.normal(size=(*shape, 2)), band)
         second = DataResidual(measured, sigma=np.zeros(shape)).weighted_as(first.with_level(0.2))
         empty = np.zeros((*shape, 0))
         np.testing.assert_array_equal(first.with_level(0.2)(y, empty)[0], second(y, empty)[0])
@@ -353,6 +365,6 @@ class TestSharedErrors:
         """Its error bounds that of any change: no error at all, and no division by it."""
         shape = (20, 3)
         measured = np.full(shape, 2.0 + 0j)
-        data = DataResidual(measured).with_change(measured, np.zeros(shape), 0.0, np.zeros((*shape, 2)))
+        data = DataResidual(measured).with_change(measured, np.zeros(shape), 0.0, np.zeros((*shape, 2)), np.zeros(20, dtype=np.int64))
         r, _, _ = data(1.1 * measured, np.zeros((*shape, 0)))
         np.testing.assert_allclose(r, decibel(np.array(1.1 + 0j)))
