@@ -1,8 +1,7 @@
 """Global factors of the reference model from one measurement, with the boundary identified beside them or held.
 
-Peaks that lie many line widths apart leave the cost (29) full of local minima. Spectra on a line ``s = sigma + i omega`` beside the
-imaginary axis have peaks that are sigma wider: FRFs are analytic there, so the measured ones follow from Poisson's integral and those
-of the model from the same reduced dynamic stiffness. Sigma decreases to nought.
+Peaks that lie many line widths apart leave the cost (29) full of local minima. It is followed over smoothed spectra, see ``smooth``, whose
+width decreases to nought.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from lrbc_cli.updating.fit import no_worse, noise_of
 from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
-from lrbc_cli.updating.priors import CALIBRATION_PRIOR
 from lrbc_cli.updating.residuals import ResidualOptions
+from lrbc_cli.updating.smooth import smoothed_lines
 from lrbc_cli.updating.starts import group_levels
 from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 
@@ -32,47 +31,6 @@ from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
 def moves_resonances(recipe: Recipe, name: str) -> bool:
     """Whether a factor scales stiffness or mass, rather than damping alone."""
     return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces if piece.operator != LOSS for share in piece.shares)
-
-
-def smoothed(
-    frequency_hz: Floats, values: Complexes, width_hz: float, at_hz: Floats, covered: float = CALIBRATION_PRIOR.covered
-) -> Complexes:
-    """FRFs on the line ``s = 2 pi (width + i f)`` from those on the imaginary axis, by Poisson's integral.
-
-    ``H(sigma + i omega) = 1/pi int sigma / (sigma² + (omega - nu)²) H(i nu) d nu`` for an H that is analytic and bounded in the right
-    half-plane; lines at negative frequencies are the conjugates. The kernel is scaled to the part of it that lies on lines.
-
-    Parameters
-    ----------
-    frequency_hz : (F,) float array
-    values : (F, R) complex array
-        NaN where not measured.
-    width_hz : float
-        sigma / (2 pi).
-    at_hz : (m,) float array
-    covered : float
-
-    Returns
-    -------
-    (m, R) complex array
-        NaN where less than ``covered`` of the kernel lies on measured lines.
-    """
-    out = np.full((at_hz.size, values.shape[1]), np.nan + 0j)
-    for r in range(values.shape[1]):
-        good = np.isfinite(values[:, r])
-        f, h = frequency_hz[good], values[good, r]
-        if f.size < 2:
-            continue
-        # Gaps wider than the kernel are not bridged: they lower the coverage.
-        step = np.diff(f)
-        step = np.where(step <= width_hz, step, 0.0)
-        span = 0.5 * (np.append(step, 0.0) + np.insert(step, 0, 0.0))
-        direct = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] - f) ** 2)
-        mirror = span * width_hz / np.pi / (width_hz**2 + (at_hz[:, None] + f) ** 2)
-        share = (direct + mirror).sum(axis=1)
-        keep = share >= covered
-        out[keep, r] = (direct @ h + mirror @ h.conj())[keep] / share[keep]
-    return out
 
 
 @dataclass(frozen=True)
@@ -185,14 +143,11 @@ class FactorProblem:
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
         """Cost between smoothed spectra; None where the lines lie too far apart for that."""
-        low, high = self.frequency_hz[0], self.frequency_hz[-1]
-        at = np.linspace(low, high, max(int(np.ceil((high - low) / width_hz)), 2) + 1)
-        target = smoothed(self.frequency_hz, self.measured, width_hz, at, self.statistics.calibration.covered)
-        keep = np.isfinite(target).any(axis=1)
-        if keep.sum() < 0.5 * at.size:
+        found = smoothed_lines(self.frequency_hz, self.measured, width_hz, self.statistics.calibration.covered)
+        if found is None:
             return None
-        model = self.frf(2 * np.pi * (width_hz + 1j * at[keep]))
-        return Misfit(model, target[keep], self.start, variance, self.rows(), errors=self.statistics.errors)
+        s, target = found
+        return Misfit(self.frf(s), target, self.start, variance, self.rows(), errors=self.statistics.errors)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,17 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
-from lrbc_cli.updating.starts import basins, group_levels, hops, moved_values, single_values, uniform_changes, uniform_values, zoom
+from lrbc_cli.updating.starts import (
+    basins,
+    group_levels,
+    hops,
+    moved_values,
+    other_levels,
+    single_values,
+    uniform_changes,
+    uniform_values,
+    zoom,
+)
 
 Floats = NDArray[np.float64]
 
@@ -156,14 +166,16 @@ class Race:
             self.iterations += end.iterations
         return ends
 
-    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int) -> None:
-        """Descend from places beside the best end until no round leads lower: those of ``hops``, and where it leads without some values.
+    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int, joints: Sequence[int]) -> None:
+        """Descend from places beside the best end until no round leads lower.
+
+        Those of ``other_levels`` among joints, else of ``hops``, and where it leads without some values.
 
         A peak that passes a line is a ridge in the cost, narrow and steep. Beyond it there is another valley; and without the values that
         the end explains least there is no ridge, so that the rest leads on.
         """
         few, more = limits
-        for _ in range(rounds):
+        for _ in range(rounds + len(joints)):
             self.go_on([self.best])
             (description, end), before = self.ends[self.best], len(self.ends)
             if not np.isfinite(end.evaluation.total):
@@ -174,7 +186,11 @@ class Race:
                 return descend(rest, theta, self._bounds, span, tolerance=self._tolerance, max_iterations=more).theta
 
             first = description.partition(BESIDE)[0]
-            places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
+            if joints:
+                moved = other_levels(self._misfit, end, self._bounds, span, joints)
+                places = [(f"{first}{BESIDE} one joint at another level", theta) for theta in moved]
+            else:
+                places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
             texts = [f"{first}{BESIDE} without the {100 * share:g} % that it explains least" for share in shares]
             self.begin([*places, *zip(texts, side_by_side(without, shares), strict=True)], few)
             self.halve(before, more)
@@ -240,6 +256,7 @@ def gauss_newton_by_levels(
     first_iterations: tuple[int, int] = (3, 8),
     left_out: Sequence[float] = (0.03, 0.2),
     rounds: int = 3,
+    joints: Sequence[int] = (),
     unexplained_db: float = 3.0,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
@@ -266,7 +283,9 @@ def gauss_newton_by_levels(
     left_out : sequence of float
         Where there is a span: shares of the values without which the best end is followed further, see ``Race.look_beside``.
     rounds : int
-        How often.
+        How often, and once more for each joint.
+    joints : sequence of int
+        Of the unknowns of a span, the changes of the joints where there is nothing else.
     unexplained_db : float
         Mean difference of the best end above which, without a span, single values are tried, see ``single_values``: where it would not be
         called explained [dB].
@@ -292,7 +311,8 @@ def gauss_newton_by_levels(
         places = {"the uniform value found by smaller steps": nearest} | places
         places |= {f"levels of the groups, {k + 1}": place for k, place in enumerate(apart)}
     texts = [_describe(misfit.model.parameters, trials[at], at, None if span is None else misfit.prior) for at in begun]
-    coarse = race.coarse([trials[at] for at in begun], knots, coarse_tolerance, coarse_iterations)
+    # Coarse profiles are for values in a row.
+    coarse = race.coarse([trials[at] for at in begun], () if joints else knots, coarse_tolerance, coarse_iterations)
     race.begin([*zip(texts, coarse, strict=True), *places.items()], few)
     # A coarse level may pass a valley that its end has left.
     passed, least = race.seen, race.ends[race.best][1].evaluation.total
@@ -304,7 +324,7 @@ def gauss_newton_by_levels(
         moved = side_by_side(lambda place: single_values(misfit, place, bounds), (found.theta, *apart[:1]))
         race.begin([("single values moved by tables", place) for place in moved])
     if span is not None and more < max_iterations:
-        race.look_beside(span, left_out, (few, more), rounds)
+        race.look_beside(span, left_out, (few, more), rounds, joints)
     race.go_on([race.best])
     return race.solution()
 

@@ -346,6 +346,10 @@ class Misfit:
         total = max(float(residual @ residual), np.finfo(float).tiny)
         return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
 
+    def on(self, model: Sensitive, measured: Complexes) -> Misfit:
+        """The same cost with another model and measurement, on other lines that weigh alike."""
+        return Misfit(model, measured, self.prior, self.eta, self.rows, options=self._data.options, errors=self.errors)
+
     def mean_db(self, y: Complexes) -> float:
         """Mean absolute difference in dB, as in ``Evaluation``."""
         return float(np.mean(np.abs(decibel(y) - self.target)[self.valid]))

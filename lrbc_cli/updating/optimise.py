@@ -8,7 +8,7 @@ it accepted. See ``tests/benchmarks/optimisers.py``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg as la
@@ -78,19 +78,6 @@ class Solution:
     evaluations: int
     history: tuple[HistoryEntry, ...]
     starts: tuple[Start, ...] = ()
-
-
-def lower_of(first: Solution, second: Solution) -> Solution:
-    """The one that costs less, with the evaluations and the starts of both."""
-    kept = min((first, second), key=lambda one: one.evaluation.total)
-    after = [replace(entry, evaluation=entry.evaluation + first.evaluations) for entry in second.history]
-    return replace(
-        kept,
-        iterations=first.iterations + second.iterations,
-        evaluations=first.evaluations + second.evaluations,
-        history=(*first.history, *after),
-        starts=tuple(replace(start, kept=start.kept and own is kept) for own in (first, second) for start in own.starts),
-    )
 
 
 class Best:

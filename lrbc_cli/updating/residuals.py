@@ -47,6 +47,13 @@ class ResidualOptions:
     floor: float | None = None
 
 
+def band_means(values: Floats, band: Integers, valid: NDArray[np.bool_] | None = None) -> Floats:
+    """(F, R) mean of a response's values over the lines of each one's band, of those that count."""
+    lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
+    known = np.ones(values.shape, dtype=bool) if valid is None else valid
+    return np.asarray((lies.T @ np.where(known, values, 0.0) / np.maximum(lies.T @ known, 1.0))[band])
+
+
 class _Bands:
     """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
 
@@ -220,13 +227,12 @@ class DataResidual:
         wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
         own = np.abs(wrong[self.valid])
         other._sigma = own if self._noise is None else np.hypot(self._noise, own)
-        lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
-        mean = (lies.T @ np.where(self.valid, wrong, 0.0) / np.maximum(lies.T @ self.valid, 1.0))[band]
+        mean, count = band_means(wrong, band, self.valid), int(band.max()) + 1
         errors = np.concatenate([shifts, ((1.0 + 1.0j) * mean if self.phase else mean)[:, :, None]], axis=2)
         _, rows, _ = other(y, errors if self.phase else errors.real)
-        bands = (band[:, None] + lies.shape[1] * np.arange(change.shape[1]))[self.valid]
+        bands = (band[:, None] + count * np.arange(change.shape[1]))[self.valid]
         if self.phase:
-            bands = np.concatenate([bands, bands + lies.shape[1] * change.shape[1]])
+            bands = np.concatenate([bands, bands + count * change.shape[1]])
         other._shifts, other._changes = rows[:, :-1], (rows[:, -1], bands)
         other._weigh(self.level)
         return other

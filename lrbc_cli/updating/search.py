@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import FrfModel, Misfit, one_by_one
 from lrbc_cli.updating.shapes import Shapes
+from lrbc_cli.updating.starts import LEVELS
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -92,8 +92,8 @@ class Search:
         self.evaluations += sum(map(len, new))
         return [self._known[changes] for states in wanted for changes in states]
 
-    def _near(self, changes: Changes, further: int, states: int) -> Callable[[Floats], Complexes]:
-        """FRFs of so many states that differ at some further bolts from one with changes.
+    def _near(self, changes: Changes, states: int) -> Callable[[Floats], Complexes]:
+        """FRFs of so many states that differ at a further bolt, or a pair of them, from one with changes.
 
         Terms are solved for that differ from a state whose inverse is known. States of few changes differ little from the tight one, whose
         inverse serves all tables; to work out another costs as much as four solutions with all terms.
@@ -103,7 +103,7 @@ class Search:
             return one_by_one(model.frf)
         own = int(np.count_nonzero(self._T[:, self.columns], axis=0).max())
         # Small systems cost about the square of their size.
-        more = ((len(changes) + further) * own) ** 2 - (further * own) ** 2
+        more = ((len(changes) + 1) * own) ** 2 - own**2
         if states * more > 4 * self._T.shape[0] ** 2:
             return model.nearby(self.theta(changes))
         if self._tight is None:
@@ -117,21 +117,8 @@ class Search:
     def table(self, state: Combination, pairs: Sequence[tuple[int, int]] = ()) -> list[Combination]:
         """States that differ at one bolt, or at a pair in the same way: loosened, put back, or at another level."""
         moved, levels = [*((column,) for column in self.columns), *pairs], (0.0, *self._levels)
-        frf, own = self._near(state.changes, 1, len(moved) * len(levels)), dict(state.changes)
+        frf, own = self._near(state.changes, len(moved) * len(levels)), dict(state.changes)
         return self._scores(frf, ([_changed(own, dict.fromkeys(columns, level)) for level in levels] for columns in moved))
-
-    def pairs(self, state: Combination, most: int) -> list[Combination]:
-        """States that differ at two bolts, each at its own level: of those that singly come nearest, and of those that are changed."""
-        own = dict(state.changes)
-        singly: dict[int, float] = {}
-        for changes, found in self._known.items():
-            for column, _ in set(changes) ^ set(state.changes) if len(dict(changes).keys() ^ own.keys()) <= 1 else ():
-                singly[column] = min(found.misfit_db, singly.get(column, np.inf))
-        nearest = sorted({*sorted(singly, key=lambda column: (singly[column], column))[:most], *own})
-        levels = list(product((0.0, *self._levels), repeat=2))
-        both = list(combinations(nearest, 2))
-        frf = self._near(state.changes, 2, len(both) * len(levels))
-        return self._scores(frf, ([_changed(own, dict(zip(columns, values, strict=True))) for values in levels] for columns in both))
 
 
 def search(
@@ -141,13 +128,11 @@ def search(
     neighbours: Sequence[tuple[int, int]] = (),
     *,
     names: Sequence[str] | None = None,
-    levels: Sequence[float] = (-0.3, -0.7, -1.2, -2.0, -3.0),
+    levels: Sequence[float] = LEVELS,
     width: int | None = None,
     kept: int = 3,
     gain: float = 0.03,
     exchanged: int = 4,
-    paired: bool = False,
-    partners: int = 16,
 ) -> tuple[dict[str, Floats], int]:
     """States of loosened bolts that come nearest to a measurement, as starts of a descent.
 
@@ -165,9 +150,6 @@ def search(
         led astray), 2 along edges, where descents pass a change on from hat to hat.
     gain, exchanged : float, int
         Share by which a further change has to lower the misfit; changes up to which one bolt is tried for another.
-    paired, partners : bool, int
-        Where no single change helps any more, changes at any two bolts at once are tried instead of an exchange, of so many that singly
-        come nearest; and all of it again without pairs of neighbours at the beginning, which can lead elsewhere.
 
     Returns
     -------
@@ -187,13 +169,9 @@ def search(
         without = [Combination(np.inf, tuple(c for c in nearest[0].changes if c != one)) for one in few]
         return (state for parent in without for state in table.table(parent))
 
-    def by_pairs(nearest: Sequence[Combination]) -> Iterator[Combination]:
-        return (state for parent in nearest[:2] for state in table.pairs(parent, partners))
-
-    ways = [(neighbours, by_pairs), ((), by_pairs)] if paired else [(neighbours, exchange)]
-    ends = [state for first, last in ways for state in _climb(table, first, last, width, gain)]
+    ends = _climb(table, neighbours, exchange, width, gain)
     called = {int(column): f"bolt {i + 1}" if names is None else names[i] for i, column in enumerate(shapes.bolts)}
-    return {_describe(state, called): table.theta(state.changes) for state in sorted(ends)[:kept]}, table.evaluations
+    return {_describe(state, called): table.theta(state.changes) for state in ends[:kept]}, table.evaluations
 
 
 def _changed(own: dict[int, float], other: dict[int, float]) -> Changes:

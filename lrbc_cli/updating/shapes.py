@@ -50,6 +50,11 @@ class Shapes:
         """Whether every bolt that has a column is a joint; those that no term feels do not count."""
         return self.by_bolt and bool(self.joint[self.bolts >= 0].all())
 
+    @property
+    def joint_columns(self) -> list[int]:
+        """Columns of the bolts where all are joints; else none."""
+        return self.bolts[self.bolts >= 0].tolist() if self.joints_only else []
+
     def penalty(self) -> Floats:
         """(m, size) rows that give ``z / std`` from ``theta - prior`` for theta in the span, the least change outside it ignored."""
         weight = np.where(np.isfinite(self.std), 1.0 / self.std, 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -15,6 +15,9 @@ from lrbc_cli.updating.optimise import Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
+
+#: Changes of a bolt that tables try [decades], from a slight loss to one that is all but free.
+LEVELS = (-0.3, -0.7, -1.2, -2.0, -3.0)
 
 
 def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
@@ -205,8 +208,50 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
     return [theta for ratio, _, theta in sorted(found, key=lambda one: one[:2])[:kept] if np.isfinite(ratio)]
 
 
-def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 64, kept: int = 3, seed: int = 0) -> dict[str, Floats]:
-    """The lowest of some changes drawn from the prior, as further starts.
+def other_levels(
+    misfit: Misfit, end: Solution, bounds: Floats, span: Floats, joints: Sequence[int], *, levels: Sequence[float] = LEVELS, kept: int = 12
+) -> list[Floats]:
+    """Places where one joint stands at another level, its groups alike, and all else as at an optimum.
+
+    A table about the prior sees a joint at a few levels beside others that are as in the reference job. About an end the scatter of all
+    others is known, and a joint that took the place of another one, or stopped halfway, shows.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    end : Solution
+    bounds : (size, 2) float array
+    span : (size, m) float array
+        Unknowns ``prior + span z``.
+    joints : sequence of int
+        Of z, the changes of the joints.
+    levels : sequence of float
+        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades].
+    kept : int
+
+    Returns
+    -------
+    list of (size,) float array
+        Those that come nearest to the measurement, by the mean absolute difference.
+    """
+    model = misfit.model
+    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    z = np.linalg.lstsq(span, end.theta - misfit.prior, rcond=None)[0]
+
+    def moved(joint: int) -> list[tuple[float, int, float, Floats]]:
+        others = sorted((0.0, *levels), key=lambda level: abs(level - z[joint]))[1:]
+        own, alike = span[:, joint] != 0.0, span[:, joint]
+        thetas = [np.clip(np.where(own, misfit.prior + level * alike, end.theta), *bounds.T) for level in others]
+        return [(misfit.mean_db(frf(theta)), joint, level, theta) for level, theta in zip(others, thetas, strict=True)]
+
+    found = [place for places in side_by_side(moved, joints) for place in places if np.isfinite(place[0])]
+    return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]
+
+
+def prior_draws(
+    misfit: Misfit, shapes: Shapes, bounds: Floats, places: Mapping[str, Floats], *, draws: int = 64, kept: int = 3, seed: int = 0
+) -> tuple[dict[str, Floats], int]:
+    """Places to begin at, and beside them the lowest of some changes drawn from the prior.
 
     Tables of changes at single bolts start from discrete levels and from the damping of the prior; of small changes of everything at once
     they see nothing.
@@ -216,6 +261,7 @@ def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 
     misfit : Misfit
     shapes : Shapes
     bounds : (size, 2) float array
+    places : mapping of str to (size,) float array
     draws, kept, seed : int
         Draws, those of them to begin at, and the seed.
 
@@ -223,12 +269,14 @@ def prior_draws(misfit: Misfit, shapes: Shapes, bounds: Floats, *, draws: int = 
     -------
     dict of str to (size,) float array
         The same for the same input.
+    int
+        Evaluations.
     """
     rng = np.random.default_rng(seed)
     std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
     thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
     order = np.argsort(side_by_side(misfit.sum, thetas), kind="stable")[:kept]
-    return {f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}
+    return {**places, **{f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}}, draws
 
 
 def basins(totals: Sequence[float], count: int = 2) -> list[int]:

@@ -13,9 +13,9 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.levels import Race, descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import Misfit, port_model
 from lrbc_cli.updating.optimise import Solution
-from lrbc_cli.updating.search import Search, search
+from lrbc_cli.updating.search import search
 from lrbc_cli.updating.shapes import Shapes
-from lrbc_cli.updating.starts import hops
+from lrbc_cli.updating.starts import LEVELS, hops, other_levels
 
 PAIRS = [(k, k + 1) for k in range(PADS - 1)]
 
@@ -34,7 +34,9 @@ def joints(changes: dict[int, float], *, eta: float = 1e-6) -> tuple[Misfit, Par
 
 def solve(misfit: Misfit, parameters: Parameterisation, shapes: Shapes):
     starts, _ = search(misfit, shapes, parameters.bounds, PAIRS)
-    return gauss_newton_by_levels(misfit, misfit.prior, parameters.bounds, further=starts, span=shapes.T, knots=(), tolerance=1e-8)
+    return gauss_newton_by_levels(
+        misfit, misfit.prior, parameters.bounds, further=starts, span=shapes.T, joints=range(PADS), tolerance=1e-8
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -67,23 +69,27 @@ def test_the_starts_are_described_and_counted() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_pairs_at_their_own_levels_are_tried_where_single_changes_end(seed: int) -> None:
-    """The best state that they lead to lies no further away than any state of two changes, each at one of the levels."""
+def test_other_levels_lead_on_from_an_end_with_the_wrong_joint(seed: int) -> None:
+    """Places beside an end at which a neighbour was loosened instead: one of them leads to the truth, the own valley is not among them."""
     rng = np.random.default_rng(seed)
-    loose = rng.permutation(PADS)[:4]
-    misfit, parameters, shapes, _ = joints({int(b): -float(rng.uniform(0.3, 3.0)) for b in loose})
-    levels = (-0.5, -2.0)
-    table = Search(misfit, shapes, parameters.bounds, levels)
-    start = table.start()
-    assert list(table.table(start))
-    found = {state.changes: state for state in table.pairs(start, PADS)}
-    assert len(found) == 1 + 2 * PADS + 4 * PADS * (PADS - 1) // 2
-    wide, evaluations = search(misfit, shapes, parameters.bounds, PAIRS, levels=levels, paired=True)
-    nearest = next(iter(wide.values()))
-    assert misfit.mean_db(misfit.model.frf(nearest)) <= min(state.misfit_db for state in found.values()) / 0.97
-    assert evaluations > search(misfit, shapes, parameters.bounds, PAIRS, levels=levels)[1]
-    few = {column for state in table.pairs(start, 3) for column, _ in state.changes}
-    assert len(few) == 3
+    loose, other = (int(b) for b in rng.permutation(PADS)[:2])
+    misfit, parameters, shapes, truth = joints({loose: -1.2})
+    wrong = misfit.prior.copy()
+    wrong[other] -= 0.7
+    start = descend(misfit, wrong, parameters.bounds, shapes.T, max_iterations=1)
+    columns = shapes.bolts.tolist()
+    places = other_levels(misfit, start, parameters.bounds, shapes.T, columns, kept=PADS * len(LEVELS))
+    assert len(places) == PADS * len(LEVELS)
+    z = np.linalg.pinv(shapes.T) @ (start.theta - misfit.prior)
+    for theta in places:
+        moved = np.linalg.pinv(shapes.T) @ (theta - misfit.prior) - z
+        at = [column for column in columns if abs(moved[column]) > 1e-9]
+        assert len(at) <= 1
+        # Not the level that is nearest to the end's own.
+        assert not at or min((0.0, *LEVELS), key=lambda level: abs(level - z[at[0]])) != pytest.approx(z[at[0]] + moved[at[0]])
+    ends = [descend(misfit, theta, parameters.bounds, shapes.T) for theta in places[:12]]
+    best = min(ends, key=lambda end: end.evaluation.total)
+    np.testing.assert_allclose(best.theta, truth, atol=0.05)
 
 
 def test_bounds_that_allow_no_change_leave_nothing_to_solve() -> None:

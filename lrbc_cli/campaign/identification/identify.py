@@ -30,10 +30,11 @@ from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_w
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
 from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton, lower_of
+from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.places import pitch_of
 from lrbc_cli.updating.search import search
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
+from lrbc_cli.updating.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.starts import prior_draws
 
 log = logging.getLogger(__name__)
@@ -188,8 +189,8 @@ class _Job:
         found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
         return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
 
-    def fit(self, measured: Complexes, relative: bool, *, draws: int = 64) -> _Fit:
-        """Minimise; the weight of the prior by the method; ``draws`` from the prior of changes are further starts."""
+    def fit(self, measured: Complexes, relative: bool) -> _Fit:
+        """Minimise; the weight of the prior by the method."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
@@ -204,19 +205,14 @@ class _Job:
         if method.optimiser == "bfgs":
             solution = self._descend(misfit, begin)
         else:
+            joints = self.shapes.joint_columns
             if span is not None:
-                further, sought = search(misfit, self.shapes, bounds, self._pairs(), names=names)
-                further |= prior_draws(misfit, self.shapes, bounds, draws=draws)
-            # Coarse profiles are for values in a row.
-            knots = () if self.shapes.joints_only else (1, 3, 5, 9)
-            by_levels = partial(gauss_newton_by_levels, misfit, begin, bounds, span=span, knots=knots)
-            by_levels = partial(by_levels, tolerance=method.tolerance, max_iterations=method.max_iterations)
-            solution = by_levels(further=further)
-            left = float(np.nanmean(mean_misfit(self.model.frf(solution.theta), self.measured())))
-            if self.shapes.joints_only and left > method.rule.most_db(self.tight_db):
-                # Nothing that would be called explained: changes at two joints at once may lead there.
-                further, more = search(misfit, self.shapes, bounds, self._pairs(), names=names, paired=True)
-                solution, sought = lower_of(solution, by_levels(further=further)), sought + more
+                wide = self._smoothed(misfit, relative) if joints else []
+                further, sought = search(wide[0] if wide else misfit, self.shapes, bounds, self._pairs(), names=names)
+                more = narrowed(wide, further, bounds, span) if wide else prior_draws(misfit, self.shapes, bounds, further)
+                further, sought = more[0], sought + more[1]
+            stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
+            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, span=span, joints=joints, **stop)
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
@@ -225,8 +221,7 @@ class _Job:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
         evaluations = solution.evaluations + (curve.evaluations if curve else 0)
-        found = _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations)
-        return found.after(0 if span is None else sought + draws)
+        return _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations).after(sought)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -237,6 +232,13 @@ class _Job:
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
         options, errors = self.method.residual, self.statistics.errors
         return Misfit(self.model, measured, self.prior, eta, self._rows(), options=options, sigma=sigma, errors=errors)
+
+    def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
+        """Costs between smoothed spectra, the widest first."""
+        measurement, used = self.measurement, self.inputs.used
+        tight = self.tight.values[:, used] if relative and self.tight is not None else None
+        own, model = measurement.values[:, used], lambda s: self.source.model(s, self.parameters, None, used)
+        return smoothed_costs(misfit, model, measurement.frequency_hz, own, tight, self.statistics.calibration)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""

@@ -37,7 +37,7 @@ from lrbc_cli.updating.information import LOSSES
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
 from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.residuals import DB, coherence_sigma, decibel
+from lrbc_cli.updating.residuals import DB, band_means, coherence_sigma, decibel
 
 #: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.
 REHEARSALS, DRAWS = 150, (1, 5)
@@ -293,11 +293,13 @@ class Rehearsal:
         theta = np.clip(self.theta + self.setting.structure.loosened @ change, *self.parameters.bounds.T)
         drift = np.array([nuisance.std * rng.standard_normal() for nuisance in self.nuisances]) if self.nuisances else None
         y = self._true(theta, tight.detuned, drift)
-        apart, patterns = self._error(self.theta, theta)
-        wrong = inputs.statistics.errors.change_error * np.abs(apart)
+        apart, patterns, band = self._error(self.theta, theta)
+        wrong = inputs.statistics.errors.change_error * apart
+        mean = band_means(wrong, band)
         error = wrong * _along(rng, wrong.shape, inputs.statistics.errors.coarsening) + patterns @ rng.standard_normal(patterns.shape[2])
+        error = error + mean * rng.standard_normal((band.max() + 1, wrong.shape[1]))[band]
         # A change can be no more wrong than two states are.
-        most, std = np.sqrt(2.0) * self.setting.noise.sigma, np.sqrt(wrong**2 + np.sum(np.abs(patterns) ** 2, axis=2))
+        most, std = np.sqrt(2.0) * self.setting.noise.sigma, np.sqrt(wrong**2 + mean**2 + np.sum(np.abs(patterns) ** 2, axis=2))
         error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
         measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
         try:
