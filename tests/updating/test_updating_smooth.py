@@ -1,0 +1,68 @@
+"""Smoothed spectra: what they compare, and where they lead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from systems import beam, dense_ports, fe_model, unit
+
+from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.levels import descend
+from lrbc_cli.updating.misfit import Misfit, port_model
+from lrbc_cli.updating.shapes import Shapes
+from lrbc_cli.updating.smooth import narrowed, smoothed_costs, smoothed_lines
+
+JOINTS = 10
+LINES = np.arange(15.0, 400.5, 0.5)
+
+
+def joints(change: np.ndarray, lacks: complex = 1.0):
+    """A beam on springs, each a joint with such a change, measured on many lines; costs between lines and between smoothed spectra."""
+    K, M = beam(40, bending=1.0)
+    n, at = K.shape[0], 2 * np.linspace(3, 37, JOINTS).round().astype(int) - 1
+    ends = {"loads": unit(n, 19), "outputs": unit(n, 11, 33, 51)}
+    model = fe_model(K, M, left=unit(n, *at), damping=(2.0, 4e-6), output_power=2, **ends)
+    reference = np.zeros((JOINTS, 3))
+    reference[:, :2] = [1e3, 1.0]
+    each, tight = np.arange(JOINTS), np.full(JOINTS, 3.0)
+    group = ParameterGroup("springs", "stiffness", each, each, tight, np.tile([-1.0, 5.0], (JOINTS, 1)), np.eye(JOINTS), bolt=each)
+    parameters = Parameterisation((group,))
+    lines = port_model(dense_ports(model, 2j * np.pi * LINES, reference), parameters)
+    measured, before = (lacks * lines.frf(theta) for theta in (tight + change, tight))
+    shapes = Shapes(np.eye(JOINTS), np.ones(JOINTS), each, np.ones(JOINTS, dtype=bool))
+    plain = Misfit(lines, measured / lacks, tight, 1e-3, shapes.penalty())
+    wide = smoothed_costs(plain, lambda s: port_model(dense_ports(model, s, reference), parameters), LINES, measured, before)
+    return plain, wide, parameters.bounds, shapes, tight + change
+
+
+def test_what_the_model_lacks_in_the_tight_state_drops_out():
+    change = np.zeros(JOINTS)
+    change[[3, 6]] = -2.0
+    _, plain, _, _, truth = joints(change)
+    _, lacking, _, _, _ = joints(change, lacks=1.4)
+    assert [cost.lines for cost in plain] == sorted(cost.lines for cost in plain)
+    for a, b in zip(plain, lacking, strict=True):
+        # What lies beyond the band is not the same in both states, but much the same.
+        assert a(truth).misfit_db < 0.5 * a(a.prior).misfit_db
+        assert b(truth).misfit_db == pytest.approx(a(truth).misfit_db, rel=1e-6)
+
+
+def test_none_where_lines_lie_too_far_apart():
+    values = np.ones((5, 1), dtype=complex)
+    assert smoothed_lines(np.linspace(10.0, 400.0, 5), values, 4.0, 0.8) is None
+    assert smoothed_lines(LINES, np.ones((LINES.size, 1), dtype=complex), 4.0, 0.8) is not None
+
+
+def test_they_lead_where_a_descent_on_the_lines_does_not():
+    """All joints scatter and one has lost two decades: peaks lie far from where the tight state has them."""
+    rng = np.random.default_rng(3)
+    change = 0.15 * rng.standard_normal(JOINTS)
+    change[rng.integers(JOINTS)] -= 2.0
+    plain, wide, bounds, shapes, truth = joints(change)
+    ends, evaluations = narrowed(wide, {}, bounds, shapes.T)
+    assert list(ends) == ["the reference job, over smoothed spectra"]
+    assert evaluations > len(wide)
+    led = descend(plain, next(iter(ends.values())), bounds, shapes.T)
+    alone = descend(plain, plain.prior, bounds, shapes.T)
+    assert led.evaluation.total <= 1.01 * plain(truth).total
+    assert alone.evaluation.total > 100.0 * led.evaluation.total
