@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.linalg as sl
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import FIELDS, LOSS, Recipe
@@ -19,7 +20,7 @@ from lrbc_cli.updating.apart import Losses, apart_notes, indistinguishable
 from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import no_worse, noise_of
-from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.updating.misfit import Misfit, penalty_rows
 from lrbc_cli.updating.noise import Noise
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.residuals import ResidualOptions
@@ -114,11 +115,15 @@ class FactorProblem:
         return found
 
     def rows(self) -> Floats:
-        """Rows of the penalty in standard deviations of the prior."""
-        P, prior = self.parameters, self.statistics.calibration
-        own = np.where(P.is_damping, 1.0 / prior.exponent_std, 1.0 / prior.boundary_std)
-        diagonal = np.concatenate([own, [1.0 / scalar.std for scalar in self.scalars]])
-        return np.diag(diagonal)
+        """Rows of the penalty in standard deviations of the prior.
+
+        The boundary is that of a state which is compared with nothing: its level is unknown, and neighbours or joints are alike. Where each
+        value was free for itself, those that the FRFs hardly feel took up what the model lacks elsewhere, and the factors followed.
+        """
+        P, values = self.parameters, self.statistics.values
+        alike = penalty_rows(P, values.level_std**-2, values.std**-2)
+        own = np.vstack([alike, np.eye(P.size)[P.is_damping] / values.damping_std])
+        return np.asarray(sl.block_diag(own, np.diag([1.0 / scalar.std for scalar in self.scalars])))
 
     def frf(self, s: Complexes, responses: Integers | None = None) -> ExtendedFrf:
         """FRFs on other lines, of other responses."""

@@ -92,7 +92,7 @@ class ValuePrior:
     level_std : float
         Of the stiffness of a state that is compared with nothing, about its start values [decades]. A choice.
     damping_std : float
-        Of the change of a damping exponent [decades]. A choice: a factor of ten either way.
+        Of the change of a damping exponent, in a calibration of the exponent [decades]. A choice: a factor of ten either way.
     first_variance : float
         Variance of the residuals with which the weight of the prior begins, before they are known [dB²].
     nuisance_reach : float
@@ -116,8 +116,6 @@ class CalibrationPrior:
     stiff_std, damping_factor_std : float
         Of the natural logarithm of factors that move resonances, and of those that damp. A choice: the one is
         known from data sheets, the other hardly.
-    boundary_std, exponent_std : float
-        Of the boundary's values beside the factors, and of its damping exponents [decades].
     stiff_bound, damping_bound : float
         Bounds of the natural logarithm of the factors.
     first_sigma_db, least_sigma_db : float
@@ -138,8 +136,6 @@ class CalibrationPrior:
 
     stiff_std: float = 0.05
     damping_factor_std: float = 1.0
-    boundary_std: float = 1.0
-    exponent_std: float = 1.0
     stiff_bound: float = 0.3
     damping_bound: float = 2.5
     first_sigma_db: float = 3.0
