@@ -43,6 +43,7 @@ ALLOWED = {
         *("ASSUMED_RATIO", "MOST_FILES", "_MOST", "MOST", "_CHUNK", "DIGITS"),
     },
     "how much a process remembers": {"_modes", "MOST_KEPT"},
+    "where a search begins; what it finds is judged by its cost": {"LEVELS"},
     "figures of `lrbc plan`, before anything is judged": {
         *("LOSSES", "LOSS", "SIGMA_DB", "FACTOR", "RANGE_DB", "DETECTABLE", "HIDDEN", "LINES", "NOISE_SHARE"),
         *("MOST_DETUNED", "LEAST_DETUNED", "MOST_WORKERS", "REHEARSALS", "DRAWS", "REFERENCES"),
