@@ -166,7 +166,7 @@ class Race:
             self.iterations += end.iterations
         return ends
 
-    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int, joints: Sequence[int]) -> None:
+    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int, joints: Sequence[int] = ()) -> None:
         """Descend from places beside the best end until no round leads lower.
 
         Those of ``other_levels`` among joints, else of ``hops``, and where it leads without some values.
