@@ -104,7 +104,7 @@ def smoothed_costs(
     Returns
     -------
     list of Misfit
-        Empty where the measured lines lie too far apart.
+        Empty where the measured lines lie too far apart, or those of both measurements do not meet.
     """
     found = []
     for width in (share * float(frequency_hz[-1]) for share in prior.widths):
@@ -115,7 +115,10 @@ def smoothed_costs(
         frf = model(s)
         if tight is not None:
             known = smoothed(frequency_hz, tight, width, np.asarray(s.imag / (2 * np.pi), dtype=float), prior.covered)
-            target = target * frf.frf(misfit.prior) / known
+            with np.errstate(divide="ignore", invalid="ignore"):
+                target = target * frf.frf(misfit.prior) / known
+        if not np.isfinite(target).any():
+            return []
         found.append(misfit.on(frf, target))
     return found
 

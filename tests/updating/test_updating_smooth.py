@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from systems import beam, dense_ports, fe_model, unit
@@ -51,6 +53,19 @@ def test_none_where_lines_lie_too_far_apart():
     values = np.ones((5, 1), dtype=complex)
     assert smoothed_lines(np.linspace(10.0, 400.0, 5), values, 4.0, 0.8) is None
     assert smoothed_lines(LINES, np.ones((LINES.size, 1), dtype=complex), 4.0, 0.8) is not None
+
+
+def test_none_where_both_measurements_have_no_band_in_common():
+    plain, *_ = joints(np.zeros(JOINTS))
+    ones, at = np.ones((LINES.size, 3), dtype=complex), LINES[:, None]
+    low, high = (np.where(part, ones, np.nan) for part in (at < 250.0, at > 300.0))
+
+    def model(s: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(frf=lambda theta: np.ones((s.size, 3), dtype=complex))
+
+    # Each of them alone has lines enough.
+    assert smoothed_lines(LINES, low, 16.0, 0.8) is not None
+    assert smoothed_costs(plain, model, LINES, low, high) == []
 
 
 def test_they_lead_where_a_descent_on_the_lines_does_not():
