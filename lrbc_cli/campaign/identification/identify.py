@@ -81,7 +81,6 @@ class _Job:
         before = self._before(reference)
         self.tight_offsets = stored_offsets(reference)
         self.against_reference = before is not None
-        self.tight_db = reference.misfit_db.final if reference is not None and before is not None else None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
         self.selected = select_lines(inputs, self.measurement, name)
