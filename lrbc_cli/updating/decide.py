@@ -181,7 +181,8 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
 
     The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
-    sensor may sit elsewhere than the model has it. Nor does a measurement that was not exchanged tell anything of the bolts.
+    sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
+    compare with. Nor does a measurement that was not exchanged tell anything of the bolts.
     """
     limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
     beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
@@ -193,6 +194,11 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     within = misfit <= limit
     side = "within" if within else "above"
     reason = f"mean misfit of the {compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
+    for of, before in ((evidence.compared, evidence.reference_misfit_db), (USED, evidence.reference_used_misfit_db)):
+        if within and before is not None and before > rule.largest_misfit:
+            within = False
+            most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
+            reason += f", but of the {of} of the reference job, with which it is compared, {most}"
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "")
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)

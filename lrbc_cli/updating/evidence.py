@@ -143,8 +143,8 @@ class Evidence:
         Their mean misfit.
     reference_misfit_db : float or None
         The same of the reference job.
-    used_misfit_db : float or None
-        Mean misfit of the channels that were fitted.
+    used_misfit_db, reference_used_misfit_db : float or None
+        Mean misfit of the channels that were fitted, and that of the reference job.
     unvalidated : str
         Why none of them is a validation channel.
     doubted : str or None
@@ -174,4 +174,5 @@ class Evidence:
     notes: tuple[str, ...] = ()
     reference_misfit_db: float | None = None
     used_misfit_db: float | None = None
+    reference_used_misfit_db: float | None = None
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()

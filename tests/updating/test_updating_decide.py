@@ -208,6 +208,21 @@ class TestValidity:
         # A wider limit of its own does not open it.
         assert judge(evidence(*bolts, misfit_db=1.7, reference_misfit_db=0.1), DecisionRule(largest_misfit=9.0)).validity.passed is False
 
+    @pytest.mark.parametrize("misfit", ["reference_misfit_db", "reference_used_misfit_db"])
+    def test_beside_a_reference_job_that_is_not_explained_nothing_is_judged(self, misfit):
+        """A flange on a virtual rig: reference job 3.3 dB, and a bolt that had lost 2.5 decades was judged tight at 2.9 dB."""
+        bolts = (changed(-2.0, 0.1), changed(0.0, 0.1))
+        found = judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), RULE)
+        assert [bolt.verdict for bolt in found.bolts] == ["undecided", "undecided"]
+        channels = VALIDATION if misfit == "reference_misfit_db" else USED
+        assert found.validity.reason == (
+            "mean misfit of the validation channels 2.90 dB, within the limit of 3 dB, "
+            f"but of the {channels} of the reference job, with which it is compared, 3.10 dB, above the limit of 3 dB"
+        )
+        assert found.validity.misfit_db == 2.9
+        assert judge(evidence(*bolts, misfit_db=2.9, **{misfit: 2.99}), RULE).validity.passed
+        assert judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), DecisionRule(largest_misfit=4.0)).validity.passed
+
     @pytest.mark.parametrize(
         ("known", "passed"),
         [
@@ -371,7 +386,7 @@ class TestAlternatives:
         assert judge(evidence(*self.BOLTS, alternatives=self.STATES), RULE, "baseline").alternatives == ()
 
 
-@pytest.mark.parametrize(("before", "most"), [(None, 3.0), (0.0, 1.5), (1.2, 2.7), (1.9, 3.0), (4.0, 3.0)])
+@pytest.mark.parametrize(("before", "most"), [(None, 3.0), (0.0, 1.5), (1.2, 2.7), (1.9, 3.0), (2.9, 3.0)])
 def test_how_much_may_be_left_of_a_state_that_is_explained(before: float | None, most: float) -> None:
     assert RULE.most_db(before) == pytest.approx(most)
     above, below = (validity(evidence(PLACE, misfit_db=most + by, reference_misfit_db=before), RULE) for by in (0.01, -0.01))

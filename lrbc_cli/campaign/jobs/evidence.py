@@ -80,6 +80,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         misfit_db=misfit,
         reference_misfit_db=_reference_misfit(result, reference, compared),
         used_misfit_db=mean_of(result.misfit_final[used]),
+        reference_used_misfit_db=_reference_misfit(result, reference, USED),
         unvalidated=unvalidated,
         doubted=_doubted(inputs, result, reference) or swapped,
         setting=setting,
