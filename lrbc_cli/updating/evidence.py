@@ -7,10 +7,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.mixture import ChangeSamples
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
+
+
+def carried(change: Floats | float, tight_std: float) -> Floats:
+    """What an error of the tight state makes of a joint's change [decades].
+
+    FRFs feel the compliance of a joint, and a comparison with the tight state its rise, ``10^-k (10^-z - 1)`` from a level k on by a change
+    z. An error of k leaves that rise as it is where ``dz/dk = -(1 - 10^z)``: it drops out of small changes, and of large ones it does not.
+    """
+    return np.asarray((1.0 - 10.0 ** np.minimum(change, 0.0)) * tight_std)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,12 +41,13 @@ class SampledChange:
     stds: tuple[tuple[float, ...], tuple[float, ...]] = field(repr=False)
 
     @classmethod
-    def of(cls, samples: ChangeSamples, at: int) -> SampledChange:
-        """Those of one of the sampled bolts."""
-        rows = np.column_stack([samples.loose[:, at], samples.means[:, at], samples.stds[:, at]])
+    def of(cls, samples: ChangeSamples, at: int, tight_std: float = 0.0) -> SampledChange:
+        """Those of one of the sampled bolts; of a joint whose level in the tight state has a standard deviation, see ``carried``."""
+        means = samples.means[:, at]
+        rows = np.column_stack([samples.loose[:, at], means, np.hypot(samples.stds[:, at], carried(means, tight_std))])
         unique, count = np.unique(rows, axis=0, return_counts=True)
-        loose, tight_mean, loose_mean, tight_std, loose_std = (tuple(column.tolist()) for column in unique.T)
-        return cls(count=tuple(count.tolist()), loose=loose, means=(tight_mean, loose_mean), stds=(tight_std, loose_std))
+        loose, *pairs = (tuple(column.tolist()) for column in unique.T)
+        return cls(count=tuple(count.tolist()), loose=loose, means=(pairs[0], pairs[1]), stds=(pairs[2], pairs[3]))
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Probability that the change lies below a limit, with a further standard deviation [decades]; given that it is loose, if asked."""

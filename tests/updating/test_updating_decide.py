@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, BoltVerdict, DecisionRule, judge, scatter_of, validity
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange
+from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.priors import BoltPrior
 
@@ -393,3 +393,37 @@ def test_how_much_may_be_left_of_a_state_that_is_explained(before: float | None,
     assert not above.explained
     assert below.explained
     assert above.limit_db == pytest.approx(most)
+
+
+class TestErrorOfTheTightState:
+    """A level k of the tight state that is wrong, and what a comparison with that state makes of it."""
+
+    @pytest.mark.parametrize("change", [-0.05, -0.5, -0.86, -2.0])
+    def test_the_rise_of_a_compliance_in_series(self, change: float) -> None:
+        """Springs in series with a structure: the measured rise of compliance, read at a level that is stiffer by delta."""
+        delta, rise = 1e-6, 10.0**-change - 1.0
+        # 10^-delta (10^-z - 1) = rise, solved for z.
+        read = -np.log10(rise * 10.0**delta + 1.0)
+        assert (change - read) / delta == pytest.approx(float(carried(change, 1.0)), rel=1e-4)
+
+    def test_small_changes_and_rises_are_free_of_it(self) -> None:
+        assert carried(np.array([0.3, 0.0]), 0.5) == pytest.approx([0.0, 0.0])
+        assert float(carried(-1e-3, 0.5)) == pytest.approx(0.5 * np.log(10.0) * 1e-3, rel=1e-2)
+        assert float(carried(-4.0, 0.5)) == pytest.approx(0.5, rel=1e-3)
+
+    def test_a_change_of_a_joint_whose_level_is_not_known_is_not_called_loose(self) -> None:
+        """A virtual flange: -0.86 +- 0.12 of a joint that had lost 0.49, at a level that was 0.5 too stiff and known to 0.25."""
+        samples = ChangeSamples(
+            bolts=np.array([0]),
+            loose=np.ones((1, 1)),
+            means=np.array([[[0.0, -0.86]]]),
+            stds=np.full((1, 1, 2), 0.12),
+            kinds=np.array([True]),
+        )
+        sure, doubted = (Change(mean=-0.86, std=0.12, sampled=SampledChange.of(samples, 0, std)) for std in (0.0, 0.25))
+        assert [one(replace(PLACE, difference=-0.86, change=change, joint=True)).verdict for change in (sure, doubted)] == [
+            "loose",
+            "undecided",
+        ]
+        assert doubted.sampled is not None
+        assert doubted.sampled.stds == (pytest.approx((0.12,)), pytest.approx((np.hypot(0.12, 0.25 * (1 - 10**-0.86)),)))

@@ -23,7 +23,7 @@ from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange
+from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
 from lrbc_cli.updating.statistics import ValidationChannels
@@ -273,17 +273,20 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
     if column >= 0:
         excess, ceiling = _saturated(result, column, parts, reference)
         at = _sampled(result, bolt)
+        # Where the comparison is not relative, the error of the reference state is among the unknowns.
+        tight_std = _tight_std(parts, reference) if result.relative and knowledge.shapes.joint[bolt] else 0.0
         if result.changes is None or at is None:
             mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
-            return Change(mean=mean + excess, std=std, ceiling=ceiling, excess=excess)
+            return Change(mean=mean + excess, std=float(np.hypot(std, carried(mean, tight_std))), ceiling=ceiling, excess=excess)
         mean, std = float(result.changes.mean[at]), float(np.hypot(result.changes.std[at], excess))
+        std = float(np.hypot(std, carried(mean, tight_std)))
         return Change(
             mean=mean + excess,
             std=std,
             ceiling=ceiling,
             excess=excess,
             leakage=float(result.changes.smeared[at]),
-            sampled=SampledChange.of(result.changes, at),
+            sampled=SampledChange.of(result.changes, at, tight_std),
         )
     if difference is None:
         return None
@@ -299,10 +302,15 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
         covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
     variance = float(row @ covariance @ row)
     if not result.against_reference:
-        stored = [(_stored(reference, group, "std"), chosen) for group, _, chosen in parts]
-        before = [std[chosen] for std, chosen in stored if std is not None]
-        variance += float(np.mean(np.concatenate(before) ** 2)) if before else 0.0
+        variance += _tight_std(parts, reference) ** 2
     return Change(mean=difference, std=float(np.sqrt(max(variance, 0.0))))
+
+
+def _tight_std(parts: Sequence[Part], reference: JobRecord | None) -> float:
+    """Standard deviation of these values in the reference job, rms [decades]; 0 where it says none."""
+    stored = [(_stored(reference, group, "std"), chosen) for group, _, chosen in parts]
+    before = [std[chosen] for std, chosen in stored if std is not None]
+    return float(np.sqrt(np.mean(np.concatenate(before) ** 2))) if before else 0.0
 
 
 def _saturated(result: Identification, column: int, parts: Sequence[Part], reference: JobRecord) -> tuple[float, float | None]:
