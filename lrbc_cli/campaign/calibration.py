@@ -164,4 +164,6 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
     unsealed = "" if stored.sealed else "; not sealed: of an older version, or changed by hand, `lrbc calibrate --force` writes it anew"
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
-    return replace(inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors))
+    return replace(
+        inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors, boundary=stored.boundary)
+    )

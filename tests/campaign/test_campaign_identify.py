@@ -12,14 +12,18 @@ import scipy.sparse as sp
 from campaigns import BOX_TRUTH, Folder
 from systems import direct_frf
 
+import lrbc_cli
 from lrbc_cli.campaign.identification import identify as identification
+from lrbc_cli.campaign.jobs.identity import identification as identity_of
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import read_as_exported
+from lrbc_cli.campaign.reduced.cache import key_parts
 from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.results.model import Boundary
 from lrbc_cli.updating import levels
 from lrbc_cli.updating.priors import BOLT_PRIOR
 
@@ -528,3 +532,23 @@ def test_values_along_the_edge_have_a_normal_prior(box: Folder) -> None:
     assert weighed["prior"]["shape"] == "normal"
     assert {b["probability_changed"] for b in weighed["bolts"]} == {None}
     assert {b["threshold"] for b in weighed["bolts"]} == {-0.5}
+
+
+def test_the_reference_job_begins_where_the_calibration_ended(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A calibration identifies the boundary beside its factors. A reference job that ends above it makes all others look wrong."""
+    measure(box, 10.0**MILD, job="tight")
+    study, search = lrbc_cli.load(box.config, cache=box.cache), identification.gauss_newton_by_levels
+    # A search that goes nowhere: what is left is where it begins.
+    nowhere: dict[str, Any] = {"max_iterations": 0, "knots": ()}
+    monkeypatch.setattr(identification, "gauss_newton_by_levels", lambda *given, **known: search(*given, **known | nowhere))
+    monkeypatch.setattr(
+        identification._Job, "_descend", lambda self, misfit, start: levels.descend(misfit, start, self.parameters.bounds, max_iterations=0)
+    )
+    use = CalibrationUse(True, "used", boundary={"springs": Boundary(log10=MILD)})
+    found = [identification.identify(replace(study.inputs, calibration=own), study.source, "tight") for own in (None, use)]
+    before, after = (one.misfit_final.mean() for one in found)
+    assert after < 0.05 < 0.5 < before
+    assert [start.description for start in found[1].solution.starts if start.kept] == ["the state found by the calibration"]
+    # Another state is another start, and so another identification.
+    parts = [identity_of(inputs, key_parts(inputs), "tight").parts for inputs in (study.inputs, replace(study.inputs, calibration=use))]
+    assert {name for name in parts[0] if parts[0][name] != parts[1][name]} == {"model"}

@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
-from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines, stored_covariance, stored_theta
+from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
 from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
@@ -195,12 +195,13 @@ class _Job:
         misfit = self._misfit(measured, eta, relative)
         span = self.shapes.T if self.shapes.by_bolt else None
         curve, sought = None, 0
-        further: dict[str, Floats] = {}
+        further = {} if span is not None else calibrated_start(self.inputs, self.parameters)
+        known = tuple(further.values())
         begin, names = self.prior if span is not None else self.start, None if self.inputs.bolts is None else self.inputs.bolts.name
         if weight == "l-curve":
             curve = l_curve(misfit, begin, bounds)
             misfit = misfit.with_eta(curve.chosen)
-            further = {"end of the L-curve": curve.nearest}
+            further |= {"end of the L-curve": curve.nearest}
         if method.optimiser == "bfgs":
             solution = self._descend(misfit, begin)
         else:
@@ -215,7 +216,7 @@ class _Job:
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin,))
+            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin, *known))
         else:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,8 @@ from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.vectors import band_omega, local_scale
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.job import JobRecord, Parameter
+from lrbc_cli.results.model import Boundary
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.saturation import Saturation, saturation
 
@@ -111,17 +113,27 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
 
 def stored_theta(parameters: Parameterisation, record: JobRecord | None) -> Floats | None:
     """Theta of a stored result; None where there is none or it belongs to other groups."""
-    if record is None:
-        return None
+    return None if record is None else theta_of(parameters, record.parameters)
+
+
+def theta_of(parameters: Parameterisation, groups: Mapping[str, Parameter] | Mapping[str, Boundary]) -> Floats | None:
+    """Theta of what a result, or a calibration, says of its groups; None where these are others."""
     theta = parameters.initial
     for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
-        stored = record.parameters.get(group.name)
+        stored = groups.get(group.name)
         if stored is None or len(stored.log10) != group.count or (at is not None) != (stored.damping_exponent is not None):
             return None
         theta[where] = stored.log10
         if at is not None:
             theta[at] = stored.damping_exponent
     return theta
+
+
+def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, Floats]:
+    """The state that the calibration found beside its factors, described: a start for a tight state that is compared with nothing."""
+    use = inputs.calibration
+    found = None if use is None or not use.used else theta_of(parameters, use.boundary)
+    return {} if found is None else {"the state found by the calibration": np.clip(found, *parameters.bounds.T)}
 
 
 def stored_covariance(parameters: Parameterisation, record: JobRecord | None) -> Floats:

@@ -84,11 +84,13 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         except DataError:
             return None
 
-    reduction = ("band", "tolerance", "limits", "version")
+    reduction, use = ("band", "tolerance", "limits", "version"), inputs.calibration
+    calibrated = [] if use is None else [(key, value.log10.tolist(), value.damping_exponent) for key, value in use.boundary.items()]
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
         "version": digest(IDENTIFICATION_VERSION),
-        "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction)),
+        # Beside its factors, which are in the operators, a calibration gives a start.
+        "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction), calibrated),
         "reduction": digest(sorted((key, model[key]) for key in reduction)),
         "parameters": digest(
             list(resolved["parameters"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,7 @@ from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.factors import FIELDS, Recipe, block, make_recipe, parted
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.results.model import Boundary
 
 #: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
 LARGEST_SHARE = 2.0
@@ -35,6 +37,8 @@ class CalibrationUse:
         Those in the model; empty where it is not used.
     stale : bool
         Stored, but not fitting: worth a warning.
+    boundary : mapping
+        By parameter group what was identified beside the factors: a state that explains the calibration's measurement with them.
     """
 
     used: bool
@@ -42,6 +46,7 @@ class CalibrationUse:
     key: str | None = None
     factors: dict[str, float] = field(default_factory=dict)
     stale: bool = False
+    boundary: Mapping[str, Boundary] = field(default_factory=dict)
 
 
 def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> dict[str, dict[str, sp.csc_array]]:
