@@ -90,6 +90,10 @@ class DecisionRule:
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED
 
 
+#: The usual limit of a misfit [dB]: above it nothing is validated, whatever a campaign sets.
+USUAL_DB = DecisionRule().largest_misfit
+
+
 @dataclass(frozen=True, kw_only=True)
 class Validity:
     """Whether the model explains the measurement.
@@ -182,7 +186,8 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
 
     The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
     sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
-    compare with. Nor does a measurement that was not exchanged tell anything of the bolts.
+    compare with. Nor does a measurement that was not exchanged tell anything of the bolts. A limit that was raised lets bolts be judged,
+    but above the usual one nothing is validated.
     """
     limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
     beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
@@ -199,7 +204,11 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
             within = False
             most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
             reason += f", but of the {of} of the reference job, with which it is compared, {most}"
-    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "")
+    worst = max(db for db in (misfit, fitted, evidence.reference_misfit_db, evidence.reference_used_misfit_db) if db is not None)
+    raised = (
+        f"a misfit of {worst:.2f} dB validates nothing, though the limit was raised (usual: {USUAL_DB:g} dB)" if worst > USUAL_DB else ""
+    )
+    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or raised
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"
@@ -319,6 +328,8 @@ def _by_role(
         word = rule.word(probability)
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
         excused = _excused(posterior, own, rule) if word == TIGHT else None
+        if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
+            excused = "no probability says so, but the stiffness identified lies below the threshold"
         if excused is not None:
             word, note = UNDECIDED, excused
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)

@@ -221,7 +221,20 @@ class TestValidity:
         )
         assert found.validity.misfit_db == 2.9
         assert judge(evidence(*bolts, misfit_db=2.9, **{misfit: 2.99}), RULE).validity.passed
-        assert judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), DecisionRule(largest_misfit=4.0)).validity.passed
+        wider = judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), DecisionRule(largest_misfit=4.0))
+        assert [bolt.verdict for bolt in wider.bolts] == ["loose", "tight"]
+
+    @pytest.mark.parametrize("misfit", ["misfit_db", "used_misfit_db", "reference_misfit_db", "reference_used_misfit_db"])
+    def test_a_limit_that_was_raised_validates_nothing(self, misfit):
+        """A beam 1.4 times too thick, 9.5 dB, and a limit of 1000: a bolt that had lost two decades came out tight."""
+        rule = DecisionRule(largest_misfit=1000.0, misfit_margin=1000.0)
+        near, far = (judge(evidence(changed(0.0, 0.1), **{misfit: db}), rule) for db in (2.9, 9.5))
+        assert near.validity.passed
+        assert far.validity.passed is None
+        assert far.validity.explained
+        assert far.validity.unvalidated == "a misfit of 9.50 dB validates nothing, though the limit was raised (usual: 3 dB)"
+        # A limit that was lowered is the one that counts.
+        assert judge(evidence(changed(0.0, 0.1), **{misfit: 2.9}), DecisionRule(largest_misfit=2.0)).validity.passed is False
 
     @pytest.mark.parametrize(
         ("known", "passed"),
@@ -393,6 +406,15 @@ def test_how_much_may_be_left_of_a_state_that_is_explained(before: float | None,
     assert not above.explained
     assert below.explained
     assert above.limit_db == pytest.approx(most)
+
+
+@pytest.mark.parametrize(("identified", "word"), [(-0.49, "tight"), (-0.51, "undecided")])
+def test_a_joint_is_tight_where_posterior_and_identified_stiffness_agree(identified: float, word: str) -> None:
+    """A beam on bolts: identified at -1.28 decades, as it was, and at -0.03 by the posterior, which had ended elsewhere."""
+    bolt = replace(changed(-0.03, 0.1), difference=identified, joint=True)
+    assert one(bolt).verdict == word
+    # The values along an edge smear what a gap is; its posterior does not.
+    assert one(replace(bolt, joint=False)).verdict == "tight"
 
 
 class TestErrorOfTheTightState:
