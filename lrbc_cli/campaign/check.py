@@ -23,7 +23,7 @@ from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.updating.lines import unresolved
+from lrbc_cli.updating.lines import too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -206,12 +206,9 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
-        sharp, peaks = unresolved(measurement.values[:, inputs.used])
-        if 2 * sharp > peaks:
-            out.warnings.append(
-                f"job {name}: the lines do not resolve the peaks: {sharp} of {peaks} fall by more than 6 dB to both neighbouring lines, so "
-                "that levels there say little; measure with closer lines, or expect wide intervals and other valleys of the cost"
-            )
+        if wide := too_wide(measurement.values[:, inputs.used]):
+            then = "wide intervals, other valleys of the cost, and no all-clear"
+            out.warnings.append(f"job {name}: {wide}, so that levels there say little; measure with closer lines, or expect {then}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings

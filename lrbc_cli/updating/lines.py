@@ -108,3 +108,20 @@ def unresolved(measured: Complexes, *, prominence_db: float = 6.0, drop_db: floa
         total += peaks.size
         sharp += int(np.count_nonzero(level[peaks] - np.maximum(level[peaks - 1], level[peaks + 1]) > drop_db))
     return sharp, total
+
+
+def too_wide(*measured: Complexes, most: float = 1 / 3) -> str | None:
+    """What to say of lines that do not resolve the peaks of FRFs; None where they do.
+
+    Parameters
+    ----------
+    measured : (F, R) complex arrays
+        Of one job, or of those that are compared.
+    most : float
+        Share of the peaks that may fall as far as in ``unresolved``. Of resonances anywhere between the lines a quarter do where these lie
+        as far apart as the half-power points, and half of them at 1.6 times that.
+    """
+    sharp, peaks = (sum(counts) for counts in zip(*(unresolved(values) for values in measured), strict=True))
+    if sharp <= most * peaks:
+        return None
+    return f"the lines do not resolve the peaks: {sharp} of {peaks} fall by more than 6 dB to both neighbouring lines"

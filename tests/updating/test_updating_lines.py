@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.lines import RESONANCES, resonance_lines, unresolved
+from lrbc_cli.updating.lines import RESONANCES, resonance_lines, too_wide, unresolved
 
 F = np.arange(20.0, 401.0)
 
@@ -101,3 +101,27 @@ def test_lines_wider_apart_than_the_peaks_are_told() -> None:
         sharp, peaks = unresolved(np.column_stack([H, np.full(f.size, np.nan)]))
         assert peaks >= 5
         assert (2 * sharp > peaks) == most_sharp
+
+
+@pytest.mark.parametrize(("apart", "share"), [(0.5, 0.0), (1.0, 0.25), (1.6, 0.5)])
+def test_share_of_peaks_that_fall_to_both_sides(apart: float, share: float) -> None:
+    """Resonances anywhere between lines that lie so many half-power widths apart."""
+    step, rng = 1.0, np.random.default_rng(0)
+    f = np.arange(180.0, 221.0, step)
+    f0 = 200.0 + step * rng.random(400)
+    sharp, peaks = unresolved(1.0 / (f0**2 - f[:, None] ** 2 + 1j * step / apart * f0))
+    assert peaks == 400
+    assert sharp / peaks == pytest.approx(share, abs=0.06)
+
+
+def test_a_third_is_too_wide() -> None:
+    """Between one and one and a half half-power widths; jobs count together."""
+    f, f0 = np.arange(180.0, 221.0), 200.0 + np.linspace(0.0, 1.0, 60, endpoint=False)
+    fine, coarse = (1.0 / (f0**2 - f[:, None] ** 2 + 1j * f0 / apart) for apart in (0.9, 3.0))
+    assert too_wide(fine) is None
+    assert too_wide(coarse) is not None
+    assert too_wide(fine, fine, fine, coarse) is None
+    assert too_wide(np.full((41, 2), np.nan)) is None
+    both = too_wide(fine, coarse)
+    assert both is not None
+    assert "of 120 fall by more than 6 dB to both neighbouring lines" in both

@@ -25,6 +25,7 @@ from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
 from lrbc_cli.updating.levels import near_tie
+from lrbc_cli.updating.lines import too_wide
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
 from lrbc_cli.updating.statistics import ValidationChannels
 
@@ -128,7 +129,7 @@ def _reference_misfit(result: Identification, reference: JobRecord | None, compa
 
 
 def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
-    """What is wrong with a measurement that was not exchanged, or is not whole: it tells nothing of the bolts, or less than it seems."""
+    """What is wrong with a measurement that was not exchanged, not whole or not fine: it tells nothing of the bolts, or too little."""
     if reference is None:
         return None
     known, own, tight = reference.provenance.inputs.values(), result.measurement, result.tight
@@ -146,7 +147,8 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
-    return None
+    wide = too_wide(own.values[:, inputs.used], tight.values[:, inputs.used])
+    return None if wide is None else f"{wide}, in {result.name} and {reference.job}; measure with closer lines"
 
 
 def _baselines(inputs: Inputs, job: str) -> dict[str, Measurement]:
