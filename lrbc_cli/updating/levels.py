@@ -383,6 +383,23 @@ def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Fl
     return "uniform log10 " + ", ".join(moved)
 
 
+def other_ends(
+    parameters: Parameterisation, starts: Sequence[Start], *, tie: float = 0.05, distance: float = 0.25, kept: int = 3
+) -> list[Floats]:
+    """Theta at the ends that are about as good as the best one and clearly different from it and from each other, the best of them first.
+
+    As good are ends within ``tie`` in cost (log10), different ones where some value lies at least ``distance`` decades apart.
+    """
+    found: list[Start] = []
+    for start in sorted(starts, key=lambda start: start.total):
+        if found and not start.cost - found[0].cost <= tie:
+            break
+        apart = [np.abs(start.theta - other.theta)[~parameters.is_damping].max() for other in found]
+        if all(far >= distance for far in apart):
+            found.append(start)
+    return [start.theta for start in found[1 : kept + 1]]
+
+
 def near_tie(
     parameters: Parameterisation, starts: Sequence[Start], *, tie: float = 0.05, distance: float = 0.25
 ) -> tuple[Start, Start, float] | None:

@@ -211,10 +211,11 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
 def other_levels(
     misfit: Misfit, end: Solution, bounds: Floats, span: Floats, joints: Sequence[int], *, levels: Sequence[float] = LEVELS, kept: int = 12
 ) -> list[Floats]:
-    """Places where one joint stands at another level, its groups alike, and all else as at an optimum.
+    """Places where one joint stands at another level, its groups alike, or has the stiffness of another one; all else as at an optimum.
 
     A table about the prior sees a joint at a few levels beside others that are as in the reference job. About an end the scatter of all
-    others is known, and a joint that took the place of another one, or stopped halfway, shows.
+    others is known, and a joint that took the place of another one, or stopped halfway, shows. Joints at mirrored places are told apart by
+    what is not symmetric alone: a descent that began nearer to one never sees the other.
 
     Parameters
     ----------
@@ -226,7 +227,8 @@ def other_levels(
     joints : sequence of int
         Of z, the changes of the joints.
     levels : sequence of float
-        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades].
+        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades]. A joint at the first of them or
+        below and each stiffer one have each other's stiffness.
     kept : int
 
     Returns
@@ -244,7 +246,18 @@ def other_levels(
         thetas = [np.clip(np.where(own, misfit.prior + level * alike, end.theta), *bounds.T) for level in others]
         return [(misfit.mean_db(frf(theta)), joint, level, theta) for level, theta in zip(others, thetas, strict=True)]
 
-    found = [place for places in side_by_side(moved, joints) for place in places if np.isfinite(place[0])]
+    def exchanged(joint: int) -> list[tuple[float, int, float, Floats]]:
+        found, own = [], span[:, joint] != 0.0
+        for other in joints if z[joint] <= levels[0] else ():
+            its = span[:, other] != 0.0
+            higher = float(end.theta[its].mean() - end.theta[own].mean())
+            if higher > 0.0:
+                theta = np.clip(end.theta + higher * (own * 1.0 - its), *bounds.T)
+                found.append((misfit.mean_db(frf(theta)), joint, float(other), theta))
+        return found
+
+    tables = [*side_by_side(moved, joints), *side_by_side(exchanged, joints)]
+    found = [place for places in tables for place in places if np.isfinite(place[0])]
     return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]
 
 

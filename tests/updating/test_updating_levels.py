@@ -12,7 +12,7 @@ from sharp import sharp_misfit
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, near_tie
+from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, near_tie, other_ends
 from lrbc_cli.updating.misfit import Misfit, port_model
 from lrbc_cli.updating.optimise import Start, bfgs, gauss_newton
 from lrbc_cli.updating.starts import basins, group_levels, uniform_values
@@ -349,6 +349,26 @@ class TestStarts:
         assert near_tie(parameters, (start(2.0, truth + 0.01), start(2.0, truth, True))) is None
         assert near_tie(parameters, (start(2.0, truth, True),)) is None
         assert near_tie(parameters, ()) is None
+
+    def test_other_ends_are_about_as_good_and_apart(self):
+        """Several descents end in one place: the next best of them says nothing that the best did not say."""
+        _, parameters, truth = problem()
+        moved = [truth.copy() for _ in range(4)]
+        for k in range(3):
+            moved[k][k] -= 0.3
+        moved[3][PADS] += 2.0
+
+        def start(cost, theta):
+            return Start("there", cost, 10.0**cost, False, theta)
+
+        ends = [start(2.03, moved[1]), start(2.0, truth), start(2.001, truth + 0.01), start(2.02, moved[0]), start(2.06, moved[2])]
+        ends += [start(2.01, moved[3])]
+        found = other_ends(parameters, ends)
+        assert len(found) == 2
+        np.testing.assert_array_equal(found, moved[:2])
+        assert len(other_ends(parameters, ends, tie=0.1)) == 3
+        assert len(other_ends(parameters, ends, tie=0.1, kept=1)) == 1
+        assert other_ends(parameters, ends[1:2]) == other_ends(parameters, []) == []
 
     def test_the_damping_exponent_makes_no_tie(self):
         """Where nothing is loose the FRFs do not depend on it."""

@@ -28,7 +28,7 @@ from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
-from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels
+from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, other_ends
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.places import pitch_of
@@ -410,7 +410,7 @@ def _identify(
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
-    ends = [start.theta for start in sorted(solution.starts, key=lambda start: start.total)[1:2]]
+    ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     opens = job.opens(fit)
     optimised = time.perf_counter()
