@@ -205,9 +205,7 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
             most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
             reason += f", but of the {of} of the reference job, with which it is compared, {most}"
     worst = max(db for db in (misfit, fitted, evidence.reference_misfit_db, evidence.reference_used_misfit_db) if db is not None)
-    raised = (
-        f"a misfit of {worst:.2f} dB validates nothing, though the limit was raised (usual: {USUAL_DB:g} dB)" if worst > USUAL_DB else ""
-    )
+    raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {USUAL_DB:g} dB" if worst > USUAL_DB else ""
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or raised
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
@@ -329,7 +327,7 @@ def _by_role(
         note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
         excused = _excused(posterior, own, rule) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
-            excused = "no probability says so, but the stiffness identified lies below the threshold"
+            excused = "its posterior says tight, but the stiffness identified lies below the threshold"
         if excused is not None:
             word, note = UNDECIDED, excused
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)

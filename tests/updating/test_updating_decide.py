@@ -232,7 +232,7 @@ class TestValidity:
         assert near.validity.passed
         assert far.validity.passed is None
         assert far.validity.explained
-        assert far.validity.unvalidated == "a misfit of 9.50 dB validates nothing, though the limit was raised (usual: 3 dB)"
+        assert far.validity.unvalidated == "a misfit of 9.50 dB validates nothing: the limit was raised from 3 dB"
         # A limit that was lowered is the one that counts.
         assert judge(evidence(changed(0.0, 0.1), **{misfit: 2.9}), DecisionRule(largest_misfit=2.0)).validity.passed is False
 
