@@ -17,6 +17,8 @@ from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
 from lrbc_cli.updating.optimise import Best, HistoryEntry, Objective, Solution, Start, gauss_newton
 from lrbc_cli.updating.starts import (
+    Mirrors,
+    alone,
     basins,
     group_levels,
     hops,
@@ -166,7 +168,15 @@ class Race:
             self.iterations += end.iterations
         return ends
 
-    def look_beside(self, span: Floats, shares: Sequence[float], limits: tuple[int, int], rounds: int, joints: Sequence[int] = ()) -> None:
+    def look_beside(
+        self,
+        span: Floats,
+        shares: Sequence[float],
+        limits: tuple[int, int],
+        rounds: int,
+        joints: Sequence[int] = (),
+        mirrors: Mirrors = alone,
+    ) -> None:
         """Descend from places beside the best end until no round leads lower.
 
         Those of ``other_levels`` among joints, else of ``hops``, and where it leads without some values.
@@ -187,7 +197,7 @@ class Race:
 
             first = description.partition(BESIDE)[0]
             if joints:
-                moved = other_levels(self._misfit, end, self._bounds, span, joints)
+                moved = other_levels(self._misfit, end, self._bounds, span, joints, mirrors)
                 places = [(f"{first}{BESIDE} one joint at another level", theta) for theta in moved]
             else:
                 places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
@@ -257,6 +267,7 @@ def gauss_newton_by_levels(
     left_out: Sequence[float] = (0.03, 0.2),
     rounds: int = 3,
     joints: Sequence[int] = (),
+    mirrors: Mirrors = alone,
     unexplained_db: float = 3.0,
 ) -> Solution:
     """Bounded Gauss-Newton on a uniform value, on coarse profiles, then on all parameters.
@@ -286,6 +297,8 @@ def gauss_newton_by_levels(
         How often, and once more for each joint.
     joints : sequence of int
         Of the unknowns of a span, the changes of the joints where there is nothing else.
+    mirrors : callable
+        Which of them are exchanged with two of them, see ``Shapes.mirrored``.
     unexplained_db : float
         Mean difference of the best end above which, without a span, single values are tried, see ``single_values``: where it would not be
         called explained [dB].
@@ -324,7 +337,7 @@ def gauss_newton_by_levels(
         moved = side_by_side(lambda place: single_values(misfit, place, bounds), (found.theta, *apart[:1]))
         race.begin([("single values moved by tables", place) for place in moved])
     if span is not None and more < max_iterations:
-        race.look_beside(span, left_out, (few, more), rounds, joints)
+        race.look_beside(span, left_out, (few, more), rounds, joints, mirrors)
     race.go_on([race.best])
     return race.solution()
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.places import Edge, places
@@ -54,6 +55,32 @@ class Shapes:
     def joint_columns(self) -> list[int]:
         """Columns of the bolts where all are joints; else none."""
         return self.bolts[self.bolts >= 0].tolist() if self.joints_only else []
+
+    def mirrored(self, bolts: Floats, one: int, other: int, *, tolerance: float = 0.02) -> list[tuple[int, int]]:
+        """Columns of joints that lie in each other's place where the bolts are mirrored in the plane midway between two of them.
+
+        These two alone where the bolts are not symmetric about it.
+
+        Parameters
+        ----------
+        bolts : (n, 3) float array
+        one, other : int
+            Columns.
+        tolerance : float
+            Distance of a mirrored bolt from one, over that of the two.
+        """
+        known = np.flatnonzero(self.bolts >= 0)
+        xyz, columns = bolts[known], self.bolts[known].tolist()
+        i, j = columns.index(one), columns.index(other)
+        apart = float(np.linalg.norm(xyz[j] - xyz[i]))
+        if apart == 0.0:
+            return [(one, other)]
+        normal = (xyz[j] - xyz[i]) / apart
+        image = xyz - 2.0 * np.outer((xyz - 0.5 * (xyz[i] + xyz[j])) @ normal, normal)
+        far, partner = cKDTree(xyz).query(image)
+        if far.max() > tolerance * apart:
+            return [(one, other)]
+        return [(columns[a], columns[b]) for a, b in enumerate(partner.tolist()) if a < b]
 
     def penalty(self) -> Floats:
         """(m, size) rows that give ``z / std`` from ``theta - prior`` for theta in the span, the least change outside it ignored."""

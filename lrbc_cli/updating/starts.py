@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -16,8 +16,16 @@ from lrbc_cli.updating.shapes import Shapes
 
 Floats = NDArray[np.float64]
 
+#: For two columns of joints those that are exchanged with them, see ``Shapes.mirrored``.
+Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
+
 #: Changes of a bolt that tables try [decades], from a slight loss to one that is all but free.
 LEVELS = (-0.3, -0.7, -1.2, -2.0, -3.0)
+
+
+def alone(one: int, other: int) -> list[tuple[int, int]]:
+    """Two joints that are exchanged with no others."""
+    return [(one, other)]
 
 
 def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
@@ -209,7 +217,15 @@ def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: f
 
 
 def other_levels(
-    misfit: Misfit, end: Solution, bounds: Floats, span: Floats, joints: Sequence[int], *, levels: Sequence[float] = LEVELS, kept: int = 12
+    misfit: Misfit,
+    end: Solution,
+    bounds: Floats,
+    span: Floats,
+    joints: Sequence[int],
+    mirrors: Mirrors = alone,
+    *,
+    levels: Sequence[float] = LEVELS,
+    kept: int = 12,
 ) -> list[Floats]:
     """Places where one joint stands at another level, its groups alike, or has the stiffness of another one; all else as at an optimum.
 
@@ -226,9 +242,10 @@ def other_levels(
         Unknowns ``prior + span z``.
     joints : sequence of int
         Of z, the changes of the joints.
+    mirrors : callable
+        Which of them are exchanged where one that has loosened by the first level or more has the stiffness of a stiffer one.
     levels : sequence of float
-        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades]. A joint at the first of them or
-        below and each stiffer one have each other's stiffness.
+        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades].
     kept : int
 
     Returns
@@ -246,17 +263,17 @@ def other_levels(
         thetas = [np.clip(np.where(own, misfit.prior + level * alike, end.theta), *bounds.T) for level in others]
         return [(misfit.mean_db(frf(theta)), joint, level, theta) for level, theta in zip(others, thetas, strict=True)]
 
-    def exchanged(joint: int) -> list[tuple[float, int, float, Floats]]:
-        found, own = [], span[:, joint] != 0.0
-        for other in joints if z[joint] <= levels[0] else ():
-            its = span[:, other] != 0.0
-            higher = float(end.theta[its].mean() - end.theta[own].mean())
-            if higher > 0.0:
-                theta = np.clip(end.theta + higher * (own * 1.0 - its), *bounds.T)
-                found.append((misfit.mean_db(frf(theta)), joint, float(other), theta))
-        return found
+    def exchanged(pair: tuple[int, int]) -> list[tuple[float, int, float, Floats]]:
+        theta = end.theta.copy()
+        for one, other in mirrors(*pair):
+            own, its = (np.flatnonzero(span[:, joint]) for joint in (one, other))
+            higher = theta[its].mean() - theta[own].mean()
+            theta[own], theta[its] = (theta[its], theta[own]) if own.size == its.size else (theta[own] + higher, theta[its] - higher)
+        theta = np.clip(theta, *bounds.T)
+        return [(misfit.mean_db(frf(theta)), pair[0], float(pair[1]), theta)]
 
-    tables = [*side_by_side(moved, joints), *side_by_side(exchanged, joints)]
+    loosened = [(one, other) for one, other in product(joints, joints) if z[one] <= levels[0] and z[one] < z[other]]
+    tables = [*side_by_side(moved, joints), *side_by_side(exchanged, loosened)]
     found = [place for places in tables for place in places if np.isfinite(place[0])]
     return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]
 

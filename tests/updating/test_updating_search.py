@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -104,6 +105,11 @@ def test_a_loosened_joint_and_each_stiffer_one_have_each_others_stiffness() -> N
     for theta in exchanged:
         other = [int(at) for at in np.flatnonzero(np.abs(theta - end.theta) > 1e-9) if at != 1]
         np.testing.assert_allclose(theta[[1, *other]], end.theta[[*other, 1]])
+    # Places of a row that is symmetric: with the two at its ends the inner ones change places too.
+    row = np.column_stack([np.arange(PADS), np.zeros((PADS, 2))])
+    places = other_levels(misfit, end, parameters.bounds, shapes.T, [1, 8], partial(shapes.mirrored, row), kept=1000)
+    (mirrored,) = [theta for theta in places if np.count_nonzero(np.abs(theta - end.theta) > 1e-9) > 2]
+    np.testing.assert_allclose(mirrored[:PADS], end.theta[:PADS][::-1])
 
 
 def test_bounds_that_allow_no_change_leave_nothing_to_solve() -> None:

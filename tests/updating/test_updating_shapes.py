@@ -237,3 +237,28 @@ class TestJoints:
         parameters = Parameterisation((joint_group("axial", list(range(len(places)))),))
         found = neighbours(parameters, xyz[order], bolt_shapes(parameters, xyz[order]))
         assert {tuple(sorted((int(order[a]), int(order[b])))) for a, b in found} == {tuple(sorted(pair)) for pair in expected}
+
+
+class TestMirrored:
+    def of(self, xyz: np.ndarray, one: int, other: int) -> set[tuple[int, int]]:
+        count = len(xyz)
+        shapes = Shapes(np.eye(count + 1), np.ones(count + 1), np.arange(count) + 1, np.ones(count, dtype=bool))
+        return {tuple(sorted(pair)) for pair in shapes.mirrored(xyz, one, other)}
+
+    def test_a_row(self) -> None:
+        row = along(0.0, 0.1, 0.3, 0.4)
+        assert self.of(row, 1, 4) == {(1, 4), (2, 3)}
+        assert self.of(row, 4, 1) == {(1, 4), (2, 3)}
+        # Not symmetric about the middle of these two.
+        assert self.of(row, 1, 2) == {(1, 2)}
+        assert self.of(along(0.0, 0.1, 0.33, 0.4), 1, 4) == {(1, 4)}
+
+    def test_a_ring_is_mirrored_between_any_two(self) -> None:
+        angle = 2 * np.pi * np.arange(6) / 6
+        ring = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+        assert self.of(ring, 1, 2) == {(1, 2), (3, 6), (4, 5)}
+        # Two bolts lie in the plane and stay.
+        assert self.of(ring, 2, 6) == {(2, 6), (3, 5)}
+
+    def test_two_in_one_place(self) -> None:
+        assert self.of(along(0.1, 0.1, 0.3), 1, 2) == {(1, 2)}

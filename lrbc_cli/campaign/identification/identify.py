@@ -35,7 +35,7 @@ from lrbc_cli.updating.places import pitch_of
 from lrbc_cli.updating.search import search
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
 from lrbc_cli.updating.smooth import narrowed, smoothed_costs
-from lrbc_cli.updating.starts import prior_draws
+from lrbc_cli.updating.starts import alone, prior_draws
 
 log = logging.getLogger(__name__)
 
@@ -206,13 +206,14 @@ class _Job:
             solution = self._descend(misfit, begin)
         else:
             joints = self.shapes.joint_columns
+            mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
             if span is not None:
                 wide = self._smoothed(misfit, relative) if joints else []
                 further, sought = search(wide[0] if wide else misfit, self.shapes, bounds, self._pairs(), names=names)
                 more = narrowed(wide, further, bounds, span) if wide else prior_draws(misfit, self.shapes, bounds, further)
                 further, sought = more[0], sought + more[1]
             stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
-            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, span=span, joints=joints, **stop)
+            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, span=span, joints=joints, mirrors=mirrors, **stop)
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
