@@ -11,6 +11,10 @@ import sys
 import threading
 from types import FrameType
 
+import click
+
+from lrbc_cli.errors import LrbcError
+
 
 class _Interruption:
     asked = False
@@ -52,3 +56,12 @@ def stop_if_asked() -> None:
     """
     if _state.asked:
         raise KeyboardInterrupt
+
+
+def cause_of(error: BaseException) -> BaseException:
+    """The error, or the interruption that came before it: code that it breaks into, such as a lock of threads, may fail in its own way."""
+    if not _state.asked or isinstance(error, LrbcError | KeyboardInterrupt | click.ClickException | click.Abort):
+        return error
+    found = KeyboardInterrupt()
+    found.__context__ = error
+    return found

@@ -121,7 +121,8 @@ class LazyGroup(click.Group):
         try:
             code = super().main(args, prog_name or "lrbc", complete_var, standalone_mode=False, **extra)
             interruption.stop_if_asked()
-        except (Exception, KeyboardInterrupt) as error:
+        except (Exception, KeyboardInterrupt) as caught:
+            error = interruption.cause_of(caught)
             if isinstance(error, Exception) and not standalone_mode:
                 raise
             # click makes an Abort of most interrupts.

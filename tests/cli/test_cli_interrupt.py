@@ -214,3 +214,23 @@ def test_a_thread_that_does_not_end_does_not_hold_an_interrupted_run(tmp_path: P
     found = subprocess.run([sys.executable, "hanging.py", "hang"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
     assert found.returncode == 130
     assert "interrupted; what was finished is kept" in found.stderr
+
+
+@pytest.mark.parametrize(("asked", "code", "says"), [("True", 130, "lrbc: interrupted"), ("False", 1, "release unlocked lock")])
+def test_what_an_interruption_broke_into_may_fail_in_its_own_way(tmp_path: Path, asked: str, code: int, says: str) -> None:
+    """A signal between taking a lock and noting it: threading then says that the lock is not held."""
+    (tmp_path / "broken.py").write_text(
+        "import signal, threading, click\n"
+        "from lrbc_cli.cli.main import LazyGroup\n"
+        "@click.command()\n"
+        "def breaks():\n"
+        "    try:\n"
+        f"        {asked} and signal.raise_signal(signal.SIGINT)\n"
+        "    finally:\n"
+        "        threading.Lock().release()\n"
+        "if __name__ == '__main__':\n"
+        "    LazyGroup('lrbc', table={'breaks': ('broken:breaks', 'Break.')})()\n"
+    )
+    found = subprocess.run([sys.executable, "broken.py", "breaks"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert found.returncode == code, found.stderr
+    assert says in found.stderr
