@@ -155,6 +155,7 @@ class NoiseRecord(Record):
 
     sigma_db: float
     correlation_factor: float
+    validation_ratio: float = 1.0
 
 
 class Prior(Record):

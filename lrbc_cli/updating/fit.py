@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import ChangeError, Evaluation, Misfit, Sensitive
-from lrbc_cli.updating.noise import Noise, estimate_noise
+from lrbc_cli.updating.noise import Noise, estimate_noise, widened
 from lrbc_cli.updating.optimise import HistoryEntry, Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
 
@@ -41,6 +41,8 @@ class Posterior:
         Part of the covariance of theta that the state has about which z are changes; None where that is no estimate.
     own : (m, m) float array or None
         Covariance of z without that part; None where they are the same.
+    told : (m + k, m + k) float array or None
+        What of the covariance the errors of the data make, see ``noise.widened``.
     """
 
     shapes: Shapes
@@ -52,6 +54,13 @@ class Posterior:
     prior_std: Floats
     about: Floats | None = None
     own: Floats | None = None
+    told: Floats | None = None
+
+    def wider(self, ratio: float) -> Posterior:
+        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        told, m = np.zeros_like(self.covariance) if self.told is None else self.told, self.z.size
+        own = None if self.own is None else widened(self.own, told[:m, :m], ratio)
+        return replace(self, covariance=widened(self.covariance, told, ratio), own=own, noise=replace(self.noise, ratio=ratio))
 
     @property
     def boundary(self) -> Floats:
@@ -299,9 +308,12 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     normal[: blind.shape[0], : blind.shape[0]] += misfit.eta * blind.T @ blind
     # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
     floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
-    covariance = np.asarray(noise.variance * np.linalg.inv(normal + floor * np.eye(normal.shape[0])))
+    inverse = np.linalg.inv(normal + floor * np.eye(normal.shape[0]))
+    rows = solution.evaluation.residual.size - misfit.penalty.shape[0]
+    told = noise.variance * inverse @ (J[:rows].T @ J[:rows]) @ inverse
     z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
     held = np.isfinite(shapes.std) & (misfit.eta > 0)
     spread = np.full(shapes.std.size, np.inf)
     spread[held] = shapes.std[held] * np.sqrt(noise.variance / (misfit.eta or 1.0))
-    return Posterior(shapes, tuple(extras), z, solution.theta[size:], covariance, noise, spread)
+    values, covariance = solution.theta[size:], np.asarray(noise.variance * inverse)
+    return Posterior(shapes, tuple(extras), z, values, covariance, noise, spread, told=told)

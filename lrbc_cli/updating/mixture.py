@@ -55,6 +55,9 @@ class MixtureProblem:
     shared : float
         Standard deviation of a joint's change over that change, beyond what the data tell: the errors of predicted shifts that all
         resonances share look like more or less of it. A hat along an edge stands for no stiffness of its own.
+    ratio : float
+        How many times larger the errors of the data are than ``variance`` says, see ``noise.validation_ratio``: it widens the changes. The
+        weight of data against prior stays: it would call tight what the data then hardly tell.
     """
 
     data: Callable[[Floats], tuple[Floats, Floats]]
@@ -67,6 +70,7 @@ class MixtureProblem:
     std: Floats
     about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
     shared: float = 0.0
+    ratio: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,48 @@ class Noise:
         Standard deviation of a residual [dB], unknowns accounted for.
     factor : float
         Variance of an estimate over what it would be with independent residuals.
+    ratio: float
+        How many times larger errors are where nothing was fitted, see ``validation_ratio``.
     """
 
     sigma: float
     factor: float
+    ratio: float = 1.0
 
     @property
     def variance(self) -> float:
         """sigma² times the factor [dB²]: divides JᵀJ in the posterior."""
         return self.sigma**2 * self.factor
+
+
+def validation_ratio(validation_db: float | None, used_db: float | None) -> float:
+    """How many times larger than the residuals the errors of the model are, by responses that were not fitted; at least 1.
+
+    Unknowns take up part of what the model lacks, so that the residuals of the channels used tell less than that. Where the two misfits
+    agree, they tell it. On virtual rigs the errors of identified changes grow with this ratio as the residuals do not.
+
+    Parameters
+    ----------
+    validation_db, used_db : float or None
+        Mean misfits [dB]; None where nothing was compared.
+    """
+    if not validation_db or not used_db or not np.isfinite(validation_db / used_db):
+        return 1.0
+    return max(validation_db / used_db, 1.0)
+
+
+def widened(variance: Floats | float, told: Floats | float, ratio: float) -> Floats:
+    """Variance of an estimate whose data err by ``ratio`` times as much as they were weighted by, the prior being what it was.
+
+    Parameters
+    ----------
+    variance : float array
+        ``s² H⁻¹``, of data and prior together.
+    told : float array
+        ``s² H⁻¹ JᵀJ H⁻¹``, what of it the errors of the data make.
+    ratio : float
+    """
+    return np.asarray(variance + (ratio**2 - 1.0) * told)
 
 
 def correlation_factor(residual: Floats, jacobian: Floats, line: Integers, response: Integers, errors: ErrorModel = ERRORS) -> float:

@@ -17,6 +17,7 @@ from scipy.special import expit, logsumexp
 
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
+from lrbc_cli.updating.noise import widened
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
 
 Floats = NDArray[np.float64]
@@ -206,6 +207,7 @@ def _sweeps(
     score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint, more.further)
     count = problem.bolts.size
     loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
+    precision = prior.tables(problem.joint)[0].min(axis=2)
     for sweep in range(-burn_in, sweeps):
         chance = np.log(rng.random(count))
         gains, centres, spreads = score.flips()
@@ -224,4 +226,6 @@ def _sweeps(
                 swaps = score.swaps()
     known = np.isfinite(more.loose[:, 0])
     means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
+    # Of one change by itself: variance less variance² over that of the prior is what the errors of the data make.
+    stds = np.sqrt(widened(stds**2, np.maximum(stds**2 - stds**4 * precision, 0.0), problem.ratio))
     return loose, means, np.hypot(stds, problem.shared * np.abs(means) * problem.joint[:, None])

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.lcurve import LCurve
+from lrbc_cli.updating.misfit import Misfit
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.saturation import Saturation
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
+
+    measured: Complexes
+    relative: bool
+    plain: Misfit
+    misfit: Misfit
+    solution: Solution
+    knowledge: Posterior
+    curve: LCurve | None
+    evaluations: int
+
+    def after(self, evaluations: int) -> Fit:
+        """The same, with what was evaluated on another way."""
+        solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
+        return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
 
 
 @dataclass(frozen=True)

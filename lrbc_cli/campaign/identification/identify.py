@@ -6,18 +6,19 @@ import logging
 import time
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
+from lrbc_cli.campaign.identification.validation import ratio_of
 from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
@@ -27,7 +28,7 @@ from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.confidence import open_values
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
-from lrbc_cli.updating.lcurve import LCurve, curve_notes, l_curve
+from lrbc_cli.updating.lcurve import curve_notes, l_curve
 from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, other_ends
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
@@ -41,25 +42,6 @@ log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
-
-    measured: Complexes
-    relative: bool
-    plain: Misfit
-    misfit: Misfit
-    solution: Solution
-    knowledge: Posterior
-    curve: LCurve | None
-    evaluations: int
-
-    def after(self, evaluations: int) -> _Fit:
-        """The same, with what was evaluated on another way."""
-        solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
-        return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
 
 
 class _Job:
@@ -188,7 +170,7 @@ class _Job:
         found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
         return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
 
-    def fit(self, measured: Complexes, relative: bool) -> _Fit:
+    def fit(self, measured: Complexes, relative: bool) -> Fit:
         """Minimise; the weight of the prior by the method."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
@@ -222,7 +204,7 @@ class _Job:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
         evaluations = solution.evaluations + (curve.evaluations if curve else 0)
-        return _Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations).after(sought)
+        return Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations).after(sought)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -264,7 +246,7 @@ class _Job:
         model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
         return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(extra.name, 0.0) for extra in extras]]))
 
-    def drifted(self, fit: _Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> _Fit:
+    def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
         """The same with what may have drifted since the reference job, from here and from the reference state.
 
         Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
@@ -323,14 +305,14 @@ class _Job:
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
         plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
-        return _Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
+        return Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
 
-    def best(self) -> _Fit:
+    def best(self) -> Fit:
         """Relative for changes at bolts, where the reference job has the same lines."""
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
 
-    def about_reference(self, fit: _Fit, reference: JobRecord | None) -> _Fit:
+    def about_reference(self, fit: Fit, reference: JobRecord | None) -> Fit:
         """The same with the uncertainty of the reference state."""
         if not self.against_reference:
             return fit
@@ -343,12 +325,13 @@ class _Job:
         jacobian = fit.solution.evaluation.jacobian[:rows]
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 
-    def opens(self, fit: _Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def opens(self, fit: Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
         pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
         frf = self.model.nearby(fit.solution.theta)
         data = partial(fit.plain.data_sum, frf=frf)
-        return open_values(self.parameters, pitch, data, fit.solution.theta, fit.knowledge.noise.variance)
+        noise = fit.knowledge.noise
+        return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
@@ -407,16 +390,17 @@ def _identify(
     job = _Job(inputs, source, name, reference, given)
     ports = time.perf_counter()
     fit = job.about_reference(job.best(), reference)
-    solution, knowledge = fit.solution, fit.knowledge
+    values = job.measurement.values
+    initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
+    before, after = mean_misfit(initial, values), mean_misfit(updated, values)
+    solution, knowledge = fit.solution, fit.knowledge.wider(ratio_of(inputs, values, after))
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
-    opens = job.opens(fit)
+    opens = job.opens(replace(fit, knowledge=knowledge))
     optimised = time.perf_counter()
-    initial, updated = job.frf(job.start), job.frf(solution.theta, knowledge)
-    values = job.measurement.values
     return Identification(
         name,
         solution,
@@ -426,8 +410,8 @@ def _identify(
         job.selected,
         initial,
         updated,
-        mean_misfit(initial, values),
-        mean_misfit(updated, values),
+        before,
+        after,
         tuple(job.notes),
         knowledge,
         opens,

@@ -104,6 +104,7 @@ def changes_of(
         np.concatenate([shapes.std, std]),
         None if error is None else about,
         plain.errors.shift_error,
+        knowledge.noise.ratio,
     )
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]

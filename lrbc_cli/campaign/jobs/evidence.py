@@ -16,6 +16,7 @@ from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.identification.validation import validation_channels
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
@@ -27,7 +28,6 @@ from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, E
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.lines import too_wide
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
-from lrbc_cli.updating.statistics import ValidationChannels
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]
@@ -159,45 +159,6 @@ def _baselines(inputs: Inputs, job: str) -> dict[str, Measurement]:
             if name != job:
                 found[name] = read_measurement(inputs, inputs.campaign.jobs[name], name)
     return found
-
-
-def validation_channels(
-    values: Complexes, used: NDArray[np.int64], unused: NDArray[np.int64], limits: ValidationChannels
-) -> tuple[NDArray[np.int64], str]:
-    """Responses that can test an identification which did not see them, and why there is none.
-
-    Parameters
-    ----------
-    values : (F, R) complex array
-        As measured; NaN where there is no value.
-    used, unused : int arrays
-    limits : ValidationChannels
-
-    Returns
-    -------
-    int array, str
-        Those of the unused ones with values on most lines that are no copy of a response used.
-    """
-    if not unused.size:
-        return unused, "there are no validation channels"
-    finite = np.isfinite(values)
-    share = finite[:, unused].mean(axis=0)
-    if not share.any():
-        return unused[:0], "the validation channels have no values"
-    told = unused[share >= limits.least_lines]
-    if not told.size:
-        return told, f"the validation channels have values on {share.max():.0%} of the lines only"
-
-    def copied(i: int, j: int) -> bool:
-        """Whether a record is another one but for a constant factor: two sensors never are."""
-        both = finite[:, i] & finite[:, j] & (values[:, j] != 0)
-        if not both.any():
-            return False
-        ratio = values[both, i] / values[both, j]
-        return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
-
-    own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
-    return own, "" if own.size else "the validation channels are records that were fitted too"
 
 
 def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:

@@ -145,7 +145,11 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         "covariance": knowledge.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
-        "noise": {"sigma_db": knowledge.noise.sigma, "correlation_factor": knowledge.noise.factor},
+        "noise": {
+            "sigma_db": knowledge.noise.sigma,
+            "correlation_factor": knowledge.noise.factor,
+            "validation_ratio": knowledge.noise.ratio,
+        },
         "prior": {
             "of": campaign.update.reference if result.against_reference else "initial",
             "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
