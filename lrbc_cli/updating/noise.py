@@ -43,7 +43,7 @@ def validation_ratio(validation_db: float | None, used_db: float | None) -> floa
     Parameters
     ----------
     validation_db, used_db : float or None
-        Mean misfits [dB]; None where nothing was compared.
+        Mean misfits, each line by its noise [dB]; None where nothing was compared.
     """
     if not validation_db or not used_db or not np.isfinite(validation_db / used_db):
         return 1.0

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from campaigns import Folder, box, finished
 
-from lrbc_cli.campaign.jobs.evidence import validation_channels
+from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.updating.statistics import ValidationChannels
@@ -129,6 +129,27 @@ def test_validation_channels(tmp_path: Path) -> None:
         assert valid["held_out_db"] == valid["misfit_db"] == pytest.approx(result["misfit_db"]["responses"]["mic3"]["final"])
         assert "validation channels" in valid["reason"]
     assert "not validated" not in page(folder)
+
+
+def test_a_validation_channel_that_is_explained_less_widens_the_intervals(tmp_path: Path) -> None:
+    """Residuals of what was fitted tell less than what the model lacks where nothing was fitted."""
+    widths, ratios = [], []
+    for gain in (1.0, 1.3):
+        folder = box(tmp_path / f"box-{gain}")
+        tree = folder.tree()
+        tree["update"]["responses"] = ["mic1", "mic2", "acc1"]
+        tree["responses"]["mic3"]["scale"] = gain
+        folder.write(tree)
+        assert folder.run("update").code == 0
+        result = folder.result("loose")
+        misfit = result["misfit_db"]
+        ratios.append(result["noise"]["validation_ratio"])
+        assert ratios[-1] == pytest.approx(max(misfit["held_out_final"] / misfit["final"], 1.0))
+        (group,) = result["parameters"].values()
+        widths.append((np.mean(group["std"]), np.mean([b["change_std"] for b in result["bolts"]])))
+    assert ratios[1] > 2.0 * ratios[0]
+    assert widths[1][0] > widths[0][0]
+    assert widths[1][1] > widths[0][1]
 
 
 def test_what_can_validate() -> None:

@@ -100,6 +100,33 @@ class TestPosterior:
             count += z.size
         assert 0.90 <= inside / count <= 0.99, inside / count
 
+    @pytest.mark.parametrize("ratio", [1.0, 2.5])
+    def test_it_covers_errors_that_are_larger_than_the_residuals(self, ratio: float) -> None:
+        """Standardised errors have unit variance where the data err so many times as much; where they say nothing the prior stays."""
+        z, noise, found = [], Noise(SIGMA, 1.0), None
+        for seed in range(80):
+            case = Case(300 + seed, strength=0.03)
+            true = STD * case.rng.normal(size=5)
+            misfit = case.misfit(true, ratio * SIGMA).with_eta(SIGMA**2)
+            solution = descend(misfit, case.prior, case.parameters.bounds, case.shapes.T, tolerance=1e-10)
+            plain = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+            found = plain.wider(ratio)
+            z += ((found.z - true) / found.std).tolist()
+        assert found is not None
+        assert found.noise.ratio == ratio
+        assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.1)
+        assert (ratio == 1.0) == np.allclose(found.covariance, plain.covariance)
+        case = Case(2, strength=1e-6)
+        misfit, solution, noise = case.follow(case.misfit(np.zeros(5)))
+        np.testing.assert_allclose(posterior(misfit, solution, case.shapes, (), noise, case.prior).wider(10.0).std, STD, rtol=0.03)
+
+    def test_the_error_of_another_state_is_not_widened_with_it(self) -> None:
+        case = Case(1)
+        misfit, solution, noise = case.follow(case.misfit(case.rng.normal(size=5) * STD))
+        plain = posterior(misfit, solution, case.shapes, (), noise, case.prior)
+        state = np.diag(np.linspace(0.1, 0.2, case.parameters.size) ** 2)
+        np.testing.assert_allclose(plain.about_estimate(state).wider(2.0).boundary, plain.wider(2.0).boundary + state, rtol=1e-9)
+
 
 class TestFollowNoise:
     @pytest.mark.parametrize("sigma", [0.05, 0.5, 3.0])

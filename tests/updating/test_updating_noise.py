@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.noise import correlation_factor, estimate_noise
+from lrbc_cli.updating.noise import correlation_factor, estimate_noise, validation_ratio
 
 LINES, RESPONSES = 400, 6
 
@@ -112,3 +112,11 @@ class TestSigma:
         noise = estimate_noise(r.ravel(), smooth().reshape(-1, 1), np.zeros((0, 1)), *places(np.arange(LINES)))
         assert noise.sigma == pytest.approx(2.0, rel=0.05)
         assert noise.variance == pytest.approx(16.0, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("validation", "used", "ratio"),
+    [(2.0, 1.0, 2.0), (1.0, 1.0, 1.0), (0.5, 1.0, 1.0), (None, 1.0, 1.0), (1.0, None, 1.0), (1.0, 0.0, 1.0), (np.nan, 1.0, 1.0)],
+)
+def test_validation_channels_can_only_widen(validation: float | None, used: float | None, ratio: float) -> None:
+    assert validation_ratio(validation, used) == ratio

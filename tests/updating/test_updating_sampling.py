@@ -87,3 +87,16 @@ def test_the_error_that_all_resonances_share_widens_what_joints_lost_and_nothing
     hats = sample_changes(replace(problem, shared=0.12, joint=np.zeros(2, dtype=bool)), starts, PRIOR, sweeps=50)
     plain = sample_changes(replace(problem, joint=np.zeros(2, dtype=bool)), starts, PRIOR, sweeps=50)
     np.testing.assert_array_equal(hats.std, plain.std)
+
+
+def test_errors_beyond_the_residuals_widen_what_the_data_tell_and_not_the_prior() -> None:
+    starts = [np.array([-1.3, 0.0])]
+    told = Saturating((-1.3, 0.0), 400.0).problem()
+    data, wider = (sample_changes(replace(told, ratio=r), starts, PRIOR, sweeps=50) for r in (1.0, 3.0))
+    np.testing.assert_array_equal(wider.mean, data.mean)
+    np.testing.assert_array_equal(wider.inclusion, data.inclusion)
+    np.testing.assert_allclose(wider.std, 3.0 * data.std, rtol=0.02)
+    untold = Saturating((0.0, 0.0), 1e-3).problem()
+    data, wider = (sample_changes(replace(untold, ratio=r), starts, PRIOR, sweeps=50) for r in (1.0, 3.0))
+    # A profile that ends at no change is a little narrower than its prior.
+    np.testing.assert_allclose(wider.std, data.std, rtol=0.12)

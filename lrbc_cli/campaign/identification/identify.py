@@ -18,8 +18,7 @@ from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offs
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
-from lrbc_cli.campaign.identification.validation import ratio_of
-from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
@@ -333,6 +332,10 @@ class _Job:
         noise = fit.knowledge.noise
         return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
 
+    def validation_ratio(self, updated: Complexes) -> float:
+        """How many times larger the errors are than the residuals that were fitted."""
+        return ratio_of(self.inputs, self.measurement, self.inputs.campaign.jobs[self.name], self.selected, updated)
+
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
         shared = [] if knowledge is None else [(e, v) for e, v in zip(knowledge.extras, knowledge.values, strict=True) if e.kind != "gain"]
@@ -393,7 +396,7 @@ def _identify(
     values = job.measurement.values
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
-    solution, knowledge = fit.solution, fit.knowledge.wider(ratio_of(inputs, values, after))
+    solution, knowledge = fit.solution, fit.knowledge.wider(job.validation_ratio(updated))
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)

@@ -1,15 +1,30 @@
-"""Weights of the lines of one job: from coherence, or from the scatter of repeated measurements."""
+"""What lines and responses weigh: noise of each line, and what responses that were not fitted say of the errors."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method import noise_source
-from lrbc_cli.updating.residuals import coherence_sigma
+from lrbc_cli.updating.correlation import measured_values
+from lrbc_cli.updating.noise import validation_ratio
+from lrbc_cli.updating.residuals import coherence_sigma, decibel, noise_weights
+from lrbc_cli.updating.statistics import ValidationChannels
+
+
+def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[str, Floats | None]:
+    """What tells the noise, and (F, R) standard deviations of all measured magnitudes [dB], NaN where unknown; None where nothing does."""
+    coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
+    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
+    if kind == "coherence":
+        # Of no record at all some programs write 0, which no estimate is.
+        told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
+        return kind, coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
+    return kind, measurement.sigma_db if kind == "scatter" else None
 
 
 def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[Floats | None, tuple[str, ...]]:
@@ -22,15 +37,8 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
     tuple of str
         Which lines keep the weight 1 because nothing is known of their noise.
     """
-    coherent = bool((measurement.coherence[np.ix_(selected, inputs.used)] > 0.0).any()) and job.averages * measurement.files > 1
-    kind = noise_source(inputs.method, coherent=coherent, repeated=measurement.sigma_db is not None)
-    if kind == "coherence":
-        # Of no record at all some programs write 0, which no estimate is.
-        told = np.where(measurement.coherence > 0.0, measurement.coherence, np.nan)
-        sigma = coherence_sigma(told, job.averages * measurement.files, inputs.statistics.errors)
-    elif kind == "scatter" and measurement.sigma_db is not None:
-        sigma = measurement.sigma_db
-    else:
+    kind, sigma = measured_sigma(inputs, measurement, job, selected)
+    if sigma is None:
         return None, ()
     chosen = sigma[np.ix_(selected, inputs.used)]
     valid = np.isfinite(measurement.values[np.ix_(selected, inputs.used)])
@@ -41,3 +49,66 @@ def line_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selecte
         named = ", ".join(f"{name} ({count} lines)" for name, count in unknown)
         notes = (f"weights: no {what}, hence the weight 1, for {named}",)
     return chosen, notes
+
+
+def validation_channels(values: Complexes, used: Integers, unused: Integers, limits: ValidationChannels) -> tuple[Integers, str]:
+    """Responses that can test an identification which did not see them, and why there is none.
+
+    Parameters
+    ----------
+    values : (F, R) complex array
+        As measured; NaN where there is no value.
+    used, unused : int arrays
+    limits : ValidationChannels
+
+    Returns
+    -------
+    int array, str
+        Those of the unused ones with values on most lines that are no copy of a response used.
+    """
+    if not unused.size:
+        return unused, "there are no validation channels"
+    finite = np.isfinite(values)
+    share = finite[:, unused].mean(axis=0)
+    if not share.any():
+        return unused[:0], "the validation channels have no values"
+    told = unused[share >= limits.least_lines]
+    if not told.size:
+        return told, f"the validation channels have values on {share.max():.0%} of the lines only"
+
+    def copied(i: int, j: int) -> bool:
+        """Whether a record is another one but for a constant factor: two sensors never are."""
+        both = finite[:, i] & finite[:, j] & (values[:, j] != 0)
+        if not both.any():
+            return False
+        ratio = values[both, i] / values[both, j]
+        return bool(np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])))
+
+    own = np.array([i for i in told if not any(copied(int(i), int(j)) for j in used)], dtype=np.int64)
+    return own, "" if own.size else "the validation channels are records that were fitted too"
+
+
+def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers, updated: Complexes) -> float:
+    """How many times larger the errors are than the residuals of the channels used, see ``noise.validation_ratio``.
+
+    Each line counts by its noise, as in the fit: a validation channel that is noisier is no error of the model.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurement : Measurement
+    job : JobConfig
+    selected : int array
+        Lines that entered the cost.
+    updated : (F, R) complex array
+        FRFs of the model on all measured lines.
+    """
+    values, used = measurement.values, inputs.used
+    channels, _ = validation_channels(values, used, inputs.validation, inputs.statistics.validation)
+    valid = measured_values(values)
+    left = np.where(valid, np.abs(decibel(updated) - decibel(np.where(valid, values, 1.0))), np.nan)
+    _, sigma = measured_sigma(inputs, measurement, job, selected)
+    level = mean_of(left[:, used])
+    if sigma is not None and level:
+        left = left * noise_weights(sigma, level)
+    return validation_ratio(mean_of(left[:, channels]), mean_of(left[:, used]))

@@ -16,7 +16,7 @@ from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
-from lrbc_cli.campaign.identification.validation import validation_channels
+from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup

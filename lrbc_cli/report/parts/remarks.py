@@ -42,6 +42,7 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
                 fmt.fixed(None if check is None else check.limit_db),
                 fmt.fixed(noise.sigma_db),
                 fmt.figures(noise.correlation_factor),
+                fmt.figures(noise.validation_ratio),
             ]
         )
     head: list[str | Cell] = [
@@ -52,6 +53,10 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
         "Limit [dB]",
         Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
         Cell("Lines per independent value", title="residuals of neighbouring lines are alike; so many count as one independent value"),
+        Cell(
+            "Validation over used",
+            title="misfit of the validation channels over that of the channels used, at least 1: errors are so many times the scatter",
+        ),
     ]
     return table("Model validation: misfit against its limit, and what the confidence rests on", head, rows, text_columns=3)
 
