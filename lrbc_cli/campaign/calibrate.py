@@ -17,7 +17,7 @@ from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_u
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.identification.weights import line_sigma
+from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
 from lrbc_cli.campaign.jobs.results import frf_rows, misfit_tree, write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
@@ -200,6 +200,7 @@ def calibrate(
         watch.lap("reduction")
         problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=_hammer(now))
         theta = fit.moved(problem)
+    fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
     doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, misfits)
     for warning in doubted:
@@ -296,7 +297,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
             "reason": reason,
             **_values(fit),
             "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))),
-            "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor},
+            "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor, "validation_ratio": fit.noise.ratio},
             "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
             "stages": [asdict(stage) for stage in fit.stages],
             "reduction": {

@@ -21,7 +21,7 @@ from lrbc_cli.updating.confidence import NORMAL_95
 from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import no_worse, noise_of
 from lrbc_cli.updating.misfit import Misfit, penalty_rows
-from lrbc_cli.updating.noise import Noise
+from lrbc_cli.updating.noise import Noise, widened
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.residuals import ResidualOptions
 from lrbc_cli.updating.smooth import smoothed_lines
@@ -219,6 +219,13 @@ class FactorFit:
         """95 % interval of a factor, log-normal."""
         value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
         return float(np.exp(value - reach)), float(np.exp(value + reach))
+
+    def wider(self, ratio: float) -> FactorFit:
+        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        J = self.solution.evaluation.jacobian
+        by_data = J[: J.shape[0] - self.problem.rows().shape[0]] @ self.covariance
+        covariance = widened(self.covariance, by_data.T @ by_data / self.noise.variance, ratio)
+        return replace(self, covariance=covariance, noise=replace(self.noise, ratio=ratio))
 
     def moved(self, problem: FactorProblem) -> Floats:
         """Theta for the same state on a model that contains other factors."""

@@ -160,6 +160,10 @@ class TestRecovery:
         fit = fit_factors(p)
         np.testing.assert_array_equal(fit.solution.theta[: held.size], held)
         assert np.all(fit.covariance[: held.size] == 0)
+        # Errors twice as large as the residuals double what the data tell: all of it, so far from the prior.
+        wider = fit.wider(2.0)
+        assert wider.spread == {name: pytest.approx(2.0 * std, rel=0.01) for name, std in fit.spread.items()}
+        assert np.all(wider.covariance[: held.size] == 0)
         for name, value in truth.items():
             assert fit.factors[name] == pytest.approx(value, rel=2e-3)
 
