@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.files import passed_over, unnamed
 from lrbc_cli.campaign.identification.copies import Earlier
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -73,7 +73,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     out = Findings()
     out.sections["files"] = list(inputs.notes)
     out.warnings += inputs.warnings
-    out.warnings += passed_over(inputs.campaign)
+    out.warnings += [*passed_over(inputs.campaign), *unnamed(inputs.campaign)]
     out.warnings += _unwritable(inputs.campaign.output)
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)

@@ -108,8 +108,8 @@ def tell_troubles(outcome: Outcome) -> None:
                 remark(f"job {name}: {warning}", kind="warning")
         for name, problem in once_more(outcome.findings).items():
             remark(f"job {name}: {problem}", kind="warning")
-        if outcome.unseen:
-            remark(outcome.unseen, kind="warning")
+        for text in [*([outcome.unseen] if outcome.unseen else []), *outcome.beside]:
+            remark(text, kind="warning")
 
 
 def finished(inputs: Inputs, outcome: Outcome) -> list[str]:

@@ -153,6 +153,37 @@ def spots(groups: Sequence[Edge | Joints], bolts: Floats) -> list[Spot | str]:
     return found
 
 
+def misplaced(groups: Sequence[Edge | Joints], bolts: Floats) -> str | None:
+    """How all bolts would be reached, by other axes or another origin, where as stated some are not; None where there is no such way.
+
+    Parameters
+    ----------
+    groups : sequence of Edge or Joints
+    bolts : (m, 3) float array
+    """
+    edges = [group for group in groups if isinstance(group, Edge)]
+    if not edges or all(isinstance(spot, tuple) for spot in spots(groups, bolts)):
+        return None
+    terms = np.concatenate([edge.xyz for edge in edges])
+    away = 0.5 * (terms.min(axis=0) + terms.max(axis=0) - bolts.min(axis=0) - bolts.max(axis=0))
+    # What is nearer reaches a bolt anyway.
+    least = 0.5 * pitch_of(bolts)
+    others = [(np.array(order), np.zeros(3), f"{'XYZ'[i]} and {'XYZ'[j]} exchanged") for i, j, order in _EXCHANGES]
+    for axes in ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2)):
+        shift = np.where(np.isin(np.arange(3), axes), away, 0.0)
+        if np.abs(shift[list(axes)]).min() > least:
+            added = " and ".join(f"{shift[k]:+.3g} m in {'XYZ'[k]}" for k in axes)
+            others.append((np.arange(3), shift, f"{added} added"))
+    for order, shift, text in others:
+        if all(isinstance(spot, tuple) for spot in spots(groups, bolts[:, order] + shift)):
+            return text
+    return None
+
+
+#: Two axes in each other's place, and the order then.
+_EXCHANGES = ((0, 1, (1, 0, 2)), (0, 2, (2, 1, 0)), (1, 2, (0, 2, 1)))
+
+
 def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
     """Edge of every bolt, and what of it lies within half a pitch, or on both sides of a bolt between two terms.
 

@@ -375,7 +375,13 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
     quantities : sequence of str
         Of all responses.
     """
-    left = sorted((o for o in offsets if o.named), key=lambda o: (o.half, o.response))
+    named = [o for o in offsets if o.named]
+    if named and len({quantities[o.response] for o in offsets}) == 1:
+        # One front end, one file: where all of them may share it, what is clear of some is meant of all.
+        power, middle = named[0].power, float(np.median([o.db for o in offsets]))
+        if all(o.power == power and abs(o.db - middle) <= min(max(MOST_REACH, o.half), 2 * MOST_REACH) for o in offsets):
+            named = list(offsets)
+    left = sorted(named, key=lambda o: (o.half, o.response))
     found = []
     while left:
         first = left[0]

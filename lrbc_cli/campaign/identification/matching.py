@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.dofs import COMPONENTS
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.selection import nearest, spacing
 
@@ -258,7 +259,7 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
     own = [(r, record) for r, record in pairs if record.response_node is not None and not reciprocal(record, r, inputs)]
     alike = sum(record.response_node == r.node for r, record in own)
     if 2 * alike <= len(pairs):
-        return []
+        return [_mirrored(inputs, job)] if _congruent(inputs, own) else []
     found = []
     for r, record in own:
         key, where = f"responses.{r.name}", f"{called(job)}: {describe(record)} was measured"
@@ -284,6 +285,38 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
                 f"{metres or f'are hammer and sensor exchanged? Correct excitation.{name}'}"
             )
     return found
+
+
+def _congruent(inputs: Inputs, own: list[tuple[Response, FrfRecord]], *, least: int = 4, same: float = 0.01) -> bool:
+    """Whether the nodes of the files are the campaign's places mirrored or turned: other nodes, as far apart from one another.
+
+    Numbers that a test gave its points are no places of the model: then distances have nothing in common.
+    """
+    if inputs.dofs is None:
+        return False
+    pairs = {(r.node, record.response_node) for r, record in own}
+    pairs |= {(inputs.excitation_points[r.input][0], record.reference_node) for r, record in own}
+    stated, measured = (_places(inputs.dofs, [pair[k] for pair in pairs]) for k in (0, 1))
+    if stated is None or measured is None or len(stated) < least:
+        return False
+    extent = float(np.ptp(inputs.dofs.xyz, axis=0).max())
+    apart = [np.linalg.norm(xyz[:, None] - xyz, axis=2) for xyz in (stated, measured)]
+    moved = np.linalg.norm(stated - measured, axis=1).max() > same * extent
+    return bool(moved and np.abs(apart[0] - apart[1]).max() <= same * extent and np.ptp(stated, axis=0).max() > same * extent)
+
+
+def _places(dofs: DofTable, nodes: Sequence[int | None]) -> Floats | None:
+    """(k, 3) coordinates of nodes; None where one of them is not in the model."""
+    at = [np.flatnonzero(dofs.node == node) for node in nodes]
+    return None if any(node is None or not found.size for node, found in zip(nodes, at, strict=True)) else dofs.xyz[[int(f[0]) for f in at]]
+
+
+def _mirrored(inputs: Inputs, job: JobConfig) -> str:
+    return (
+        f"{called(job)}: all records were measured at other nodes of the model than the campaign says, which lie as its places do, but "
+        "mirrored or turned: give hammer, sensors and bolts in the axes of the model (the nodes of the records are listed by "
+        "lrbc check -v), or the wrong bolt is named"
+    )
 
 
 def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | None:

@@ -18,6 +18,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.evidence import EvidenceRecord
@@ -83,7 +84,7 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         used_misfit_db=mean_of(result.misfit_final[used]),
         reference_used_misfit_db=_reference_misfit(result, reference, USED),
         unvalidated=unvalidated,
-        doubted=_doubted(inputs, result, reference) or swapped,
+        doubted=_doubted(inputs, result, reference) or swapped or misplaced_bolts(inputs.groups, inputs.bolts),
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),

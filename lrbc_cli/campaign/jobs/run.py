@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.files import passed_over, unnamed
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
@@ -43,6 +43,8 @@ class Outcome:
         The error of each failed job.
     unseen : str
         Why there may be measurements that this call knows nothing of.
+    beside : list of str
+        Files beside those of the jobs that no job names, in words.
     """
 
     results: dict[str, JobRecord] = field(default_factory=dict)
@@ -51,6 +53,7 @@ class Outcome:
     failed: list[str] = field(default_factory=list)
     errors: dict[str, LrbcError] = field(default_factory=dict)
     unseen: str = ""
+    beside: list[str] = field(default_factory=list)
 
     @property
     def loose(self) -> bool:
@@ -125,6 +128,7 @@ def run_jobs(
     parts = cache.key_parts(inputs) if source is None else source.parts
     outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
     outcome.unseen = "" if wanted else unseen(inputs.campaign)
+    outcome.beside = [] if wanted else unnamed(inputs.campaign)
     return outcome, stage
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.doubts import LEAST_BAND, factors_of, offset_texts, trusted
 from lrbc_cli.campaign.identification.likeness import (
+    CLEARLY,
     LEAST_DIFFERENCE,
     apart,
     exchanged,
@@ -31,13 +32,16 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
 from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.scale import POWERS
+from lrbc_cli.updating.scale import LEAST_LINES, POWERS
 
 #: Lines of a job that are looked at.
 LINES = 200
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
+
+#: A response that lies so much below its level in the reference job has no signal [dB]; gains of a ten are as much.
+OTHER_LEVEL_DB = 20.0
 
 #: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
 #: that what `check` finds does not depend on what else the machine does.
@@ -80,8 +84,14 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix without what is subtracted from it is none to compare with.
         lacking = _lacking(inputs, source)
-        told = [] if lacking else _told({name: _looked_at(inputs, source, measurements[name], name) for name in order})
-        return lacking + told, ""
+        if lacking:
+            return lacking, ""
+        told: dict[str, dict[tuple[object, ...], str]] = {}
+        for name in order:
+            # What is wrong with the reference job, too, does not show beside it.
+            tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
+            told[name] = _looked_at(inputs, source, measurements[name], name, tight)
+        return _told(told), ""
     except LrbcError as error:
         return [], f"measured and computed FRFs were not compared: {error.problem}"
 
@@ -107,18 +117,22 @@ def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
     return []
 
 
-def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name: str) -> dict[tuple[object, ...], str]:
-    """What is found of one job, each under what tells whether another job has it, too."""
+def _looked_at(
+    inputs: Inputs, source: FrfSource, measurement: Measurement, name: str, tight: Measurement | None = None
+) -> dict[tuple[object, ...], str]:
+    """What is found of one job, each under what tells whether another job has it, too; beside the model, and the reference job if given."""
     size = measurement.frequency_hz.size
     lines = np.unique(np.linspace(0, size - 1, min(size, LINES)).round().astype(np.int64))
     few = replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
     s = 2j * np.pi * few.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
-    states = _states(source, parameters, s)
+    states, loosened = _states(source, parameters, s)
+    beside = _beside(measurement, tight, lines, states[0])
+    states = np.concatenate([states, *beside])
     reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
     if reading is not None:
         return {("read",): reading.text}
-    near = _nearest(few, states)
+    near = [*_nearest(few, states), *(state[0] for state in beside)]
     told: dict[tuple[object, ...], str] = {}
     exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
@@ -130,14 +144,45 @@ def _looked_at(inputs: Inputs, source: FrfSource, measurement: Measurement, name
     for cycle in exchanges:
         told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
     if not told and name == inputs.campaign.update.reference:
-        told |= _unlike(inputs, few.values, s, states[0], parameters)
+        told |= _unlike(inputs, few.values, s, states, loosened, parameters)
+    if not told and beside:
+        told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
+        told |= _without_signal(inputs, few.values, beside[0][0], name)
     return told
 
 
-def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> Complexes:
-    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds: each, neighbours together, all."""
+def _without_signal(inputs: Inputs, measured: Complexes, tight: Complexes, job: str) -> dict[tuple[object, ...], str]:
+    """Responses whose level has left that of the reference job, the others' not: no bolt moves the median of a band by that much."""
+    reference = inputs.campaign.update.reference
+    change = np.nan_to_num(np.nanmedian(levels(measured) - levels(tight), axis=0))
+    change -= np.median(change)
+    return {
+        ("level", i): (
+            f"{inputs.responses[i].name} lies {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} its level in {reference}, "
+            "the other responses do not: was the sensor or its cable off, or another range or sensitivity set? Measure it again, or leave "
+            f"it out of {job}"
+        )
+        for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
+    }
+
+
+def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
+    """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by what the model lacks.
+
+    A response that it lacks is the model's, ``model`` (F, R).
+    """
+    axis = measurement.frequency_hz
+    if tight is None or axis.shape != tight.frequency_hz.shape or not np.allclose(axis, tight.frequency_hz, rtol=1e-6):
+        return []
+    values = tight.values[lines]
+    held = (np.isfinite(values) & (values != 0)).sum(axis=0) >= 2 * LEAST_LINES
+    return [np.where(held, values, model)[None]]
+
+
+def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
+    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
     start = parameters.initial
-    states = [start]
+    states, loosened = [start], [np.zeros(0, dtype=np.int64)]
     for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
         width = 1
         while group.kind == "stiffness" and width < 2 * group.count:
@@ -146,12 +191,13 @@ def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> Co
                 at = np.arange(where.start + first, min(where.start + first + width, where.stop))
                 loose[at] = group.bounds[at - where.start, 0]
                 states.append(loose)
+                loosened.append(at)
             width *= 2
     key = b"states" + s.tobytes()
     if key not in source.known:
         source.known[key] = source.model(s, parameters).nearby(start)(np.array(states[:MOST_STATES]))
     found: Complexes = source.known[key]
-    return found
+    return found, loosened[:MOST_STATES]
 
 
 def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list[Complexes]:
@@ -164,9 +210,10 @@ def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list
 
 
 def _unlike(
-    inputs: Inputs, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
+    inputs: Inputs, measured: Complexes, s: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation
 ) -> dict[tuple[object, ...], str]:
     """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame."""
+    model = states[0]
     every = apart(measured, model)
     own = every[inputs.used]
     typical = float(np.median(every))
@@ -180,14 +227,40 @@ def _unlike(
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
             "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
             "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
+            f"{_looser(inputs, measured, states, loosened, parameters, typical)}"
         )
-    alone = outlying(every)
-    for i in alone:
+    return told | _alone(inputs, every, "the model")
+
+
+def _looser(
+    inputs: Inputs, measured: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation, typical: float
+) -> str:
+    """What the tight state looks like where some values are free, in a clause; empty where that is not clearly nearer."""
+    distances = np.median(apart(measured, states[: len(loosened)]), axis=1)
+    best = int(np.argmin(distances))
+    if distances[best] > CLEARLY * typical or not loosened[best].size:
+        return ""
+    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+        if where.start <= loosened[best][0] < where.stop:
+            at = loosened[best] - where.start
+            owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
+            named = ", ".join(dict.fromkeys(owners)) or f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
+            return f". With {named} free they are {distances[best]:.1f} dB apart: was all tight there?"
+    return ""
+
+
+def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> dict[tuple[object, ...], str]:
+    """Responses that lie far from where they should, alone; (R,) distances [dB], of a job beside the reference job if one is named."""
+    told: dict[tuple[object, ...], str] = {}
+    for i in outlying(every):
         response = inputs.responses[i].name
+        causes = f"check the place and the component of responses.{response} (lrbc check --picture), and that the channel is not another"
+        causes += " sensor's"
+        if job is not None:
+            causes = f"was its sensor dead, overloaded or moved, or another one plugged in? Measure it again, or leave it out of {job}"
         told["alone", i] = (
-            f"{response} lies {every[i]:.1f} dB from the model, constants taken out, where the median of all responses is "
-            f"{typical:.1f} dB: check the place and the component of responses.{response} (lrbc check --picture), and that the "
-            "channel is not another sensor's"
+            f"{response} lies {every[i]:.1f} dB from {of}, constants taken out, where the median of all responses is "
+            f"{float(np.median(every)):.1f} dB: {causes}"
         )
     return told
 

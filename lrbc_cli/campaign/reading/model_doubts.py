@@ -20,7 +20,7 @@ from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
 from lrbc_cli.reduction.vectors import highest_omega
-from lrbc_cli.updating.places import Edge, Joints, spots
+from lrbc_cli.updating.places import Edge, Joints, misplaced, spots
 
 #: Stiffness that no structure has: a penalty [N/m, or N/mm].
 PENALTY = 1e30
@@ -378,8 +378,21 @@ def _exceeded(model: FeModel, group: TermGroup) -> bool:
     return bool(np.any(share < group.config.baseline * norm * (1 - 1e-9)))
 
 
-def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
-    """Most of the bolts beside all terms."""
+def misplaced_bolts(groups: Sequence[TermGroup], bolts: PointTable | None) -> str | None:
+    """That all bolts would be reached by terms if the bolts file were read otherwise, in words; None where nothing says so."""
+    otherwise = None if bolts is None else misplaced(_reaching(groups), bolts.xyz)
+    if bolts is None or otherwise is None:
+        return None
+    lost = [name for name, spot in zip(bolts.name, spots(_reaching(groups), bolts.xyz), strict=True) if isinstance(spot, str)]
+    named = f"{', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}"
+    return (
+        f"{named} of the bolts file lie{'s' if len(lost) == 1 else ''} beside all identified terms; with {otherwise} every bolt lies at "
+        "some: was it written in other axes or from another origin?"
+    )
+
+
+def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
+    """What can reach a bolt."""
     values: list[Edge | Joints] = []
     for group in groups:
         zero = np.zeros(group.count)
@@ -387,6 +400,16 @@ def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iter
             values.append(Joints(zero, np.inf, None, group.bolt))
         elif group.config.kind == "stiffness" and group.xyz is not None and group.arc_length is not None:
             values.append(Edge(group.xyz, group.arc_length, zero, np.inf, None))
+    return values
+
+
+def _out_of_reach(groups: Sequence[TermGroup], bolts: PointTable | None) -> Iterator[str]:
+    """Bolts beside all terms: most of them, or so that they would lie at terms if they were read otherwise."""
+    elsewhere = misplaced_bolts(groups, bolts)
+    if elsewhere is not None:
+        yield f"{elsewhere} Correct it, or leave out what no term reaches: no all-clear till then (lrbc check --picture shows the places)"
+        return
+    values = _reaching(groups)
     found = spots(values, bolts.xyz) if bolts is not None and values else []
     lost = [name for name, spot in zip(() if bolts is None else bolts.name, found, strict=False) if isinstance(spot, str)]
     if 2 * len(lost) > len(found):

@@ -159,6 +159,18 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(max(1.0 - factor, 0.0), scaled)) * float(each.sum()):
         return
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
+    if lacking < (share + max(1.0 - factor, 0.0)) * float(each.sum()):
+        settings = inputs.campaign.calibration
+        raise DataError(
+            f"parameters.{group.name}.baseline: the calibration takes more of the springs in the matrix than it may",
+            file=inputs.campaign.path,
+            place="calibration.factors",
+            expected=f"stiffness.structure of at least {1.0 - scaled:g} where springs are subtracted: it scales those in the matrix, too",
+            found=f"stiffness.structure {factor:.3g}",
+            hint="a calibration corrects some per cent: check thickness, Young's modulus, density and mass sum of the model, whether all "
+            f"bolts were tight in {'its job' if settings is None else settings.job}, and the bounds (log10) of parameters.{group.name}; "
+            "then run `lrbc calibrate` anew",
+        )
     hint = lacking_springs(inputs.model, group, inputs.dofs) or (
         "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
     )
