@@ -189,6 +189,18 @@ def some(factor: float, *channels: int) -> Rows:
     return as_complex(change)
 
 
+def without_signal(channel: int) -> Rows:
+    """What is left of a channel whose cable is off: noise of its front end."""
+    rng = np.random.default_rng(3)
+
+    def change(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+        noise = rng.normal(size=(2, values.shape[0]))
+        values[:, channel] = 1e-3 * np.median(np.abs(values[:, channel])) * (noise[0] + 1j * noise[1])
+        return values
+
+    return as_complex(change)
+
+
 def matrix_times(name: str, factor: float) -> Damage:
     """A Matrix Market file with other numbers, under another name."""
 
@@ -772,6 +784,46 @@ MISTAKES = [
     Mistake("no such response", "frame", config(("acc2, acc3]", "acc2, acc5]")), 2, "'acc5'", "did you mean 'acc4'?"),
     Mistake("no blank after a colon", "frame", config(("output: out", "output:out")), 2, "line 16", "a blank after the colon"),
     Mistake(
+        "bolts from another origin",
+        "frame",
+        numbers("model/bolts.csv", lambda r: r - [0.0, 0.2, 0.0]),
+        0,
+        "B1, B2, B3 of the bolts file lie beside all identified terms",
+        "with +0.2 m in Y added every bolt lies at some",
+    ),
+    Mistake(
+        "a measurement that no job names",
+        "frame",
+        lambda folder: shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv"),
+        0,
+        "no job names monday.csv",
+        "add a job for it",
+    ),
+    Mistake(
+        "a cable off in one job",
+        "frame",
+        numbers(FRFS[1], without_signal(2)),
+        0,
+        "dB below its level in tight, the other responses do not",
+        "Measure it again, or leave it out of loose-2",
+    ),
+    Mistake(
+        "reference measured with loose bolts",
+        "plate",
+        lambda folder: shutil.copy(folder.data / "frf" / "b5-loose.uff", folder.data / "frf" / "tight-1.uff"),
+        0,
+        "With B5 free they are",
+        "was all tight there?",
+    ),
+    Mistake(
+        "hammer and sensors mirrored",
+        "plate",
+        config(*((f"near: [{x}, {y}, 4]", f"near: [{300 - float(x):.3f}, {y}, 4]") for x, y in PLACES)),
+        0,
+        "at other nodes of the model than the campaign says, which lie as its places do, but mirrored or turned",
+        "give hammer, sensors and bolts in the axes of the model",
+    ),
+    Mistake(
         "coherence of something else",
         "frame",
         all_of(
@@ -875,3 +927,34 @@ def test_factors_that_explain_nothing_cost_a_few_full_lines_each(tmp_path: Path,
     monkeypatch.setattr(rescaled, "MOST_WORK", 1e3)
     assert rescaled.rescaled_text(inputs, s, 10.0**noise, smooth, dynamic, 6.0) is None
     assert len(solved) == 8
+
+
+def test_bolts_that_may_lie_elsewhere_are_no_all_clear(tmp_path: Path) -> None:
+    """A loose bolt stood beside all terms, and the others were clear."""
+    folder = make_frame(tmp_path)
+    numbers("model/bolts.csv", lambda r: r - [0.0, 0.2, 0.0])(folder)
+    assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight", "--job", "loose-2").code == 0
+    valid = folder.result("loose-2")["validity"]
+    assert valid["passed"] is not True
+    assert "was it written in other axes or from another origin?" in valid["reason"]
+
+
+def test_a_measurement_that_no_job_names_is_told_beside_an_all_clear(tmp_path: Path) -> None:
+    folder = make_frame(tmp_path)
+    shutil.copy(folder.data / FRFS[1], folder.data / "frf" / "monday.csv")
+    done = lrbc("update", folder.config, "--cache", reduced_cache("frame"))
+    assert "no job names monday.csv" in done.stderr
+    alone = lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight")
+    assert "monday" not in alone.stderr
+
+
+@pytest.mark.slow
+def test_a_calibration_that_takes_the_springs_with_it_says_so(tmp_path: Path) -> None:
+    """The plate a third too stiff: table and matrix of the springs are right, what the calibration makes of them is not."""
+    folder = make_plate(tmp_path)
+    triplets_times("plate.sti.gz", 1.35)(folder)
+    text("bushings.csv", lambda t: re.sub(r"([\d.e+]+)$", lambda m: f"{1.35 * float(m[1]):.6g}", t, flags=re.MULTILINE))(folder)
+    done = lrbc("run", folder.config, "--cache", tmp_path / "cache")
+    assert done.code == 3
+    assert "the calibration takes more of the springs in the matrix than it may" in done.stderr
+    assert "check thickness, Young's modulus" in done.stderr

@@ -8,7 +8,7 @@ import pytest
 from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule
 from lrbc_cli.updating.decide import judge as decide
 from lrbc_cli.updating.evidence import Evidence
-from lrbc_cli.updating.places import Edge, Joints, at_bolts, foot, pitch_of, places
+from lrbc_cli.updating.places import Edge, Joints, at_bolts, foot, misplaced, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)
 XYZ = np.column_stack([0 * Y, Y, 0 * Y])
@@ -250,3 +250,26 @@ class TestJoints:
         alone = at_bolts([edge(profile(4.5, 2.0, (4,)), profile(4.5))], names[:-1], BOLTS)
         assert found[3].difference == -2.0
         assert [bolt.difference for bolt in (*found[:3], *found[4:])] == [bolt.difference for bolt in alone]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda xyz: xyz, None),
+        (lambda xyz: xyz + np.array([0.0, 0.02, 0.0]), None),
+        (lambda xyz: xyz - np.array([0.0, 0.2, 0.0]), "+0.2 m in Y added"),
+        (lambda xyz: xyz + np.array([0.3, 0.2, 0.0]), "-0.28 m in X and -0.2 m in Y added"),
+        (lambda xyz: xyz[:, [1, 0, 2]], "X and Y exchanged"),
+        # Twice as many along twice the length: no other origin brings all of them to the terms.
+        (lambda xyz: np.vstack([xyz, xyz + np.array([0.0, 0.45, 0.0])]), None),
+        # All round a plate, of which one edge is identified.
+        (lambda xyz: np.vstack([xyz, xyz[:, [1, 0, 2]], xyz + np.array([0.5, 0.0, 0.0])]), None),
+    ],
+)
+def test_bolts_in_other_axes_or_from_another_origin(change, said):
+    found = misplaced([edge(np.zeros(Y.size))], change(BOLTS))
+    assert found == said
+
+
+def test_joints_lie_where_they_own_terms():
+    assert misplaced([Joints(np.zeros(2), np.inf, None, np.array([0, 1]))], BOLTS) is None
