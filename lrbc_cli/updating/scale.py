@@ -376,16 +376,15 @@ def grouped(offsets: Sequence[Offset], quantities: Sequence[str]) -> tuple[Commo
         Of all responses.
     """
     named = [o for o in offsets if o.named]
-    if named and len({quantities[o.response] for o in offsets}) == 1:
-        # One front end, one file: where all of them may share it, what is clear of some is meant of all.
-        power, middle = named[0].power, float(np.median([o.db for o in offsets]))
-        if all(o.power == power and abs(o.db - middle) <= min(max(MOST_REACH, o.half), 2 * MOST_REACH) for o in offsets):
-            named = list(offsets)
-    left = sorted(named, key=lambda o: (o.half, o.response))
+    # One front end, one file: where all may share a factor, what is clear of some is meant of all.
+    middle = float(np.median([o.db for o in offsets])) if offsets else 0.0
+    alike = all(o.power == named[0].power and abs(o.db - middle) <= MOST_REACH + LEAST_REACH for o in offsets) if named else False
+    shared = alike and len({quantities[o.response] for o in offsets}) == 1
+    left = sorted(offsets if shared else named, key=lambda o: (not o.named, o.half, o.response))
     found = []
     while left:
         first = left[0]
-        group = [o for o in left if o.power == first.power and abs(o.db - first.db) <= max(MOST_REACH, o.half + first.half)]
+        group = [o for o in left if shared or (o.power == first.power and abs(o.db - first.db) <= max(MOST_REACH, o.half + first.half))]
         left = [o for o in left if o not in group]
         middle = float(np.median([o.db for o in group]))
         table = known_factors(moved(quantities[first.response], first.power) or quantities[first.response])

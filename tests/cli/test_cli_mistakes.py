@@ -640,8 +640,8 @@ MISTAKES = [
         "frame",
         numbers("model/bolts.csv", lambda r: r[:, [1, 0, 2]]),
         0,
-        "4 of 6 bolts",
-        "bolts file",
+        "B3, B4, B5, B6 of the bolts file lie beside all identified terms",
+        "with X and Y exchanged every bolt lies at some",
     ),
     Mistake(
         "row of a bolt copied, its name not changed",

@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text, outlying
+from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
@@ -159,7 +159,10 @@ def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
         what = f"{worst.db:+.2f} dB" + (f" and (2 pi f)^{worst.power}" if worst.power else "")
         left = f"{worst.before:.1f} dB, {worst.after:.1f} without it"
         return f"a constant factor explains most of the misfit of {inputs.responses[worst.response].name}: {what} ({left})"
-    worst = max(offsets, key=lambda offset: abs(offset.db))
+    constant = [offset for offset in offsets if not offset.power]
+    if not constant:
+        return "the misfit is not a constant factor"
+    worst = max(constant, key=lambda offset: abs(offset.db))
     return (
         f"the misfit is not a constant factor: the largest, {worst.db:+.2f} dB in {inputs.responses[worst.response].name}, leaves "
         f"{worst.after:.1f} of {worst.before:.1f} dB"
@@ -176,8 +179,10 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
     return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
 
 
-def own_fault_text(inputs: Inputs, misfits: Floats, reference: str) -> str:
+def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, levels_off: str = "") -> str:
     """What to look at where the model explains the reference job and not this one: in this measurement, in a clause."""
+    if levels_off:
+        return f"{reference} is explained, so that the fault is likely in this measurement; {levels_off}"
     alone = outlying(misfits)
     names = ", ".join(inputs.responses[i].name for i in alone)
     typical = float(np.nanmedian(misfits))
@@ -188,6 +193,14 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str) -> str:
         what = f"{names} alone {lie} far off ({far:.1f} dB and more, {typical:.1f} dB in the median of all): was a sensor "
         what += "overloaded, moved, turned or exchanged?"
     return f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again"
+
+
+def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
+    """Responses that have left their level in the reference job, in words; empty where none has, or the lines are others."""
+    own, tight = result.measurement, result.tight
+    if tight is None or own.values.shape != tight.values.shape:
+        return ""
+    return "; ".join(off_level(inputs, own.values, tight.values, reference, result.name).values())
 
 
 def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
@@ -252,7 +265,7 @@ def doubts(
     swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
-        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job)}"
+        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, _levels_off(inputs, result, reference.job))}"
     job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name)]
     noise = noise_level(result.measurement, job, inputs.used)

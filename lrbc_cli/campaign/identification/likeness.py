@@ -21,6 +21,9 @@ ALONE = 3.0
 #: What may be left then [dB].
 MOST_LEFT = 6.0
 
+#: A response that lies so much below its level in the reference job has no signal [dB]; a gain of ten is as much.
+OTHER_LEVEL_DB = 20.0
+
 #: Numbers whose imaginary parts are smaller by this factor have none.
 REAL = 1e-9
 
@@ -51,6 +54,32 @@ def outlying(misfits: Floats) -> list[int]:
     typical = float(np.nanmedian(misfits))
     alone: list[int] = np.flatnonzero(misfits > max(ALONE * typical, typical + LEAST_DIFFERENCE)).tolist()
     return alone if 2 * len(alone) < misfits.size else []
+
+
+def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: str, job: str) -> dict[int, str]:
+    """Responses whose level has left that of the reference job, the others' not, in words: no bolt moves the median of a band so far.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measured, tight : (F, R) complex arrays
+        Of a job and of the reference job, on the same lines.
+    reference, job : str
+    """
+    held = np.isfinite(levels(measured) - levels(tight)).sum(axis=0) >= LEAST_LINES
+    if held.sum() < 2:
+        return {}
+    change = np.zeros(held.size)
+    change[held] = np.nanmedian(levels(measured[:, held]) - levels(tight[:, held]), axis=0)
+    change[held] -= np.median(change[held])
+    return {
+        i: (
+            f"{inputs.responses[i].name} lies {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} its level in {reference}, "
+            "the other responses do not: was the sensor or its cable off, or another range or sensitivity set? Measure it again, or leave "
+            f"it out of {job}"
+        )
+        for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
+    }
 
 
 def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:

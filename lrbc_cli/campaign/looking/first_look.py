@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.likeness import (
     exchanged,
     exchanged_text,
     levels,
+    off_level,
     other_reading,
     outlying,
     spread,
@@ -39,9 +40,6 @@ LINES = 200
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
-
-#: A response that lies so much below its level in the reference job has no signal [dB]; gains of a ten are as much.
-OTHER_LEVEL_DB = 20.0
 
 #: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
 #: that what `check` finds does not depend on what else the machine does.
@@ -147,23 +145,9 @@ def _looked_at(
         told |= _unlike(inputs, few.values, s, states, loosened, parameters)
     if not told and beside:
         told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
-        told |= _without_signal(inputs, few.values, beside[0][0], name)
+        away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)
+        told |= {("level", i): text for i, text in away.items()}
     return told
-
-
-def _without_signal(inputs: Inputs, measured: Complexes, tight: Complexes, job: str) -> dict[tuple[object, ...], str]:
-    """Responses whose level has left that of the reference job, the others' not: no bolt moves the median of a band by that much."""
-    reference = inputs.campaign.update.reference
-    change = np.nan_to_num(np.nanmedian(levels(measured) - levels(tight), axis=0))
-    change -= np.median(change)
-    return {
-        ("level", i): (
-            f"{inputs.responses[i].name} lies {abs(change[i]):.0f} dB {'below' if change[i] < 0 else 'above'} its level in {reference}, "
-            "the other responses do not: was the sensor or its cable off, or another range or sensitivity set? Measure it again, or leave "
-            f"it out of {job}"
-        )
-        for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
-    }
 
 
 def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:

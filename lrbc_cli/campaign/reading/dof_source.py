@@ -249,7 +249,7 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     given = np.flatnonzero(~np.char.startswith(dofs.component, "INNER"))
     entries, xyz = K[given][:, given].tocoo(), dofs.xyz[given]
     apart = _distances(xyz, entries.row, entries.col)
-    anew = _sorted_anew(dofs, given, entries, float(apart.mean()))
+    anew = _sorted_anew(dofs, given, entries, float(apart.mean()), isinstance(source, DofSource))
     if anew is not None:
         return anew
     # DOFs of one node tell nothing.
@@ -264,7 +264,7 @@ def order_doubt(K: sp.csc_array, dofs: DofTable, source: Path | DofSource | None
     )
 
 
-def _sorted_anew(dofs: DofTable, given: Integers, entries: sp.coo_array, own: float) -> str | None:
+def _sorted_anew(dofs: DofTable, given: Integers, entries: sp.coo_array, own: float, meshed: bool) -> str | None:
     """That the rows of the table were sorted and numbered anew: sorted as they were, DOFs that the matrix connects lie much nearer."""
     places = dict(zip("xyz", dofs.xyz[given].T, strict=True))
     axes = [axis for axis, values in places.items() if np.ptp(values) > 0.0]
@@ -276,10 +276,15 @@ def _sorted_anew(dofs: DofTable, given: Integers, entries: sp.coo_array, own: fl
     text = min(mean, key=lambda name: mean[name])
     if mean[text] > NEARER * own:
         return None
+    causes = (
+        "was the table sorted in a spreadsheet, and its column dof filled down anew? Take the table as it was exported, or sort its rows "
+        "so, and number the column dof from 0 then"
+    )
+    if meshed:
+        causes = "is the file of nodes that of another mesh, or its mapping of another run? Export matrices, mapping and nodes of one model"
     return (
         f"the rows of the matrices are sorted {text}, it seems, the DOF table is not: DOFs that the stiffness connects lie {own:.3g} m "
-        f"apart in the mean, sorted so {mean[text]:.3g} m; was the table sorted in a spreadsheet, and its column dof filled down anew?"
-        " Take the table as it was exported, or sort its rows so, and number the column dof from 0 then"
+        f"apart in the mean, sorted so {mean[text]:.3g} m; {causes}"
     )
 
 
