@@ -23,7 +23,7 @@ REFERENCE, BASELINE, JOB = "reference", "baseline", "job"
 
 
 @dataclass(frozen=True)
-class Scatter:
+class TightScatter:
     """Changes between tight states.
 
     Attributes
@@ -39,7 +39,7 @@ class Scatter:
 
 
 #: Of a campaign without baselines.
-NO_SCATTER = Scatter()
+NO_SCATTER = TightScatter()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +97,7 @@ class DecisionRule:
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
 
-    def scatter(self, measured: Scatter, joint: bool) -> float:
+    def scatter(self, measured: TightScatter, joint: bool) -> float:
         """Standard deviation of the changes between tight states [decades]: as baselines tell it, or of joints without any as assumed."""
         if not joint:
             return measured.rms
@@ -241,7 +241,7 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     return Validity(passed=None, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason, unvalidated=unvalidated)
 
 
-def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Scatter = NO_SCATTER) -> Judgement:
+def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: TightScatter = NO_SCATTER) -> Judgement:
     """Judge the bolts of a job.
 
     Parameters
@@ -250,7 +250,7 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Scat
     rule : DecisionRule
     role : str
         ``reference``, ``baseline`` or ``job``.
-    scatter : Scatter
+    scatter : TightScatter
         Of the changes between tight states, see ``scatter_of``; none where there is only one.
 
     Returns
@@ -309,7 +309,7 @@ def _alternatives(evidence: Evidence, verdicts: Sequence[BoltVerdict]) -> tuple[
 
 
 def _verdict(
-    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: Scatter, level: float, explained: bool
+    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float, explained: bool
 ) -> BoltVerdict:
     """On one bolt; ``level`` is that of the others."""
     if not evidence.along_edges:
@@ -338,7 +338,7 @@ def _verdict(
 
 
 def _by_role(
-    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: Scatter, level: float
+    bolt: BoltEvidence, evidence: Evidence, rule: DecisionRule, role: str, scatter: TightScatter, level: float
 ) -> tuple[str, str | None, float | None, float | None, float | None, float | None]:
     """Verdict, note, change and its standard deviation, probability of being loose, threshold."""
     if role == REFERENCE:
@@ -384,11 +384,11 @@ def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:
     return None
 
 
-def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> Scatter:
+def scatter_of(baselines: Iterable[Sequence[BoltVerdict]]) -> TightScatter:
     """Root mean square of the changes at the bolts of further tight jobs, and how many of these tell it."""
     told = [
         [bolt.change for bolt in bolts if bolt.change is not None and bolt.change_std is not None and bolt.verdict != UNDECIDED]
         for bolts in baselines
     ]
     changes = [change for own in told for change in own]
-    return Scatter(float(np.sqrt(np.mean(np.square(changes)))), sum(bool(own) for own in told)) if changes else NO_SCATTER
+    return TightScatter(float(np.sqrt(np.mean(np.square(changes)))), sum(bool(own) for own in told)) if changes else NO_SCATTER

@@ -333,8 +333,15 @@ def test_a_baseline_that_the_matrix_does_not_hold(box: Folder) -> None:
             assert part in result.stderr
 
 
-@pytest.mark.parametrize(("field", "factor", "holds"), [("structure", 0.97, True), ("structure", 0.5, False), ("acoustic", 0.97, False)])
-def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, field: str, factor: float, holds: bool) -> None:
+@pytest.mark.parametrize(
+    ("field", "factor", "refused"),
+    [
+        ("structure", 0.97, ""),
+        ("structure", 0.5, "the calibration takes more of the springs in the matrix than it may"),
+        ("acoustic", 0.97, "does not hold what is subtracted"),
+    ],
+)
+def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, field: str, factor: float, refused: str) -> None:
     """A few per cent are no other matrix; what hides a loss of ten times stays an error."""
     path = box.data / "K.mtx"
     K = scipy.io.mmread(path, spmatrix=False).toarray()
@@ -348,10 +355,10 @@ def test_a_calibration_lowers_the_springs_in_the_matrix_too(box: Folder, field: 
     with pytest.raises(DataError, match="does not hold what is subtracted"):
         obtain_reduction(inputs, cache)
     used = replace(inputs, calibration=CalibrationUse(True, "used", factors={f"stiffness.{field}": factor}))
-    if holds:
+    if not refused:
         assert obtain_reduction(used, cache).reduction.reached
     else:
-        with pytest.raises(DataError, match="does not hold what is subtracted"):
+        with pytest.raises(DataError, match=refused):
             obtain_reduction(used, cache)
 
 

@@ -11,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.decide import BASELINE, JOB, NO_SCATTER, REFERENCE, BoltVerdict, DecisionRule, Scatter, judge, scatter_of, validity
+from lrbc_cli.updating.decide import (
+    BASELINE,
+    JOB,
+    NO_SCATTER,
+    REFERENCE,
+    BoltVerdict,
+    DecisionRule,
+    TightScatter,
+    judge,
+    scatter_of,
+    validity,
+)
 from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
 from lrbc_cli.updating.mixture import ChangeSamples
 from lrbc_cli.updating.priors import BoltPrior
@@ -42,7 +53,7 @@ def changed(mean: float, std: float, **kwargs: Any) -> BoltEvidence:
     return replace(PLACE, difference=mean, change=Change(mean=mean, std=std, **kwargs))
 
 
-def one(bolt: BoltEvidence, rule: DecisionRule = RULE, role: str = JOB, scatter: Scatter = NO_SCATTER, **kwargs: Any) -> BoltVerdict:
+def one(bolt: BoltEvidence, rule: DecisionRule = RULE, role: str = JOB, scatter: TightScatter = NO_SCATTER, **kwargs: Any) -> BoltVerdict:
     return judge(evidence(bolt, **kwargs), rule, role, scatter).bolts[0]
 
 
@@ -79,23 +90,23 @@ class TestByTheChange:
 
     def test_scatter_of_tight_states(self) -> None:
         """It widens the interval, and moves the threshold once four of it lie beyond."""
-        assert one(changed(0.0, 0.1), scatter=Scatter(0.1, 1)).threshold == -0.5
-        assert one(changed(0.0, 0.1), scatter=Scatter(0.3, 1)).threshold == pytest.approx(-RULE.scatter_margin * 0.3)
+        assert one(changed(0.0, 0.1), scatter=TightScatter(0.1, 1)).threshold == -0.5
+        assert one(changed(0.0, 0.1), scatter=TightScatter(0.3, 1)).threshold == pytest.approx(-RULE.scatter_margin * 0.3)
         assert one(changed(-0.75, 0.1)).verdict == "loose"
-        assert one(changed(-0.75, 0.1), scatter=Scatter(0.3, 1)).verdict == "undecided"
-        assert one(changed(-2.0, 0.1), scatter=Scatter(0.3, 1)).verdict == "loose"
-        assert one(changed(0.0, 0.1), scatter=Scatter(0.1, 1)).change_std == pytest.approx(np.hypot(0.1, 0.1))
+        assert one(changed(-0.75, 0.1), scatter=TightScatter(0.3, 1)).verdict == "undecided"
+        assert one(changed(-2.0, 0.1), scatter=TightScatter(0.3, 1)).verdict == "loose"
+        assert one(changed(0.0, 0.1), scatter=TightScatter(0.1, 1)).change_std == pytest.approx(np.hypot(0.1, 0.1))
 
     def test_scatter_of_tight_joints(self) -> None:
         """Most of it is what tight joints do, no error of a change: a decade is found, half of one is neither tight nor loose."""
 
         def of(mean: float, std: float = 0.05) -> BoltVerdict:
-            return one(replace(changed(mean, std), joint=True), scatter=Scatter(0.28, 1))
+            return one(replace(changed(mean, std), joint=True), scatter=TightScatter(0.28, 1))
 
         assert of(0.0).threshold == pytest.approx(-RULE.joint_margin * 0.28)
         assert of(0.0).change_std == pytest.approx(np.hypot(0.05, RULE.joint_spread * 0.28))
         assert [of(mean).verdict for mean in (-0.4, -0.6, -1.0)] == ["tight", "undecided", "loose"]
-        assert one(changed(-1.0, 0.05), scatter=Scatter(0.28, 1)).verdict == "undecided"
+        assert one(changed(-1.0, 0.05), scatter=TightScatter(0.28, 1)).verdict == "undecided"
         # Without baselines only the threshold counts.
         assert one(replace(changed(-0.7, 0.05), joint=True)).verdict == "loose"
 
@@ -323,19 +334,19 @@ def test_scatter_is_the_rms_of_judged_changes() -> None:
     def tight(change: float | None, std: float | None = 0.1, word: str = "tight") -> BoltVerdict:
         return BoltVerdict(name="B", verdict=word, change=change, change_std=std)
 
-    assert scatter_of([]) == Scatter(0.0, 0)
+    assert scatter_of([]) == TightScatter(0.0, 0)
     found = scatter_of([[tight(0.3), tight(None), tight(9.0, None)], [tight(-0.4), tight(9.0, word="undecided")]])
     assert found.rms == pytest.approx(np.sqrt((0.09 + 0.16) / 2))
     assert found.baselines == 2
-    assert scatter_of([[tight(0.3)], [tight(9.0, word="undecided")]]) == Scatter(0.3, 1)
+    assert scatter_of([[tight(0.3)], [tight(9.0, word="undecided")]]) == TightScatter(0.3, 1)
 
 
 def test_little_scatter_of_joints_is_believed_of_several_baselines() -> None:
     """A dozen changes of one baseline tell their scatter to a factor of two; more than assumed is believed at once."""
-    found = [RULE.scatter(Scatter(0.05, count), joint=True) for count in (0, 1, 2, 10)]
+    found = [RULE.scatter(TightScatter(0.05, count), joint=True) for count in (0, 1, 2, 10)]
     assert found == [pytest.approx(s, abs=1e-4) for s in (0.2, 0.1658, 0.1458, 0.0935)]
-    assert RULE.scatter(Scatter(0.3, 1), joint=True) == 0.3
-    assert RULE.scatter(Scatter(0.05, 1), joint=False) == 0.05
+    assert RULE.scatter(TightScatter(0.3, 1), joint=True) == 0.3
+    assert RULE.scatter(TightScatter(0.05, 1), joint=False) == 0.05
 
 
 @pytest.mark.parametrize(
@@ -355,15 +366,15 @@ def test_joints_without_a_baseline_are_judged_by_an_assumed_scatter(
     mean: float, scatter: float, baselines: int, word: str, limit: float
 ) -> None:
     rule = replace(RULE, loose_change=RULE.mixture_change)
-    found = one(replace(changed(mean, 0.05), joint=True), rule, scatter=Scatter(scatter, baselines))
+    found = one(replace(changed(mean, 0.05), joint=True), rule, scatter=TightScatter(scatter, baselines))
     assert (found.verdict, found.threshold) == (word, pytest.approx(limit, abs=1e-4))
     edge = one(changed(mean, 0.05), rule)
     assert edge.threshold == rule.loose_change
 
 
-@pytest.mark.parametrize("scatter", [NO_SCATTER, *(Scatter(rms, 1) for rms in (0.1, 0.2, 0.3, 0.8))])
+@pytest.mark.parametrize("scatter", [NO_SCATTER, *(TightScatter(rms, 1) for rms in (0.1, 0.2, 0.3, 0.8))])
 @pytest.mark.parametrize("joint", [False, True])
-def test_a_bolt_that_the_data_do_not_see_is_never_tight(scatter: Scatter, joint: bool) -> None:
+def test_a_bolt_that_the_data_do_not_see_is_never_tight(scatter: TightScatter, joint: bool) -> None:
     """Its posterior is the prior, of which little lies below a threshold that wide scatter has lowered."""
     prior = BoltPrior()
     tight, loose, mean = (0.15, 0.8, -1.5) if joint else (0.05, 0.3, -0.6)

@@ -9,7 +9,7 @@ from typing import Any
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, TIGHT, BoltVerdict, DecisionRule, Judgement, Scatter, judge, scatter_of
+from lrbc_cli.updating.decide import BASELINE, JOB, REFERENCE, TIGHT, BoltVerdict, DecisionRule, Judgement, TightScatter, judge, scatter_of
 from lrbc_cli.updating.evidence import VALIDATION, Evidence
 
 #: Status of a job whose measurement the model does not explain.
@@ -150,7 +150,7 @@ def implausible(rule: DecisionRule, evidence: Evidence, judgement: Judgement) ->
     return [f"{names}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
 
 
-def scatter_of_records(baselines: Iterable[JobRecord]) -> Scatter:
+def scatter_of_records(baselines: Iterable[JobRecord]) -> TightScatter:
     """Scatter of the changes between tight states, of stored results [decades]."""
     return scatter_of(
         [BoltVerdict(name=bolt.name, verdict=bolt.verdict, change=bolt.change, change_std=bolt.change_std) for bolt in record.bolts]

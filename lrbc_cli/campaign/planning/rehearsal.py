@@ -30,7 +30,7 @@ from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, NO_SCATTER, TIGHT, Scatter, judge, scatter_of
+from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, NO_SCATTER, TIGHT, TightScatter, judge, scatter_of
 from lrbc_cli.updating.evidence import Evidence
 from lrbc_cli.updating.extended import ExtendedFrf
 from lrbc_cli.updating.information import LOSSES
@@ -141,7 +141,7 @@ class TightState:
     detuned: float
     measurement: Measurement
     record: JobRecord
-    scatter: Scatter = NO_SCATTER
+    scatter: TightScatter = NO_SCATTER
 
 
 def reference_measurement(inputs: Inputs) -> Measurement | None:
@@ -392,10 +392,10 @@ def threshold(inputs: Inputs, joints: bool) -> float:
     """Change below which `lrbc update` calls a bolt loose, before the scatter of baselines and loose neighbours lower it [decades]."""
     rule = inputs.method.rule
     change = rule.mixture_change if mixes(inputs) else rule.loose_change
-    return rule.limit(change, rule.scatter(Scatter(0.0, len(inputs.campaign.update.baselines)), joints), joints)
+    return rule.limit(change, rule.scatter(TightScatter(0.0, len(inputs.campaign.update.baselines)), joints), joints)
 
 
-def _scatter(inputs: Inputs) -> Scatter | None:
+def _scatter(inputs: Inputs) -> TightScatter | None:
     """That of the baselines that have a result, as ``lrbc update`` takes it; None where none of several has one: they are rehearsed too."""
     found = []
     for name in inputs.campaign.update.baselines:
