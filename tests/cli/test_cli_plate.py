@@ -17,7 +17,8 @@ from lrbc_cli.results.store import read_job
 pytestmark = pytest.mark.slow
 
 SAMPLE = ROOT / "data_samples" / "plate"
-VERDICTS = {"b5-loose": {"B5"}, "b3-half-b4-loose": {"B3", "B4"}}
+#: Bolts that are loose, and those that may be: half a decade is little more than one baseline tells that joints scatter by.
+VERDICTS = {"b5-loose": ({"B5"}, set[str]()), "b3-half-b4-loose": ({"B4"}, {"B3"})}
 
 
 @pytest.fixture(scope="module")
@@ -42,14 +43,15 @@ def test_the_written_campaign_finds_the_same(drafted: Path, tmp_path: Path) -> N
     config = ROOT / "configs" / "plate.yaml"
     done = lrbc("run", config, "--cache", drafted.parent / "cache", "--override", f"output={output.as_posix()}")
     assert done.code == 0, done.stderr
-    for name, loose in VERDICTS.items():
+    for name, (loose, likely) in VERDICTS.items():
         job = read_job(output, name)
         assert isinstance(job, JobRecord)
         assert {bolt.name for bolt in job.bolts if bolt.verdict == "loose"} == loose
-        assert {bolt.verdict for bolt in job.bolts} == {"loose", "tight"}
+        assert {bolt.name for bolt in job.bolts if bolt.verdict != "tight"} == loose | likely
+        assert all((bolt.probability_loose or 0.0) > 0.8 for bolt in job.bolts if bolt.name in likely)
         changes = {bolt.name: (bolt.change, bolt.change_std) for bolt in job.bolts}
         # What was drawn, less a torque that scatters by 6 % in both states; a bolt that is all but gone is hardly felt.
         for bolt, left in {"B5": 0.03, "B3": 0.3}.items():
-            if bolt in loose:
+            if bolt in loose | likely:
                 mean, std = changes[bolt]
                 assert mean == pytest.approx(np.log10(left), abs=3.0 * float(np.hypot(std, 0.04)))
