@@ -112,11 +112,10 @@ def cells(change: Callable[[np.ndarray], np.ndarray], form: str = "%.9g") -> Cal
 @pytest.mark.parametrize(
     "put",
     [
-        cells(lambda a: a, "%.4g"),
-        cells(lambda a: a * np.r_[1.0, np.full(8, 1.01)]),
-        cells(lambda a: a[::2]),
+        pytest.param(cells(lambda a: a, "%.4g"), id="four digits", marks=pytest.mark.slow),
+        pytest.param(cells(lambda a: a * np.r_[1.0, np.full(8, 1.01)]), id="another calibration"),
+        pytest.param(cells(lambda a: a[::2]), id="every second line", marks=pytest.mark.slow),
     ],
-    ids=["four digits", "another calibration", "every second line"],
 )
 def test_the_tight_state_under_another_name_is_no_all_clear(tmp_path: Path, put: Callable[[Folder], None]) -> None:
     folder = frame(tmp_path / "frame")

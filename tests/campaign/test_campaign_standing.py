@@ -73,6 +73,7 @@ needs_limits = pytest.mark.skipif(sys.platform == "win32", reason="no limit of t
 
 
 @needs_limits
+@pytest.mark.slow
 def test_a_passing_failure_of_the_reference_job(frame_once: Folder, tmp_path: Path) -> None:
     """Verdicts without it are given again as soon as it is there."""
     folder = two_jobs(tmp_path / "frame")

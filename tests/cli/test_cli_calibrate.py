@@ -279,6 +279,7 @@ class TestCampaignFile:
         assert place in outcome.stderr
         assert words in outcome.stderr
 
+    @pytest.mark.slow
     def test_a_loss_factor(self, tmp_path: Path) -> None:
         """What was put in comes out: of the campaign, and of a complex matrix; the commands use it."""
         folder = with_calibration(frame(tmp_path / "frame"), {"job": "tight", "factors": ["loss_factor.structure"], "boundary": "held"})

@@ -100,7 +100,7 @@ def done(lines: list[str]) -> list[str]:
     ("after", "pause", "args"),
     [
         pytest.param(1, 0.0, (), id="while-reducing", marks=pytest.mark.slow),
-        pytest.param("state-01", 0.02, (), id="within-a-job"),
+        pytest.param("state-01", 0.02, (), id="within-a-job", marks=pytest.mark.slow),
         pytest.param("state-01", 0.01, ("--workers", "2"), id="with-two-workers", marks=pytest.mark.slow),
     ],
 )

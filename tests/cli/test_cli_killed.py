@@ -117,13 +117,8 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
     assert outcome.json["kept"] == JOBS
 
 
-@pytest.mark.parametrize(
-    "file",
-    [
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("campaign.json", "reduction.json", "evidence.json", "campaign.csv")),
-        "result.json",
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["campaign.json", "reduction.json", "evidence.json", "campaign.csv", "result.json"])
 def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     folder = calibrated
     kill(folder, file, "update")

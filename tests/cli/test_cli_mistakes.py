@@ -908,6 +908,7 @@ def test_without_a_reduced_model_a_coarse_one_tells_as_much(tmp_path: Path, monk
     assert not folder.cache.exists()
 
 
+@pytest.mark.slow
 def test_factors_that_explain_nothing_cost_a_few_full_lines_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A soft model has thousands of modes in the band: reducing it took minutes."""
     solved = []

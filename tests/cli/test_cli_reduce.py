@@ -439,7 +439,8 @@ def spoil(folder: Folder, change) -> None:  # type: ignore[no-untyped-def]
         scipy.io.mmwrite(folder.data / f"{name}.mtx", sp.coo_array(matrix), symmetry="general", precision=17)
 
 
-@pytest.mark.parametrize("backend", [pytest.param("superlu", marks=pytest.mark.slow), "auto"])
+@pytest.mark.parametrize("backend", ["superlu", "auto"])
+@pytest.mark.slow
 def test_an_orphan_dof(tmp_path: Path, backend: str) -> None:
     folder = chain_folder(tmp_path / "new")
 

@@ -207,6 +207,7 @@ def test_colours_are_for_terminals(frame: Folder, monkeypatch: pytest.MonkeyPatc
     assert "\x1b" not in frame.run("status").stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a pseudo-terminal")
 def test_progress_is_cleared_before_a_result(frame: Folder) -> None:
     import pty
