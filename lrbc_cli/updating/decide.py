@@ -72,8 +72,8 @@ class DecisionRule:
         Standard deviation of the changes of joints between tight states where no baseline tells it [decades]: torques that scatter by 30 %
         in both states, and a seat. 0.18 to 0.28 on virtual rigs.
     joint_assumed : float
-        Baselines that count for less than that: the dozen changes of one had an rms of 0.06 to 0.36 decades on 22 virtual rigs whose tight
-        joints scatter by 0.16 to 0.23, and of the joints called loose for less nearly all were tight. A choice.
+        Baselines that ``joint_scatter`` counts as where those measured scatter less. A choice: a single one, of a dozen joints, stated 0.06
+        to 0.36 decades on 20 virtual campaigns whose tight joints scatter by 0.16 to 0.23.
     joint_spread : float
         Share of that scatter by which the posterior of a joint's change is widened: the rest is what tight joints do, not an error of this
         change. A choice.
