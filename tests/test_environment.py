@@ -24,8 +24,8 @@ def test_one_blas_thread_a_process():
     code = "import json, numpy, scipy.linalg, threadpoolctl; print(json.dumps(threadpoolctl.threadpool_info()))"
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     for pools in (threadpool_info(), json.loads(child.stdout)):
-        assert pools
-        assert {pool["num_threads"] for pool in pools} == {1}
+        # SciPy's reader of Matrix Market files, which counts threads of its own, is listed too once it is loaded.
+        assert {pool["num_threads"] for pool in pools if pool["user_api"] == "blas"} == {1}
 
 
 def test_lowest_versions_are_those_of_the_project():

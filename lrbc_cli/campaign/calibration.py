@@ -19,7 +19,7 @@ from lrbc_cli.results.store import read
 FILE = "calibration.json"
 
 #: Increased whenever the same input would give other factors.
-CALIBRATION_VERSION = 4
+CALIBRATION_VERSION = 5
 
 #: What of the update's settings a calibration follows.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")

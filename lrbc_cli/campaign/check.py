@@ -206,9 +206,8 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
-        if wide := too_wide(measurement.values[:, inputs.used]):
-            then = "wide intervals, other valleys of the cost, and no all-clear"
-            out.warnings.append(f"job {name}: {wide}, so that levels there say little; measure with closer lines, or expect {then}")
+        if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used])):
+            out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings

@@ -67,7 +67,7 @@ def require_real(inputs: Inputs) -> None:
         For a complex stiffness or damping matrix, and for a loss factor of a group.
     """
     config, name = inputs.campaign.model, complex_matrix(inputs.model)
-    factors = [f"parameters.{group.name}.damping" for group in inputs.groups if group.config.damping is not None and group.loss_factor]
+    factors = [f"parameters.{group.name}.damping" for group in inputs.groups if group.damping is not None and group.loss_factor]
     if isinstance(config.damping, ProportionalDamping) and (config.damping.structure.loss_factor or config.damping.acoustic.loss_factor):
         factors.insert(0, "model.damping")
     if name or factors:

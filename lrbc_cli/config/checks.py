@@ -8,7 +8,7 @@ from lrbc_cli.config.calibration import FACTOR_NAMES, FIELDS
 from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import RESERVED_JOBS, MatrixRef
-from lrbc_cli.config.structure import GroupConfig, PointConfig, ProportionalDamping
+from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig, PointConfig, ProportionalDamping
 
 
 def check_references(campaign: Campaign) -> None:
@@ -201,9 +201,12 @@ def _selections_by_table(campaign: Campaign) -> Iterator[tuple[str, ...]]:
 
 def _check_beta(campaign: Campaign, name: str, group: GroupConfig) -> None:
     damping = campaign.model.damping
-    if group.damping is None or any(group.damping.coefficients(damping)):
+    tied = group.damping
+    if not isinstance(tied, GroupDampingConfig) or any(tied.coefficients(damping)):
         return
     found = "a damping matrix" if isinstance(damping, MatrixRef) else "no model.damping.structure.beta or loss_factor above 0"
+    if tied.beta is not None or tied.loss_factor is not None:
+        found = "both 0"
     raise campaign.error(
         "damping tied to the stiffness needs a coefficient beta or a loss factor",
         "parameters",
@@ -211,5 +214,5 @@ def _check_beta(campaign: Campaign, name: str, group: GroupConfig) -> None:
         "damping",
         expected="parameters.NAME.damping.beta or loss_factor, or such damping of the structure",
         found=found,
-        hint="add 'beta:' here, in seconds, or 'loss_factor:'",
+        hint="give 'beta:' here, in seconds, or 'loss_factor:', above 0; 'damping: none' leaves the terms undamped",
     )

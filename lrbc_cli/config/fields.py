@@ -187,6 +187,14 @@ def _check_label(value: str) -> str:
 Component = Annotated[str, AfterValidator(_check_label), WithJsonSchema({"type": "string", "minLength": 1})]
 
 
+def check_inside(initial: float, bounds: tuple[float, float]) -> None:
+    """Refuse a start value outside its bounds."""
+    if not bounds[0] <= initial <= bounds[1]:
+        raise problem(
+            "a start value outside its bounds", "initial", expected=f"between {bounds[0]:g} and {bounds[1]:g}", found=f"{initial:g}"
+        )
+
+
 def check_unique(values: tuple[T, ...]) -> tuple[T, ...]:
     """Accept a list without repetition."""
     for index, value in enumerate(values):

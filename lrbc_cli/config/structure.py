@@ -23,6 +23,7 @@ from lrbc_cli.config.fields import (
     Quantity,
     Range,
     Strict,
+    check_inside,
     check_unique,
     problem,
 )
@@ -340,15 +341,17 @@ class GroupDampingConfig(Strict):
 
     @model_validator(mode="after")
     def _inside(self) -> GroupDampingConfig:
-        _check_inside(self.initial, self.bounds)
+        check_inside(self.initial, self.bounds)
         return self
 
 
-def _check_inside(initial: float, bounds: tuple[float, float]) -> None:
-    if not bounds[0] <= initial <= bounds[1]:
-        raise problem(
-            "a start value outside its bounds", "initial", expected=f"between {bounds[0]:g} and {bounds[1]:g}", found=f"{initial:g}"
-        )
+def _tied_form(value: object) -> str:
+    return "form:none" if isinstance(value, str) else "form:damping"
+
+
+TiedDamping = Annotated[
+    Annotated[GroupDampingConfig, Tag("form:damping")] | Annotated[Literal["none"], Tag("form:none")], Discriminator(_tied_form)
+]
 
 
 def _bounds_form(value: object) -> str:
@@ -409,8 +412,10 @@ class GroupConfig(Strict):
         description="Weights over neighbouring terms, an odd number, for instance [0.333333, 0.666667, 0.333333]; absent: none.",
     )
     normalised: bool = Field(default=False, description="Scale each row of smoothing weights to the sum 1, at the ends too.")
-    damping: GroupDampingConfig | None = Field(
-        default=None, description="Identify a damping exponent p_damp of a stiffness group too; absent: the terms are undamped."
+    damping: TiedDamping | None = Field(
+        default=None,
+        description="{initial:, bounds:, beta:, loss_factor:}, of a stiffness group whose damping exponent p_damp is identified, or the "
+        "word none: undamped. Absent: springs of bolts are damped as the structure in `model.damping`, with p_damp; others not at all.",
     )
 
     @property
@@ -436,7 +441,7 @@ class GroupConfig(Strict):
             if self.damping is not None:
                 raise problem(f"damping tied to a {self.kind} term", "damping", expected="only where kind is stiffness", hint="remove it")
         if self.start is not None and self.bounds != "auto":
-            _check_inside(self.start, self.bounds)
+            check_inside(self.start, self.bounds)
         if self.normalised and self.smoothing is None:
             raise problem("normalised rows without smoothing", "normalised", hint="add smoothing, or remove it")
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -215,7 +216,8 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
     sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
     compare with. Nor does a measurement that was not exchanged tell anything of the bolts. A limit that was raised lets bolts be judged,
-    but above the usual one nothing is validated.
+    but above the usual one nothing is validated, nor is a change from a reference job that is known to within the limit only: it is the
+    difference of two states, each as wrong as that one.
     """
     limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
     beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
@@ -232,9 +234,16 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
             within = False
             most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
             reason += f", but of the {of} of the reference job, with which it is compared, {most}"
-    worst = max(db for db in (misfit, fitted, evidence.reference_misfit_db, evidence.reference_used_misfit_db) if db is not None)
+    before = max(db or 0.0 for db in (evidence.reference_misfit_db, evidence.reference_used_misfit_db))
+    worst = max(db for db in (misfit, fitted, before) if db is not None)
     raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {USUAL_DB:g} dB" if worst > USUAL_DB else ""
+    both = math.hypot(before, before)
+    coarse = (
+        f"the model explains the reference job to {before:.2f} dB, so that a change from it, a difference of two such states, may err "
+        f"by {both:.2f} dB, above {USUAL_DB:g} dB: improve model or calibration"
+    )
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or raised
+    unvalidated = unvalidated or (coarse if both > USUAL_DB else "")
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"

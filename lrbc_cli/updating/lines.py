@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,45 +84,106 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
     return keep
 
 
-def unresolved(measured: Complexes, *, prominence_db: float = 6.0, drop_db: float = 6.0) -> tuple[int, int]:
-    """How many peaks of FRFs fall by more than ``drop_db`` to both neighbouring lines, and how many peaks there are.
+@dataclass(frozen=True)
+class Sharp:
+    """Peaks of FRFs, those of them that fall far to both neighbouring lines, and whether responses have these at the same lines.
+
+    Attributes
+    ----------
+    peaks : (p,) float array
+        Frequencies, of all responses [Hz].
+    sharp : (q,) float array
+        Of those that fall so far [Hz].
+    together : float
+        How many pairs of two responses' sharp peaks stand at one line.
+    chance : float
+        How many stand some lines apart, in the mean over the distances: as many stand together by chance.
+    """
+
+    peaks: Floats
+    sharp: Floats
+    together: float
+    chance: float
+
+
+def unresolved(
+    frequency_hz: Floats, measured: Complexes, *, prominence_db: float = 6.0, drop_db: float = 6.0, aside: Sequence[int] = range(2, 9)
+) -> Sharp:
+    """Peaks of FRFs that fall by more than ``drop_db`` to both neighbouring lines.
 
     At the half-power points a resonance lies 3 dB below its peak: where lines are no further apart than those, one of the two lines beside
     a peak lies within that.
 
     Parameters
     ----------
+    frequency_hz : (F,) float array
     measured : (F, R) complex array
         NaN where a response was not measured.
     prominence_db : float
         Of what counts as a peak.
     drop_db : float
         A choice, that noise and the place of the peak between two lines do not reach where it is resolved.
+    aside : sequence of int
+        Distances in lines at which pairs stand together by chance: near enough that peaks are as many there.
     """
-    sharp = total = 0
-    for response in measured.T:
-        valid = np.isfinite(response) & (np.abs(response) > 0)
-        if valid.sum() < 3:
+    peaks, sharp = np.zeros((2, *measured.shape), dtype=bool)
+    for r, response in enumerate(measured.T):
+        at = np.flatnonzero(np.isfinite(response) & (np.abs(response) > 0))
+        if at.size < 3:
             continue
-        level = decibel(response[valid])
-        peaks = peaks_of(level, prominence=prominence_db)
-        total += peaks.size
-        sharp += int(np.count_nonzero(level[peaks] - np.maximum(level[peaks - 1], level[peaks + 1]) > drop_db))
-    return sharp, total
+        level = decibel(response[at])
+        tops = peaks_of(level, prominence=prominence_db)
+        peaks[at[tops], r] = True
+        sharp[at[tops], r] = level[tops] - np.maximum(level[tops - 1], level[tops + 1]) > drop_db
+
+    def pairs(distance: int) -> float:
+        one, other = sharp[distance:].astype(float), sharp[: len(sharp) - distance].astype(float)
+        return float((one.sum(axis=1) * other.sum(axis=1) - (one * other).sum(axis=1)).sum())
+
+    chance = float(np.mean([pairs(d) for d in aside if d < len(sharp)] or [0.0]))
+    return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
 
 
-def too_wide(*measured: Complexes, most: float = 1 / 3) -> str | None:
-    """What to say of lines that do not resolve the peaks of FRFs; None where they do.
+def too_wide(*measured: tuple[Floats, Complexes], most: float = 1 / 3, noisy: float = 1 / 6) -> str | None:
+    """What to say of lines that do not resolve the peaks of FRFs, or of noise that makes peaks of its own; None where neither is so.
 
     Parameters
     ----------
-    measured : (F, R) complex arrays
-        Of one job, or of those that are compared.
+    measured : pairs of an (F,) float array and an (F, R) complex array
+        Frequencies and FRFs of one job, or of those that are compared.
     most : float
         Share of the peaks that may fall as far as in ``unresolved``. Of resonances anywhere between the lines a quarter do where these lie
         as far apart as the half-power points, and half of them at 1.6 times that.
+    noisy : float
+        Share of the peaks that may fall as far where each response has them at other lines. Of noise alone a third do: from here on half of
+        the peaks are noise's.
     """
-    sharp, peaks = (sum(counts) for counts in zip(*(unresolved(values) for values in measured), strict=True))
-    if sharp <= most * peaks:
+    found = [unresolved(*each) for each in measured]
+    peaks, sharp = (np.sort(np.concatenate([getattr(each, name) for each in found])) for name in ("peaks", "sharp"))
+    # Resonances show in several responses at the same line, noise there as often as at others: half of what stands together by chance.
+    noise = sum(each.together for each in found) < 2.0 * sum(each.chance for each in found)
+    if sharp.size <= (noisy if noise else most) * peaks.size:
         return None
-    return f"the lines do not resolve the peaks: {sharp} of {peaks} fall by more than 6 dB to both neighbouring lines"
+    fall = f"{sharp.size} of {peaks.size} peaks fall by more than 6 dB to both neighbouring lines"
+    if not noise:
+        return f"lines too far apart: {fall}; measure with closer lines"
+    where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, noisy)
+    return (
+        f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
+        "a harder tip or a stronger blow"
+    )
+
+
+def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:
+    """Where in the band noise lies, and what to do, in clauses; empty where it lies all along it. All frequencies are sorted."""
+    lines, count = np.searchsorted(axis, sharp) / axis.size, np.arange(sharp.size)
+    # The edge that parts few and many such peaks is where their share of all runs farthest from that of the lines.
+    above, below = lines - count / sharp.size, (count + 1) / sharp.size - lines
+    upward = above.max() > below.max()
+    edge = float(sharp[np.argmax(above) if upward else np.argmax(below)])
+    inside, rest = (sharp >= edge, peaks < edge) if upward else (sharp <= edge, peaks > edge)
+    if not rest.any() or (~inside).sum() > noisy * rest.sum():
+        return "", ""
+    end = "end" if upward else "begin"
+    side = "from" if upward else "up to"
+    return f", {inside.sum()} of them {side} {edge:.4g} Hz", f"let reduction.band {end} there, or "

@@ -134,14 +134,11 @@ class VirtualStructure:
         self._ports: dict[tuple[float, tuple[float, float]], PortFrf] = {}
 
     def model(self, drift: Drift) -> FeModel:
-        """The model of one job; what K holds of the joints (``baseline``) is not part of what is off."""
+        """The model of one job; the joints are not part of what is off."""
         air = {SOUND_SPEED: float(np.sqrt(drift.warming))} if drift.kelvin else {}
         model, _ = with_factors(self.inputs.model, self.inputs.recipe, self.factors | air)
-        terms = model.terms
-        held = np.where(terms.power == 0, terms.baseline, 0.0) * (1 - self.factors.get("stiffness.structure", 1.0))
         return replace(
             model,
-            K=sp.csc_array(model.K + (terms.left * held[None, :]) @ terms.right.T),
             B=moved_loads(self.inputs, drift.hammer) if any(drift.hammer) else model.B[:, : len(self.inputs.excitations)],
         )
 
@@ -180,7 +177,7 @@ class VirtualStructure:
                     level = level + change[name] * share.get(group.name, 0.0)
             kappa[group.terms] = 10.0 ** level[group.parameter]
             values[group.name] = [round(float(v), 4) for v in level]
-        return D * kappa - self.parameters.baseline(self.s), values, change
+        return D * kappa, values, change
 
     def measure(self, removed: Sequence[str]) -> tuple[FrfSet, dict[str, Any]]:
         """FRFs of one job with noise and coherence, and what was drawn for it."""

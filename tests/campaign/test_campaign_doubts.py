@@ -64,6 +64,9 @@ def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
     assert "acc1 alone lies far off (7.9 dB and more, 1.9 dB in the median of all): was a sensor overloaded, moved, turned" in one
     every = own_fault_text(inputs, np.array([9.0, 8.0, 10.0, 9.5]), "tight")
     assert "no response stands out: was the hammer at another point" in every
+    # What is known is said, and no more is guessed.
+    known = own_fault_text(inputs, np.array([9.0, 8.0, 10.0, 9.5]), "tight", "noise, it seems")
+    assert known.endswith("the fault is likely in this measurement; noise, it seems")
 
 
 def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
@@ -89,6 +92,8 @@ def test_exchanged_sensors_are_told_by_update_too(frame: Folder) -> None:
     tree = update(frame, "loose-2").json["results"]["loose-2"]
     (told,) = [text for text in tree["warnings"] if "in each other's place" in text]
     assert "jobs.loose-2.records: {acc2: acc1, acc1: acc2}" in told
+    # Nor is the hammer blamed for it.
+    assert not any("was the hammer at another point" in text for text in tree["warnings"])
     assert tree["validity"]["passed"] is not True
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 from campaigns import Folder
-from grillage import BOLTS, NOMINAL, dof, grillage, matrices, node
+from grillage import BETA, BOLTS, NOMINAL, dof, grillage, matrices, node
 from scipy.spatial.transform import Rotation
 
 from lrbc_cli.campaign.reading.joints import apart, bushing_vectors
@@ -116,6 +116,18 @@ class TestOwnership:
             assert group.bolt.tolist() == list(range(9))
             assert group.arc_length is None
         assert any("joints: 9 bolts, 3 groups (axial, rocking_x, rocking_y), to ground" in note for note in inputs.notes)
+
+    def test_springs_of_bolts_are_damped_as_the_structure(self, folder: Folder) -> None:
+        """An undamped joint of a damped structure makes resonances sharper than any that is measured."""
+        assert all(group.damping is not None and group.beta == BETA for group in folder.inputs().groups)
+        groups = {name: {**group, "damping": "none"} for name, group in folder.tree()["parameters"].items()}
+        with_groups(folder, groups)
+        assert all(group.damping is None for group in folder.inputs().groups)
+        undamped = folder.tree()
+        undamped["model"].pop("damping")
+        with_groups(folder, {name: {key: value for key, value in group.items() if key != "damping"} for name, group in groups.items()})
+        folder.write({**folder.tree(), "model": undamped["model"]})
+        assert all(group.damping is None for group in folder.inputs().groups)
 
     def test_one_group_for_all_components(self, folder: Folder) -> None:
         """The springs of a bolt in one group share its value."""

@@ -96,7 +96,7 @@ def test_force_builds_anew(box: Folder) -> None:
         ("excitation.hammer.scale=2.0", "the excitation"),
         ("responses.mic1.node=104", "the responses"),
         ("parameters.springs.select.box=[[0, 1.2], [0, 0], [0, 0]]", "the terms"),
-        ("parameters.springs.baseline=10.0", "the terms"),
+        ("parameters.springs.baseline=10.0", "the matrices or the damping"),
     ],
 )
 def test_a_miss_says_what_changed(box: Folder, override: str, reason: str) -> None:

@@ -98,9 +98,9 @@ def test_lines_wider_apart_than_the_peaks_are_told() -> None:
     f = np.arange(20.0, 400.0, 2.0)
     for damping, most_sharp in ((0.03, False), (3e-4, True)):
         H = sum(1.0 / (f0**2 - f**2 + 2j * damping * f0 * f) for f0 in np.linspace(50.7, 380.3, 9))
-        sharp, peaks = unresolved(np.column_stack([H, np.full(f.size, np.nan)]))
-        assert peaks >= 5
-        assert (2 * sharp > peaks) == most_sharp
+        found = unresolved(f, np.column_stack([H, np.full(f.size, np.nan)]))
+        assert found.peaks.size >= 5
+        assert (2 * found.sharp.size > found.peaks.size) == most_sharp
 
 
 @pytest.mark.parametrize(("apart", "share"), [(0.5, 0.0), (1.0, 0.25), (1.6, 0.5)])
@@ -109,19 +109,55 @@ def test_share_of_peaks_that_fall_to_both_sides(apart: float, share: float) -> N
     step, rng = 1.0, np.random.default_rng(0)
     f = np.arange(180.0, 221.0, step)
     f0 = 200.0 + step * rng.random(400)
-    sharp, peaks = unresolved(1.0 / (f0**2 - f[:, None] ** 2 + 1j * step / apart * f0))
-    assert peaks == 400
-    assert sharp / peaks == pytest.approx(share, abs=0.06)
+    found = unresolved(f, 1.0 / (f0**2 - f[:, None] ** 2 + 1j * step / apart * f0))
+    assert found.peaks.size == 400
+    assert found.sharp.size / 400 == pytest.approx(share, abs=0.06)
 
 
 def test_a_third_is_too_wide() -> None:
     """Between one and one and a half half-power widths; jobs count together."""
     f, f0 = np.arange(180.0, 221.0), 200.0 + np.linspace(0.0, 1.0, 60, endpoint=False)
     fine, coarse = (1.0 / (f0**2 - f[:, None] ** 2 + 1j * f0 / apart) for apart in (0.9, 3.0))
-    assert too_wide(fine) is None
-    assert too_wide(coarse) is not None
-    assert too_wide(fine, fine, fine, coarse) is None
-    assert too_wide(np.full((41, 2), np.nan)) is None
-    both = too_wide(fine, coarse)
+    assert too_wide((f, fine)) is None
+    assert too_wide((f, coarse)) is not None
+    assert too_wide((f, fine), (f, fine), (f, fine), (f, coarse)) is None
+    assert too_wide((f, np.full((41, 2), np.nan))) is None
+    both = too_wide((f, fine), (f, coarse))
     assert both is not None
-    assert "of 120 fall by more than 6 dB to both neighbouring lines" in both
+    assert "of 120 peaks fall by more than 6 dB to both neighbouring lines" in both
+
+
+def many_modes(f: np.ndarray, damping: float) -> np.ndarray:
+    """Four responses of twelve resonances, each in its own share."""
+    shares = np.random.default_rng(1).uniform(0.5, 2.0, (12, 4))
+    f0 = np.linspace(50.7, 380.3, 12)
+    modes = 1.0 / (f0[:, None] ** 2 - f**2 + 2j * damping * f0[:, None] * f)
+    return np.asarray((modes[:, :, None] * shares[:, None, :]).sum(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("noisy", "said"),
+    [
+        (lambda f: f > 250.0, ("them from 25", "let reduction.band end there")),
+        (lambda f: f < 150.0, ("them up to 14", "let reduction.band begin there")),
+        (lambda f: f > 0.0, ("at other lines; measure with more averages",)),
+    ],
+)
+def test_noise_is_no_lack_of_lines(noisy, said) -> None:
+    """Peaks of noise fall to both sides, too; other responses do not have them."""
+    f, rng = np.arange(20.0, 400.0, 0.5), np.random.default_rng(0)
+    H = many_modes(f, 0.01)
+    assert too_wide((f, H)) is None
+    noise = 3.0 * np.abs(H) * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape))
+    text = too_wide((f, H + np.where(noisy(f)[:, None], noise, 0.0)))
+    assert text is not None
+    assert text.startswith("noise, it seems: ")
+    assert all(part in text for part in said)
+
+
+def test_resonances_between_the_lines_are_no_noise() -> None:
+    """All responses have them at the same lines."""
+    f = np.arange(20.0, 400.0, 2.0)
+    text = too_wide((f, many_modes(f, 3e-4)))
+    assert text is not None
+    assert text.startswith("lines too far apart: ")

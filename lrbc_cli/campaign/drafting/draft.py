@@ -292,12 +292,16 @@ class Draft:
         groups += [(_name(path.stem, "terms"), f"{{dofs: {self.path(path)}}}") for path in self.found.of("terms")]
         self.recognised += [f"terms: {', '.join(name for name, _ in groups)}"] if groups else []
         lines = ["parameters:"]
+        # Bushings are damped as the structure anyway.
+        damped = "damping" not in self.roles.operators
+        tied = "    damping: {initial: 0.0}         # that of the structure times 10^p_damp"
         for name, select in groups or [self._edge()]:
             lines += [
                 f"  {name}:",
                 f"    select: {select}",
                 "    initial: auto                   # log10 of the start value",
                 "    bounds: auto",
+                *([tied] if damped and "bushings" not in select else []),
             ]
         if self.roles.bolts is not None:
             self.recognised.append(f"bolts: {self.found.called(self.roles.bolts)}")

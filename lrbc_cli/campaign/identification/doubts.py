@@ -14,6 +14,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.lines import too_wide
 from lrbc_cli.updating.residuals import coherence_sigma
 from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 
@@ -179,10 +180,10 @@ def compared_text(inputs: Inputs, result: Identification) -> str:
     return f"compared were {residual[inputs.campaign.update.residual]} {against} of {names} at {band}"
 
 
-def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, levels_off: str = "") -> str:
+def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str = "") -> str:
     """What to look at where the model explains the reference job and not this one: in this measurement, in a clause."""
-    if levels_off:
-        return f"{reference} is explained, so that the fault is likely in this measurement; {levels_off}"
+    if known:
+        return f"{reference} is explained, so that the fault is likely in this measurement; {known}"
     alone = outlying(misfits)
     names = ", ".join(inputs.responses[i].name for i in alone)
     typical = float(np.nanmedian(misfits))
@@ -265,7 +266,9 @@ def doubts(
     swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
-        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, _levels_off(inputs, result, reference.job))}"
+        wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]))
+        fault = ("sensors are exchanged, it seems" if swapped else wide) or _levels_off(inputs, result, reference.job)
+        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name)]
     noise = noise_level(result.measurement, job, inputs.used)

@@ -190,9 +190,14 @@ class _Job:
             mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
             if span is not None:
                 wide = self._smoothed(misfit, relative) if joints else []
-                further, sought = search(wide[0] if wide else misfit, self.shapes, bounds, self._pairs(), names=names)
-                more = narrowed(wide, further, bounds, span) if wide else prior_draws(misfit, self.shapes, bounds, further)
-                further, sought = more[0], sought + more[1]
+                further, sought = search(misfit, self.shapes, bounds, self._pairs(), names=names)
+                if wide:
+                    # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
+                    tabled, more = search(wide[0], self.shapes, bounds, self._pairs(), names=names)
+                    led, most = narrowed(wide, tabled, bounds, span)
+                else:
+                    (led, most), more = prior_draws(misfit, self.shapes, bounds, further), 0
+                further, sought = further | led, sought + more + most
             stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
             solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, span=span, joints=joints, mirrors=mirrors, **stop)
         if solution.status == "failed":

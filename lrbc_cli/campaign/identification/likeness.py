@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.scale import LEAST_LINES, POWERS, moved
+from lrbc_cli.updating.scale import ALIKE, LEAST_LINES, POWERS, moved
 
 #: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
@@ -80,6 +80,36 @@ def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: 
         )
         for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
     }
+
+
+def turned(measured: Complexes, states: Complexes) -> list[int]:
+    """Responses whose phases are the opposite of the model's, in the state in which those of all are most alike but for the sign.
+
+    Nearer states than those that levels find: antiresonances, which move most, weigh no more than other lines.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+    states : (S, F, R) complex array
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = measured / np.abs(measured), states / np.abs(states)
+    own = _cosine(x, y, 1)
+    best = int(np.argmax(np.abs(own).sum(axis=1)))
+    if np.median(np.abs(own[best])) < ALIKE:
+        return []
+    # Of a sensor in another's place the phases are the other's.
+    others = np.abs(_cosine(x[:, :, None], y[best][:, None, :], 0)).max(axis=1)
+    found: list[int] = np.flatnonzero((own[best] <= -ALIKE) & (-own[best] >= others)).tolist()
+    return found
+
+
+def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:
+    """Mean over the lines of the cosine of the angle between values of size one, without those that are none; zero where all are."""
+    cosine = np.real(one * np.conj(other))
+    known = np.isfinite(cosine)
+    found: Floats = np.where(known, cosine, 0.0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
+    return found
 
 
 def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] | Complexes) -> list[tuple[int, ...]]:

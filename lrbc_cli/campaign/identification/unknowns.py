@@ -46,7 +46,7 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
     for group in inputs.groups:
         if group.config.start is not None:
             nominal[group.terms] = 10.0**group.config.start
-    D = (nominal - model.terms.baseline) * s[:, None] ** model.terms.power
+    D = nominal * s[:, None] ** model.terms.power
     found: dict[str, Saturation] = {}
     groups = []
     for group in inputs.groups:
@@ -57,7 +57,7 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
             lines = np.arange(0, s.size, max(1, round((model.terms.size / terms) ** 2)))
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
-            limits = saturation(values, D[lines], group.terms, typical, group.config.baseline, inputs.statistics.limits)
+            limits = saturation(values, D[lines], group.terms, typical, limits=inputs.statistics.limits)
             if not limits.found and group.config.start is not None:
                 # The local stiffness of solid elements lies decades above that of a spring: it must have room to loosen.
                 limits = replace(limits, lower=min(limits.lower, group.config.start + inputs.statistics.limits.fallback[0]))
@@ -93,8 +93,8 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
         assert limits is not None
         start = float(np.clip(limits.start, low, high))
     damping = None
-    if config.damping is not None:
-        damping = EdgeDamping(group.beta, config.damping.initial, config.damping.bounds, group.loss_factor)
+    if group.damping is not None:
+        damping = EdgeDamping(group.beta, group.damping.initial, group.damping.bounds, group.loss_factor)
     return ParameterGroup(
         name=group.name,
         kind=config.kind,
@@ -103,7 +103,6 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
         initial=np.full(count, start),
         bounds=np.tile([low, high], (count, 1)),
         smoothing=W,
-        baseline=config.baseline,
         damping=damping,
         xyz=group.xyz,
         arc_length=group.arc_length,

@@ -16,7 +16,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
 #: Increased whenever the same input would be identified differently, or judged differently.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 22, 5
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 24, 6
 
 #: The parts of an identification in words.
 PARTS = {

@@ -13,6 +13,7 @@ from lrbc_cli.campaign.identification.doubts import LEAST_BAND, factors_of, offs
 from lrbc_cli.campaign.identification.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
+    MOST_LEFT,
     apart,
     exchanged,
     exchanged_text,
@@ -21,11 +22,13 @@ from lrbc_cli.campaign.identification.likeness import (
     other_reading,
     outlying,
     spread,
+    turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking.rescaled import rescaled_text
+from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.places import POWERS as POWERS_OF_UNITS
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_baselines
@@ -86,6 +89,9 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
             return lacking, ""
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:
+            # With another damping than it has, the model is none to compare with.
+            if ("damping",) in told.get(reference or "", {}):
+                break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
             told[name] = _looked_at(inputs, source, measurements[name], name, tight)
@@ -128,6 +134,12 @@ def _looked_at(
     beside = _beside(measurement, tight, lines, states[0])
     states = np.concatenate([states, *beside])
     reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
+    if name == inputs.campaign.update.reference:
+        before = float(np.median(apart(few.values, states[0])))
+        most = 0.0 if before < LEAST_DIFFERENCE else CLEARLY * before if reading is None else reading.after
+        text = overdamped_text(inputs, s, few.values, states[0], parameters.dynamic(parameters.initial, s), most) if most else None
+        if text is not None:
+            return {("damping",): text}
     if reading is not None:
         return {("read",): reading.text}
     near = [*_nearest(few, states), *(state[0] for state in beside)]
@@ -136,13 +148,19 @@ def _looked_at(
     offsets = factors_of(inputs, few, near)
     involved = {i for cycle in exchanges for i in cycle}
     offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
+    # A power of the frequency, a delay and the other convention turn phases, too.
+    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
+        opposite = turned(few.values, states)
+        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
     for text in offset_texts(inputs, offsets, name):
         # The words up to the numbers: the same of several jobs is said once.
         told[tuple(text.split(":")[:2])] = text
     for cycle in exchanges:
         told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
     if not told and name == inputs.campaign.update.reference:
-        told |= _unlike(inputs, few.values, s, states, loosened, parameters)
+        told |= _other_unit(inputs, source, few.values, s, states[0], parameters) or _unlike(
+            inputs, few.values, s, states, loosened, parameters
+        )
     if not told and beside:
         told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
         away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)
@@ -191,6 +209,31 @@ def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
     nearest = {int(k) for order in orders for k in order[:most]}
     return [states[k] for k in sorted({0, *nearest})]
+
+
+def _other_unit(
+    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
+) -> dict[tuple[object, ...], str]:
+    """A table of springs that makes the tight state the model's once its stiffnesses are multiplied by the factor of a unit."""
+    before = float(np.median(apart(measured, model)))
+    if before <= LEAST_DIFFERENCE:
+        return {}
+    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+        file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
+        if file is None:
+            continue
+        # Between the units, too: what is far off, loose or as good as clamped comes as near there.
+        powers = np.array([-2, -1, 1, 2, *POWERS_OF_UNITS])
+        values = np.tile(parameters.initial, (powers.size, 1))
+        values[:, where] += powers[:, None]
+        left = np.median(apart(measured, source.model(s, parameters).nearby(parameters.initial)(values)), axis=1)
+        best, second = left.argsort()[:2]
+        if powers[best] in POWERS_OF_UNITS and left[best] < min(MOST_LEFT, CLEARLY * before, CLEARLY * left[second]):
+            times, unit = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
+            found = f"{left[best]:.1f} dB apart with all stiffnesses of {file.name} times {times}, {before:.1f} dB as it is"
+            fix = f"in another unit than `units: {unit}` says, it seems: multiply the stiffnesses there by {times}"
+            return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
+    return {}
 
 
 def _unlike(

@@ -1,4 +1,4 @@
-"""Whether a stiffness or mass matrix that is larger or smaller by the factor of a unit makes the measured FRFs those of the model."""
+"""Whether stiffness or mass that is larger or smaller by the factor of a unit, or less damping, makes measured FRFs those of the model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes
+from lrbc_cli.arrays import Complexes, Integers
 from lrbc_cli.campaign.identification.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
@@ -56,7 +56,7 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
     if max(seen, here) < MORE * min(seen, here):
         return None
     found: list[tuple[float, str, float, float]] = []
-    few = np.unique(np.linspace(0, s.size - 1, min(s.size, LINES)).round().astype(np.int64))
+    few = _spaced(s.size)
     s, measured, dynamic = s[few], measured[few], dynamic[few]
     line, spent = reduction_cost(inputs)[0].line * few.size, 0.0
     factors = [10.0**power for power in (*sorted(POWERS, key=abs), *_FURTHER)]
@@ -81,11 +81,60 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
     return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
 
 
-def _resonances(values: Complexes) -> int:
-    """How many stand out of the mean level of the responses; one where none does."""
+def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, most: float) -> str | None:
+    """By which factor the damping of the model is too large, and what to write; None where no factor of ten, or a power, leaves so little.
+
+    Parameters
+    ----------
+    inputs, s, measured, computed, dynamic
+        See ``rescaled_text``.
+    most : float
+        How far levels may be apart then, constants taken out, in the median over the responses [dB].
+    """
+    if _resonances(measured) < MORE * _resonances(computed):
+        return None
+    plain, settings = inputs.model, inputs.campaign.reduction
+    # Beside resonances damping changes little.
+    peaks = _peaks(measured)
+    few = np.union1d(_spaced(s.size), peaks[_spaced(peaks.size)])
+    s, measured, dynamic = s[few], measured[few], dynamic[few]
+    factors = [10.0**-power for power in range(1, max(POWERS) + 1)]
+    factors = factors[: int(MOST_WORK / (reduction_cost(inputs)[0].line * few.size))]
+    found: list[tuple[float, float]] = []
+    for factor in factors:
+        stiffness = plain.K.real + 1j * factor * plain.K.imag if np.iscomplexobj(plain.K) else plain.K
+        with suppress(LrbcError):
+            less = replace(plain, K=stiffness, C=plain.C * factor)
+            ports = full_ports(less, inputs.input_of, s, settings.band, backend=settings.backend)
+            # Springs of bolts are damped as the structure.
+            values = ports.evaluate(dynamic.real + 1j * factor * dynamic.imag)
+            found.append((float(np.median(spread(levels(measured) - levels(values), 0))), factor))
+        # Once there is next to none, less of it changes nothing.
+        if len(found) > 1 and found[-1][0] >= found[-2][0]:
+            break
+    if not found or min(found)[0] > min(MOST_LEFT, most):
+        return None
+    left, factor = min(found)
+    text = mistake_text(inputs.campaign.model, "damping", 1.0 / factor, inputs.campaign.path.parent)
+    return f"{text}; levels of measured and computed FRFs are {left:.1f} dB apart then, constants taken out"
+
+
+def _spaced(count: int) -> Integers:
+    """So many of these indices as are compared, from the first to the last."""
+    found: Integers = np.unique(np.linspace(0, max(count - 1, 0), min(count, LINES)).round().astype(np.int64))
+    return found
+
+
+def _peaks(values: Complexes) -> Integers:
+    """Lines at which the mean level of the responses has a resonance."""
     level = levels(values)
     known = level[:, np.isfinite(level).all(axis=0)]
-    return max(peaks_of(known.mean(axis=1), prominence=PROMINENCE).size, 1) if known.size else 1
+    return peaks_of(known.mean(axis=1), prominence=PROMINENCE) if known.size else np.zeros(0, dtype=np.int64)
+
+
+def _resonances(values: Complexes) -> int:
+    """How many stand out of the mean level of the responses; one where none does."""
+    return max(_peaks(values).size, 1)
 
 
 def _cases(inputs: Inputs, factor: float, s: Complexes, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float]]:

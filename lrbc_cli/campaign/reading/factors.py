@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import norm
 
 from lrbc_cli.campaign.reading.reader import ModelReader
@@ -15,7 +16,7 @@ from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.factors import FIELDS, Recipe, block, make_recipe, parted
-from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.results.model import Boundary
 
 #: A share with a norm above this many times that of the model's own entries there is another matrix, or one in other units.
@@ -111,6 +112,57 @@ def _weigh_share(reader: ModelReader, ref: MatrixRef, name: str, operator: str, 
             f"calibration.groups.{name}: its {operator} exceeds the model's, or has the opposite sign, at {int(wrong.sum())} of "
             f"{int(shown.sum())} entries of the diagonal: the rest of the model is negative there, as only prestress makes it"
         )
+
+
+def with_loss(campaign: Campaign, acoustic: NDArray[np.bool_], K: sp.csc_array) -> sp.csc_array:
+    """What the loss factors of the fields make of a stiffness."""
+    damping = campaign.model.damping
+    if not isinstance(damping, ProportionalDamping):
+        return K
+    return hysteretic(K, acoustic, damping.structure.loss_factor, damping.acoustic.loss_factor)
+
+
+def with_proportional(damping: ProportionalDamping, K: sp.csc_array, M: sp.csc_array, acoustic: NDArray[np.bool_]) -> sp.csc_array:
+    """The damping matrix; a loss factor makes the stiffness complex, not this."""
+    structure, air = damping.structure, damping.acoustic
+    return proportional_damping(K.real, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
+
+
+def left_behind(exported: sp.csc_array, campaign: Campaign) -> list[str]:
+    """Warn of springs that the stiffness matrix holds beside a damping of which their share is not known."""
+    held = [name for name, group in campaign.parameters.items() if group.kind == "stiffness" and group.baseline]
+    given = "a damping matrix" if isinstance(campaign.model.damping, MatrixRef) else "a complex stiffness matrix"
+    if not held or (not isinstance(campaign.model.damping, MatrixRef) and not np.iscomplexobj(exported.data)):
+        return []
+    return [
+        f"parameters {', '.join(held)}: the matrices hold these springs, and {given} their damping, of unknown share: a spring that "
+        "loosens leaves it behind. Export without the springs (no baseline), or give a real stiffness and model.damping as alpha, beta and "
+        "loss_factor"
+    ]
+
+
+def without_springs(model: FeModel, exported: sp.csc_array, campaign: Campaign) -> FeModel:
+    """The model less what it was exported with of its terms (``baseline``), with the proportional damping of that.
+
+    A spring that goes takes its damping along then, and the factors of a calibration scale the structure alone.
+
+    Parameters
+    ----------
+    model : FeModel
+    exported : (n, n) csc_array
+        Its stiffness before the loss factors of the campaign.
+    campaign : Campaign
+    """
+    terms, damping = model.terms, campaign.model.damping
+    if not terms.baseline.any():
+        return model
+    held = [(terms.left * np.where(terms.power == power, terms.baseline, 0.0)) @ terms.right.T for power in range(3)]
+    K, M = (exported - held[0]).tocsc(), (model.M - held[2]).tocsc()
+    C = (model.C - held[1]).tocsc()
+    if isinstance(damping, ProportionalDamping):
+        C = (with_proportional(damping, K, M, model.is_acoustic) - held[1]).tocsc()
+    own = replace(terms, baseline=np.zeros(terms.size))
+    return replace(model, K=with_loss(campaign, model.is_acoustic, K), C=C, M=M, terms=own)
 
 
 def recipe_of(campaign: Campaign, model: FeModel) -> Recipe:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
 from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
-from lrbc_cli.config.structure import GroupConfig, GroupDampingConfig
+from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import Positions, read_points, read_positions
@@ -38,6 +38,8 @@ class TermGroup:
         Position of each parameter [m].
     arc_length : (k,) float array or None
         None of joints, which lie along no edge.
+    damping : GroupDampingConfig or None
+        How the damping tied to the stiffness begins; None where the terms are undamped.
     beta, loss_factor : float
         Stiffness-proportional [s] and hysteretic damping of the terms.
     bolt : (k,) int array or None
@@ -50,6 +52,7 @@ class TermGroup:
     parameter: NDArray[np.int64]
     xyz: Floats | None
     arc_length: Floats | None
+    damping: GroupDampingConfig | None
     beta: float
     bolt: NDArray[np.int64] | None = None
     loss_factor: float = 0.0
@@ -69,6 +72,26 @@ class Terms:
     right: sp.csc_array
     bolt: tuple[str, ...] | None
     ground: bool | None
+
+
+def _tied(config: GroupConfig, model: Damping | None, owned: bool) -> GroupDampingConfig | None:
+    """Damping tied to the stiffness of a group, whose terms bolts own or not; None where they are undamped.
+
+    Joints of a damped structure have damping too: without it resonances that strain them are sharper than any that is measured, and a fit
+    moves them to where no line is.
+    """
+    if config.damping is not None or config.kind != "stiffness" or not owned:
+        return None if config.damping == "none" else config.damping
+    found = GroupDampingConfig()
+    return found if any(found.coefficients(model)) else None
+
+
+def _damping_text(config: GroupConfig, damping: GroupDampingConfig | None, owned: bool) -> str:
+    if not owned or config.kind != "stiffness":
+        return ""
+    if damping is None:
+        return ", undamped"
+    return ", damped as the structure" if damping.beta is None and damping.loss_factor is None else ", with damping of their own"
 
 
 class GroupReader(ModelReader):
@@ -142,12 +165,15 @@ class GroupReader(ModelReader):
         if own.bolt is not None and config.smoothing is not None and sum(weight > 0 for weight in config.smoothing) > 1:
             hint = "remove smoothing"
             raise self.campaign.error("smoothing ties values of different bolts", "parameters", name, "smoothing", hint=hint)
-        beta, loss_factor = (config.damping or GroupDampingConfig()).coefficients(self.campaign.model.damping)
-        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, beta, loss_factor=loss_factor)
+        model = self.campaign.model.damping
+        damping = _tied(config, model, own.bolt is not None)
+        beta, loss_factor = (damping or GroupDampingConfig()).coefficients(model)
+        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, damping, beta, loss_factor=loss_factor)
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
             # Jumps between edges are no length of one.
             + (f", {along[-1]:.3f} m along the edge" if along is not None and count > 1 and _one_edge(xyz) else "")
+            + _damping_text(config, damping, own.bolt is not None)
         )
         return Terms(group, left, right, own.bolt, ground)
 

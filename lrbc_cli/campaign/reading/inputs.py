@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -16,7 +16,15 @@ from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
-from lrbc_cli.campaign.reading.factors import CalibrationUse, factor_groups, recipe_of
+from lrbc_cli.campaign.reading.factors import (
+    CalibrationUse,
+    factor_groups,
+    left_behind,
+    recipe_of,
+    with_loss,
+    with_proportional,
+    without_springs,
+)
 from lrbc_cli.campaign.reading.groups import GroupReader, TermGroup, Terms
 from lrbc_cli.campaign.reading.model_doubts import (
     doubts,
@@ -37,7 +45,7 @@ from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
-from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
+from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
@@ -258,14 +266,6 @@ class _Reader(GroupReader):
         return unit_columns([dof], self.n, point.scale).T.tocsc(), self.point(dof), text, bool(acoustic[dof])
 
 
-def _lossy(campaign: Campaign, acoustic: NDArray[np.bool_]) -> Callable[[sp.csc_array], sp.csc_array]:
-    """What the loss factors of the fields make of a stiffness."""
-    damping = campaign.model.damping
-    if not isinstance(damping, ProportionalDamping):
-        return lambda K: K
-    return lambda K: hysteretic(K, acoustic, damping.structure.loss_factor, damping.acoustic.loss_factor)
-
-
 def read_as_exported(campaign: Campaign) -> Inputs:
     """Read model, terms, loads, outputs and bolts; a stored calibration is not looked for, see ``calibration.read_inputs``.
 
@@ -302,18 +302,18 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     require_known_bolts(campaign, bolts)
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
-    reader.warn(*no_lines)
+    reader.warn(*no_lines, *left_behind(K, campaign))
     extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
-    lossy = _lossy(campaign, acoustic)
-    K, extras = lossy(K), {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
-    model = FeModel(K=K, C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
+    lossy = partial(with_loss, campaign, acoustic)
+    extras = {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
+    model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*doubts(model), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
     require_reach(model, [r.name for r in responses], list(campaign.excitation), [r.input for r in responses])
     require_frequencies(model, campaign, reader.dofs)
     return Inputs(
         campaign=campaign,
-        model=model,
+        model=without_springs(model, K, campaign),
         dofs=reader.dofs,
         responses=tuple(responses),
         excitations=tuple(campaign.excitation),
@@ -420,8 +420,7 @@ def _damping(reader: _Reader, K: sp.csc_array, M: sp.csc_array, acoustic: NDArra
             f"damping: proportional, structure alpha {structure.alpha:g} beta {structure.beta:g}{_loss(structure)}"
             + (f", acoustic alpha {air.alpha:g} beta {air.beta:g}{_loss(air)}" if acoustic.any() else "")
         )
-        # The loss factor alone makes the stiffness complex.
-        return proportional_damping(K.real, M, acoustic, (structure.alpha, structure.beta), (air.alpha, air.beta))
+        return with_proportional(damping, K, M, acoustic)
     if damping is None:
         reader.notes.append("damping: none" + ("" if np.iscomplexobj(K.data) else " (an undamped model has infinite resonances)"))
         return sp.csc_array(K.shape)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import POWERS
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.structure import ProportionalDamping
@@ -248,11 +249,14 @@ def _held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup
         text = _unit_text(campaign, group, held)
         if text is not None:
             yield text
-        elif group.config.baseline == 0.0:
+        elif group.config.baseline < 1.0 and group.config.kind == "stiffness":
             shares = [float(np.median(share)) for turns, share in held if not turns and share.size]
             if any(abs(share - 1.0) < HELD for share in shares):
+                wrong = (
+                    f"a share of {1.0 - group.config.baseline:g} stays when one is gone" if group.config.baseline else "they count twice"
+                )
                 yield (
-                    f"parameters {group.name}: the stiffness matrix holds these springs already, so that they count twice: "
+                    f"parameters {group.name}: the stiffness matrix holds these springs already, so that {wrong}: "
                     f"parameters.{group.name}.baseline: 1.0"
                 )
         elif group.config.kind == "stiffness" and _exceeded(model, group):
@@ -355,7 +359,18 @@ def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, 
             f"{'; '.join(kinds)} (`units: {stated.text}` holds for that file too); or, where it is right, all of model.stiffness is "
             f"{times:.4g} times what it should be"
         )
-    return None
+    return _thousands_text(campaign, group, [share for _, share in known])
+
+
+def _thousands_text(campaign: Campaign, group: TermGroup, shares: Sequence[float]) -> str | None:
+    """That the numbers of a table are off by thousands, by what the matrix holds of them, though in no usual units."""
+    file, times = group.config.select.bushings, next((10.0**b for b in POWERS if shares and abs(shares[0] / 10.0**b - 1.0) < HELD), 1.0)
+    if file is None or times == 1.0 or any(abs(share / times - 1.0) > HELD for share in shares):
+        return None
+    return (
+        f"parameters {group.name}: the stiffness matrix holds {times:g} times the springs of {file.name}, which have to be in "
+        f"{_name(campaign.unit_system, False)} (`units: {campaign.unit_system.text}`): multiply the stiffnesses there by {times:g}"
+    )
 
 
 def _stiffness(unit: UnitSystem, turns: bool) -> float:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.config import Campaign
-from lrbc_cli.config.structure import DofSource, ModelConfig
+from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
@@ -323,13 +323,15 @@ def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -
     ----------
     model : ModelConfig
     matrix : str
-        ``stiffness`` or ``mass``.
+        ``stiffness``, ``mass`` or ``damping``.
     factor : float
     folder : Path
         Of the campaign file: paths are relative to it.
     """
-    reference = model.stiffness if matrix == "stiffness" else model.mass
+    reference = {"stiffness": model.stiffness, "mass": model.mass, "damping": model.damping}[matrix]
     size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
+    if reference is None or isinstance(reference, ProportionalDamping):
+        return f"the {matrix} of the model is {size}: correct alpha, beta and loss_factor of model.{matrix}"
     cause = _CAUSES.get((matrix, factor))
     given = reference.scale if isinstance(reference.scale, float) else 1.0
     group = f", group: {reference.group}" if reference.group else ""

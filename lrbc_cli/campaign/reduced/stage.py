@@ -123,10 +123,8 @@ def obtain_reduction(
     return stage
 
 
-def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, scaled: float = 0.1, rounding: float = 1e-11) -> None:
+def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-3, rounding: float = 1e-11) -> None:
     """What is subtracted as a baseline has to be in the matrix: without it no motion may have a negative stiffness.
-
-    A calibration that lowers the stiffness of the structure lowers the springs that the matrix holds with it, what is subtracted stays.
 
     Parameters
     ----------
@@ -134,9 +132,6 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     model : ReducedModel
     share : float
         Of what a motion loses by the baselines, that may be missing in the matrix.
-    scaled : float
-        The same as far as the calibration has taken it: a free spring then counts as that much below zero, so that a loss of ten times
-        is still seen as one.
     rounding : float
         Of the largest stiffness.
 
@@ -145,40 +140,29 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     DataError
         Where a motion shows that it is not there.
     """
-    terms, n = inputs.model.terms, model.structure
-    baseline = np.where(terms.power == 0, terms.baseline, 0.0)
+    n, baseline = model.structure, np.zeros(inputs.model.terms.size)
+    for one in inputs.groups:
+        baseline[one.terms] = one.config.baseline if one.config.kind == "stiffness" else 0.0
     if not baseline.any():
         return
     K, left, right = model.K.real[:n, :n], model.left[:n].real, model.right[:n].real
-    taken = (left * baseline) @ right.T
-    values, vectors = np.linalg.eigh(0.5 * (K + K.T - taken - taken.T))
+    values, vectors = np.linalg.eigh(0.5 * (K + K.T))
     x = vectors[:, 0]
     each = baseline * (left.T @ x) * (right.T @ x)
-    lacking = float(each.sum() - x @ K @ x)
-    factor = 1.0 if inputs.calibration is None else inputs.calibration.factors.get("stiffness.structure", 1.0)
-    if values[0] > -rounding * np.abs(values).max() or lacking < (share + min(max(1.0 - factor, 0.0), scaled)) * float(each.sum()):
+    lacking = -float(x @ K @ x)
+    if values[0] > -rounding * np.abs(values).max() or lacking < share * float(each.sum()):
         return
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
-    if lacking < (share + max(1.0 - factor, 0.0)) * float(each.sum()):
-        settings = inputs.campaign.calibration
-        raise DataError(
-            f"parameters.{group.name}.baseline: the calibration takes more of the springs in the matrix than it may",
-            file=inputs.campaign.path,
-            place="calibration.factors",
-            expected=f"stiffness.structure of at least {1.0 - scaled:g} where springs are subtracted: it scales those in the matrix, too",
-            found=f"stiffness.structure {factor:.3g}",
-            hint="a calibration corrects some per cent: check thickness, Young's modulus, density and mass sum of the model, whether all "
-            f"bolts were tight in {'its job' if settings is None else settings.job}, and the bounds (log10) of parameters.{group.name}; "
-            "then run `lrbc calibrate` anew",
-        )
-    hint = lacking_springs(inputs.model, group, inputs.dofs) or (
+    full, terms = inputs.model, inputs.model.terms
+    exported = replace(full, K=(full.K + (terms.left * baseline) @ terms.right.T).tocsc())
+    hint = lacking_springs(exported, group, inputs.dofs) or (
         "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
     )
     raise DataError(
         f"parameters.{group.name}.baseline: the stiffness matrix does not hold what is subtracted from it",
         file=inputs.campaign.path,
         expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
-        found=f"a motion whose stiffness in the matrix is {_share(float(x @ K @ x) / float(each.sum()))} of what baselines take from it",
+        found=f"a motion whose stiffness in the matrix is {_share(1.0 - lacking / float(each.sum()))} of what baselines take from it",
         hint=hint if not inputs.warnings else f"mend first what is warned of: {'; '.join(inputs.warnings)}",
     )
 
