@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.reduction.threads import solved
+from lrbc_cli.reduction.threads import by_lines
 
 #: Hpp counts as symmetric where its asymmetry is below this fraction of its norm.
 SYMMETRY = 1e-9
@@ -93,9 +94,15 @@ class PortFrf:
         -------
         (..., F, R) complex array
         """
-        E, F = self._split(D)
-        w = self._solved(self.Hpp, E, F, self.Hp0)
-        return self._respond(F, w)
+        states = D.shape[:-2]
+        y = np.empty((*states, *self.H00.shape), dtype=complex)
+
+        def work(part: slice) -> None:
+            E, F = self._split(D[..., part, :], part)
+            y[..., part, :] = self._respond(F, self._solved(self.Hpp[part], E, F, self.Hp0[part]), part)
+
+        by_lines(self.lines, D.shape[-1], math.prod(states), work)
+        return y
 
     def about(self, D: Complexes) -> PortFrf:
         """The same with other reference values of the terms: what changes from there may be few terms, see ``among``.
@@ -149,25 +156,30 @@ class PortFrf:
         y : (F, R) complex array
         dy : (F, R, nt) complex array
         """
-        E, F = self._split(D)
+        y, dy = np.empty(self.H00.shape, dtype=complex), np.empty(self.H0p.shape, dtype=complex)
         n_in = self.Hp0.shape[2]
-        right = self.H0p.transpose(0, 2, 1)
-        if self.symmetric:
-            both = self._solved(self.Hpp, E, F, np.concatenate([self.Hp0, right], axis=2))
-            w, v = both[:, :, :n_in], both[:, :, n_in:]
-        else:
-            w = self._solved(self.Hpp, E, F, self.Hp0)
-            v = self._solved(self.Hpp.transpose(0, 2, 1), E, F, right)
-        y = self._respond(F, w)
-        dy = v[:, :, :] * w[:, :, self.input_of]
-        dy *= -(E**2)[:, :, None]
-        return y, dy.transpose(0, 2, 1)
 
-    def _split(self, D: Complexes) -> tuple[Floats, Complexes]:
+        def work(part: slice) -> None:
+            E, F = self._split(D[part], part)
+            Hpp, Hp0, right = self.Hpp[part], self.Hp0[part], self.H0p[part].transpose(0, 2, 1)
+            if self.symmetric:
+                both = self._solved(Hpp, E, F, np.concatenate([Hp0, right], axis=2))
+                w, v = both[:, :, :n_in], both[:, :, n_in:]
+            else:
+                w = self._solved(Hpp, E, F, Hp0)
+                v = self._solved(Hpp.transpose(0, 2, 1), E, F, right)
+            y[part] = self._respond(F, w, part)
+            w = w * -(E**2)[:, :, None]
+            np.multiply(v.transpose(0, 2, 1), w[:, :, self.input_of].transpose(0, 2, 1), out=dy[part])
+
+        by_lines(self.lines, D.shape[1], 1, work)
+        return y, dy
+
+    def _split(self, D: Complexes, part: slice = slice(None)) -> tuple[Floats, Complexes]:
         """E = 1/(1 + h|Delta|) and F = Delta E, with h the size of Hpp: finite even where Delta is infinite."""
-        h = np.abs(np.diagonal(self.Hpp, axis1=1, axis2=2))
+        h = np.abs(np.diagonal(self.Hpp[part], axis1=1, axis2=2))
         clamped = np.isinf(D)
-        delta = np.where(clamped, 0.0, D) - self.D_ref
+        delta = np.where(clamped, 0.0, D) - self.D_ref[part]
         E = 1.0 / (1.0 + h * np.abs(delta))
         F = delta * E
         if clamped.any():
@@ -179,29 +191,31 @@ class PortFrf:
     def _solved(Hpp: Complexes, E: Floats, F: Complexes, B: Complexes) -> Complexes:
         """``(E + Hpp F)⁻¹ B``."""
         A = Hpp * F[..., None, :]
-        index = np.arange(E.shape[-1])
-        A[..., index, index] += E
+        diagonal = np.einsum("...ii->...i", A)
+        diagonal += E
         # A term that alone holds a motion, set free: E + Hpp F is zero or its rounding, by chance. Where nothing drives the motion, any
         # number but zero gives the rest; this one is within the rounding of E. A motion that is driven has no answer.
         least = np.finfo(float).eps * E
-        lost = np.abs(A[..., index, index]) <= LOST * least
+        lost = np.abs(diagonal) <= LOST * least
         within = np.where(lost, least, 0.0)
-        A[..., index, index] = np.where(lost, least, A[..., index, index])
+        np.copyto(diagonal, least, where=lost)
+        B = np.broadcast_to(B, (*A.shape[:-1], B.shape[-1]))
         try:
-            found = solved(A, B)
+            found = np.linalg.solve(A, B)
         except np.linalg.LinAlgError:
             # The same of several terms together.
-            A[..., index, index] += least
+            diagonal += least
             within += least
-            found = solved(A, B)
-        if within.any() and np.any(np.abs(within[..., None] * found).max(axis=-1) > DRIVEN * np.abs(Hpp[..., index, index])):
+            found = np.linalg.solve(A, B)
+        size = np.abs(np.einsum("...ii->...i", Hpp))
+        if within.any() and np.any(np.abs(within[..., None] * found).max(axis=-1) > DRIVEN * size):
             raise np.linalg.LinAlgError("a motion that nothing holds is driven")
-        return found
+        return np.asarray(found)
 
-    def _respond(self, F: Complexes, w: Complexes) -> Complexes:
-        y = (self.H0p * F[..., None, :]) @ w
+    def _respond(self, F: Complexes, w: Complexes, part: slice = slice(None)) -> Complexes:
+        y = (self.H0p[part] * F[..., None, :]) @ w
         rows = np.arange(self.input_of.size)
-        return np.asarray(self.H00 - y[..., rows, self.input_of])
+        return np.asarray(self.H00[part] - y[..., rows, self.input_of])
 
 
 def port_frf(

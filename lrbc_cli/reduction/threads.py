@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar, copy_context
 from functools import cache
+from itertools import pairwise
 from threading import Thread
 from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
-
-from lrbc_cli.arrays import Complexes
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -23,6 +21,9 @@ R = TypeVar("R")
 #: Cubes of the terms, summed over the lines, from which two threads solve: less is done before a thread has begun; and terms up to which
 #: LAPACK does not use threads of its own.
 THREADED, MOST_TERMS = 2e6, 128
+
+#: Bytes of the matrices that are solved in one go: what a core's cache holds is not fetched from memory for each step again.
+CACHED = 2_000_000
 
 #: Whether other work goes on beside this, which then has one thread.
 _beside: ContextVar[bool] = ContextVar("beside", default=False)
@@ -71,50 +72,51 @@ def in_turn() -> Iterator[None]:
         _beside.reset(token)
 
 
-def solved(A: Complexes, B: Complexes) -> Complexes:
-    """``A⁻¹ B`` line by line, the lines shared by two threads where that pays.
+def by_lines(lines: int, terms: int, states: int, work: Callable[[slice], None]) -> None:
+    """Run ``work`` on slices of lines whose matrices a core's cache holds, in two threads where that pays.
 
     Parameters
     ----------
-    A : (..., F, n, n) complex array
-    B : (F, n, k) complex array
-
-    Returns
-    -------
-    (..., F, n, k) complex array
-        The same whatever the threads.
+    lines, terms, states : int
+        Matrices of ``(terms, terms)`` for each line and state.
+    work : callable
+        What it does for a line is the same whatever the slice.
 
     Raises
     ------
-    numpy.linalg.LinAlgError
-        Where a line is singular.
+    Exception
+        Whatever ``work`` raises, once both threads have ended.
     """
-    if A.ndim > 3:
-        each = np.broadcast_to(B, (*A.shape[:-1], B.shape[-1]))
-        states = math.prod(A.shape[:-2])
-        return solved(A.reshape(states, *A.shape[-2:]), each.reshape(states, *B.shape[-2:])).reshape(each.shape)
-    lines, n = A.shape[:2]
-    if lines * float(n) ** 3 < THREADED or n > MOST_TERMS or (os.cpu_count() or 1) < 2 or _beside.get():
-        return np.asarray(np.linalg.solve(A, B))
-    found = np.empty(B.shape, dtype=np.result_type(A, B))
-    middle = lines // 2
-    failed: list[BaseException] = []
+    shared = lines * states * float(terms) ** 3 >= THREADED and (os.cpu_count() or 1) > 1 and not _beside.get()
+    count = max(-(-lines * states * terms**2 * np.dtype(complex).itemsize // CACHED), 2 if shared else 1)
+    ends = np.linspace(0, lines, min(count, lines) + 1).round().astype(int).tolist()
+    slices = [slice(first, last) for first, last in pairwise(ends)]
+
+    def some(parts: list[slice]) -> None:
+        for part in parts:
+            work(part)
+
+    if not shared or len(slices) < 2:
+        some(slices)
+        return
+    settings, failed = np.geterr(), list[BaseException]()
 
     def first() -> None:
         try:
-            found[:middle] = np.linalg.solve(A[:middle], B[:middle])
+            with np.errstate(**settings):
+                some(slices[::2])
         except Exception as error:
             failed.append(error)
 
-    helper = Thread(target=first, daemon=True)
-    helper.start()
-    try:
-        found[middle:] = np.linalg.solve(A[middle:], B[middle:])
-    finally:
-        helper.join()
+    with single_threaded() if terms > MOST_TERMS else nullcontext():
+        helper = Thread(target=first, daemon=True)
+        helper.start()
+        try:
+            some(slices[1::2])
+        finally:
+            helper.join()
     if failed:
         raise failed[0]
-    return found
 
 
 @cache

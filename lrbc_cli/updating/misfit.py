@@ -59,7 +59,7 @@ class FrfModel:
     s : (F,) complex array
     parameters : Parameterisation
     values, linearised : callables
-        From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt).
+        From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt), new arrays.
     name : str
         ``port`` or ``reduced``.
     ports : PortFrf or None
@@ -121,18 +121,16 @@ class FrfModel:
 
     def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
-        y, dy = self.linearised(P.dynamic(theta, self.s))
+        y, relative = self.linearised(P.dynamic(theta, self.s))
         # Re(conj(H) dH)/|H|² = Re(dH/H)
-        relative = dy * (DB / y)[:, :, None]
-        c = P.spectra(theta, self.s)
-        by_term = np.einsum("frt,ft->frt", relative, c)
-        chain = P.scale_jacobian(theta)
-        J = by_term.real @ chain
+        relative *= (DB / y)[:, :, None]
+        kappa, chain = P.scales(theta), P.scale_jacobian(theta)
+        damped = {at: (relative[:, :, terms] @ kappa[terms]) * slope[:, None] for at, terms, slope in P.damping_spectra(theta, self.s)}
+        relative *= P.spectra(theta, self.s)[:, None, :]
+        J = relative.real @ chain
         if phase:
-            J = J + 1j * (by_term.imag @ chain)
-        kappa = P.scales(theta)
-        for at, terms, slope in P.damping_spectra(theta, self.s):
-            column = (relative[:, :, terms] @ kappa[terms]) * slope[:, None]
+            J = J + 1j * (relative.imag @ chain)
+        for at, column in damped.items():
             J[:, :, at] = column if phase else column.real
         return y, J
 

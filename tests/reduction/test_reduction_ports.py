@@ -14,7 +14,7 @@ from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, r
 
 from lrbc_cli.reduction import threads
 from lrbc_cli.reduction.ports import port_frf
-from lrbc_cli.reduction.threads import in_chunks, in_turn, side_by_side, solved
+from lrbc_cli.reduction.threads import by_lines, in_chunks, in_turn, side_by_side
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
 
@@ -319,15 +319,35 @@ def test_a_failure_in_a_chunk_is_not_swallowed():
         in_chunks(40, work)
 
 
-class TestThreads:
-    """Lines solved by two threads are those of one."""
+def solved(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Line by line, as the port formula does."""
+    found = np.empty(B.shape, dtype=complex)
 
-    def test_the_same_to_the_last_bit(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def work(part: slice) -> None:
+        found[part] = np.linalg.solve(A[part], B[part])
+
+    by_lines(A.shape[0], A.shape[1], 1, work)
+    return found
+
+
+class TestThreads:
+    """Lines solved by two threads, in slices that a cache holds, are those of one."""
+
+    @pytest.mark.parametrize("cached", [1, 9 * 9 * 16 * 4, 2_000_000])
+    @pytest.mark.parametrize("threaded", [0.0, 1e9])
+    def test_the_same_to_the_last_bit(self, cached: int, threaded: float, monkeypatch: pytest.MonkeyPatch) -> None:
         rng = np.random.default_rng(0)
         A, B = (rng.normal(size=(41, 9, k)) + 1j * rng.normal(size=(41, 9, k)) for k in (9, 3))
         expected = np.linalg.solve(A, B)
-        monkeypatch.setattr(threads, "THREADED", 0.0)
+        monkeypatch.setattr(threads, "THREADED", threaded)
+        monkeypatch.setattr(threads, "CACHED", cached)
         np.testing.assert_array_equal(solved(A, B), expected)
+
+    @pytest.mark.parametrize("lines", [0, 1, 2])
+    def test_few_lines(self, lines: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(threads, "THREADED", 0.0)
+        A, B = np.tile(2.0 * np.eye(5, dtype=complex), (lines, 1, 1)), np.ones((lines, 5, 1), dtype=complex)
+        np.testing.assert_array_equal(solved(A, B), 0.5 * B)
 
     @pytest.mark.parametrize("line", [0, 40])
     def test_a_singular_line_is_told(self, line: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -336,6 +356,15 @@ class TestThreads:
         monkeypatch.setattr(threads, "THREADED", 0.0)
         with pytest.raises(np.linalg.LinAlgError):
             solved(A, np.ones((41, 5, 1), dtype=complex))
+
+    def test_the_caller_sets_what_is_an_error_on_lines(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(threads, "THREADED", 0.0)
+
+        def work(part: slice) -> None:
+            np.float64(1.0) / np.zeros(1)
+
+        with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
+            by_lines(4, 3, 1, work)
 
     def test_pieces_of_work_side_by_side(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(threads, "THREADED", 0.0)
