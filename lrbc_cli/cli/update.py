@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import click
 
 from lrbc_cli.campaign.jobs.plans import choose_jobs, plan
+from lrbc_cli.campaign.jobs.remote import cluster
 from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
 from lrbc_cli.campaign.jobs.standing import findings_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -34,6 +36,7 @@ CLEARANCE = {
 @calibration_option
 @click.option("--job", "jobs", multiple=True, metavar="NAME", help="Run this job only; repeatable.")
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Jobs at a time.")
+@click.option("--scheduler", metavar="ADDRESS", help="Identify on the workers of this Dask scheduler, as many jobs at a time as they can.")
 @click.option("--force", is_flag=True, help="Run finished jobs again.")
 @click.option("--dry-run", is_flag=True, help="Print which jobs would run, and why; change nothing.")
 @click.option("--fail-on-loose", is_flag=True, help=FAIL_HELP)
@@ -47,6 +50,7 @@ def update(
     calibration: bool,
     jobs: tuple[str, ...],
     workers: int,
+    scheduler: str | None,
     force: bool,
     dry_run: bool,
     fail_on_loose: bool,
@@ -59,13 +63,17 @@ def update(
     """
     if dry_run and fail_on_loose:
         raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")
+    if scheduler is not None and workers > 1:
+        raise click.UsageError("--workers counts the jobs of this machine: leave it out with --scheduler")
     inputs = load(config, overrides, calibration=calibration)
     folder = cache_folder(cache)
     if dry_run:
         _dry_run(inputs, folder, jobs, force=force, as_json=as_json)
         return 0
-    with outdating(inputs.campaign.output / "report.html"):
-        outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=progress())
+    with nullcontext() if scheduler is None else cluster(scheduler) as remote, outdating(inputs.campaign.output / "report.html"):
+        outcome, _ = run_jobs(
+            inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, remote=remote, progress=progress()
+        )
     tell_troubles(outcome)
     code = outcome.exit_code(fail_on_loose)
     if as_json:

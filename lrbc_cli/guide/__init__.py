@@ -17,6 +17,7 @@ TOPICS: dict[str, str] = {
     "formats": "files that are read and written; the reduced model in other programs",
     "calibration": "global factors of the reference model",
     "watch": "judging while you measure: lrbc watch",
+    "machines": "many jobs at a time: lrbc update --workers, and --scheduler for other machines",
     "results": "result files",
     "page": "reading report.html; what inconclusive means; figures for print",
     "verdicts": "reading a verdict; exit codes for scripts",

@@ -13,6 +13,7 @@ from lrbc_cli.campaign.files import passed_over, unnamed
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
+from lrbc_cli.campaign.jobs.remote import Cluster
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_judgement, write_reduction, write_result
 from lrbc_cli.campaign.jobs.standing import findings_of, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
@@ -95,6 +96,7 @@ def run_jobs(
     force: bool = False,
     accept: bool = False,
     workers: int = 1,
+    remote: Cluster | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Outcome, ReductionStage | None]:
     """Run the updating jobs; a job that fails is a record, not the end.
@@ -116,6 +118,8 @@ def run_jobs(
         Accept a reduced model that misses its tolerance.
     workers : int
         Jobs at a time.
+    remote : Cluster or None
+        Whose workers identify the jobs, as many at a time as they can; None: this process.
     progress : callable
 
     Returns
@@ -126,7 +130,7 @@ def run_jobs(
     """
     names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
-    outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress).all(accept, workers, source)
+    outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress, remote).all(accept, workers, source)
     outcome.unseen = "" if wanted else unseen(inputs.campaign)
     outcome.beside = [] if wanted else unnamed(inputs.campaign)
     return outcome, stage
@@ -145,8 +149,10 @@ def unseen(campaign: Campaign) -> str:
 class _Run:
     """What the jobs of one call share."""
 
-    def __init__(self, inputs: Inputs, folder: Path, plans: Sequence[JobPlan], progress: Callable[[str], None]) -> None:
-        self.inputs, self.folder, self.progress = inputs, folder, progress
+    def __init__(
+        self, inputs: Inputs, folder: Path, plans: Sequence[JobPlan], progress: Callable[[str], None], remote: Cluster | None
+    ) -> None:
+        self.inputs, self.folder, self.progress, self.remote = inputs, folder, progress, remote
         self.output = inputs.campaign.output
         self.names = [p.name for p in plans]
         self.plans = {p.name: p for p in plans}
@@ -157,6 +163,7 @@ class _Run:
 
     def all(self, accept: bool, workers: int, source: FrfSource | None) -> tuple[Outcome, ReductionStage | None]:
         """Run, judge anew or keep them, those first that others rest on."""
+        workers = workers if self.remote is None else self.remote.slots
         campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
             if p.kept:
@@ -185,7 +192,7 @@ class _Run:
             for wanted_now in (first, second, [name for name in todo if name not in (*first, *second)]):
                 run = [name for name in wanted_now if self._still_to_run(name)]
                 if source is not None:
-                    _run_all(run, partial(self._identified, source), self._done, workers)
+                    _run_all(run, partial(self._identified, source), self._done, workers, self._give_up)
             outcome.kept.sort(key=self.names.index)
         finally:
             write_table(self.output, list(campaign.jobs))
@@ -223,8 +230,13 @@ class _Run:
 
     def _identified(self, source: FrfSource, name: str) -> JobRecord:
         before, baselines = self._tight_states(name)
-        p, result = self.plans[name], identify(self.inputs, source, name, before)
+        p = self.plans[name]
+        result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, before)
         return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
+
+    def _give_up(self) -> None:
+        if self.remote is not None:
+            self.remote.close()
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
         if self.workers < 2:
@@ -275,7 +287,13 @@ def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: Reducti
     return before if (certificate.key if certificate else None) == (stage.decision.key if stage else None) else None
 
 
-def _run_all(names: list[str], one: Callable[[str], JobRecord], done: Callable[[str, Callable[[], JobRecord]], None], workers: int) -> None:
+def _run_all(
+    names: list[str],
+    one: Callable[[str], JobRecord],
+    done: Callable[[str, Callable[[], JobRecord]], None],
+    workers: int,
+    give_up: Callable[[], None],
+) -> None:
     if workers < 2 or len(names) < 2:
         for name in names:
             done(name, lambda name=name: one(name))  # type: ignore[misc]
@@ -288,5 +306,9 @@ def _run_all(names: list[str], one: Callable[[str], JobRecord], done: Callable[[
             finished, _ = wait(pending, return_when=FIRST_COMPLETED)
             for future in finished:
                 done(pending.pop(future), future.result)
+    except BaseException:
+        # What other machines work on would be waited for.
+        give_up()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)

@@ -259,6 +259,10 @@ class FrfSource:
     _parts: dict[str, str] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process needs to find the same."""
+        return FrfSource, (self.inputs, self.stage, self.kind)
+
     @property
     def parts(self) -> dict[str, str]:
         """``cache.key_parts`` of its inputs, hashed once."""
@@ -275,7 +279,8 @@ class FrfSource:
             return self._tables[key]
 
     def _compute(self, s: Complexes) -> PortFrf:
-        decision = self.stage.decision if self.stage else None
+        # On another machine there is no such cache.
+        decision = self.stage.decision if self.stage and self.stage.decision.path.parent.is_dir() else None
         found = cache.load_ports(decision, s, self.kind, self.inputs) if decision else None
         if found is not None:
             return found

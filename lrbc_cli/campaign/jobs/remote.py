@@ -1,0 +1,159 @@
+"""Identifications by the workers of a Dask scheduler, on other machines too.
+
+The reduced model and the measurements are sent there, identifications come back; what is read and written stays on this machine, so that
+workers need no file of the campaign and no folder in common.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any
+
+import lrbc_cli
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.records import Measurement, read_measurement
+from lrbc_cli.campaign.jobs.identity import IDENTIFICATION_VERSION
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource
+from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
+from lrbc_cli.results.job import JobRecord
+
+log = logging.getLogger(__name__)
+
+Version = tuple[str, int]
+
+
+def version() -> Version:
+    """What an identification depends on besides its inputs, where this runs."""
+    return lrbc_cli.__version__, IDENTIFICATION_VERSION
+
+
+class Cluster:
+    """Workers that identify jobs.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    slots : int
+        Jobs that they do at a time.
+    """
+
+    def __init__(self, client: Any, slots: int) -> None:
+        self.slots = slots
+        self._client, self._lock, self._here = client, Lock(), Lock()
+        self._sent: tuple[FrfSource, Any] | None = None
+        self._closed = False
+
+    def close(self) -> None:
+        """Give up what has not come back; the workers stay."""
+        self._closed = True
+        self._client.close()
+
+    def identify(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None) -> Identification:
+        """As ``identify`` does, by a worker; here where the worker is lost.
+
+        Raises
+        ------
+        LrbcError
+            As ``identify`` does.
+        """
+        measured = _measured(inputs, name)
+        try:
+            found = self._client.submit(_identified, self._there(source), name, reference, measured, pure=False).result()
+        except LrbcError:
+            raise
+        except Exception as error:
+            if self._closed:
+                raise
+            log.warning("job %s: identified on this machine, the worker was lost (%s)", name, on_one_line(error))
+            with self._here:
+                return identify(inputs, source, name, reference, measured)
+        assert isinstance(found, Identification)
+        return found
+
+    def _there(self, source: FrfSource) -> Any:
+        """The model, sent to all workers once."""
+        with self._lock:
+            if self._sent is None or self._sent[0] is not source:
+                self._sent = source, self._client.scatter(source, broadcast=True, hash=False)
+            return self._sent[1]
+
+
+def _identified(source: FrfSource, name: str, reference: JobRecord | None, measured: dict[str, Measurement]) -> Identification:
+    return identify(source.inputs, source, name, reference, measured)
+
+
+def _measured(inputs: Inputs, name: str) -> dict[str, Measurement]:
+    """The job's measurement, and that of the reference job where it can be read: its earlier result serves without."""
+    jobs, reference = inputs.campaign.jobs, inputs.campaign.update.reference
+    found = {name: read_measurement(inputs, jobs[name], name)}
+    if reference in jobs and reference not in found:
+        try:
+            found[reference] = read_measurement(inputs, jobs[reference], reference)
+        except DataError as error:
+            log.debug("the reference job: %s", error)
+    return found
+
+
+@contextmanager
+def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
+    """The workers of a scheduler.
+
+    Parameters
+    ----------
+    address : str
+        Such as ``tcp://host:8786``.
+    seconds : float
+        To wait for an answer.
+
+    Raises
+    ------
+    ConfigError
+        Where Dask is not installed, no scheduler answers, it has no workers, or these have another version of this program.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError(
+            "--scheduler needs Dask, which is not installed", found=str(error), hint="pip install 'lrbc[cluster]', on every worker too"
+        ) from error
+    # What is lost is told by those who wait for it.
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = Client(address, timeout=seconds, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(
+            "no Dask scheduler answers at the address of --scheduler",
+            expected="an address such as tcp://host:8786, as `dask scheduler` prints it",
+            found=f"{address} ({error or type(error).__name__})",
+            hint="start it with `dask scheduler`, and workers with `dask worker ADDRESS --nthreads 1`",
+        ) from error
+    found = Cluster(client, 0)
+    try:
+        found.slots = _slots(client, address)
+        yield found
+    finally:
+        found.close()
+
+
+def _slots(client: Any, address: str) -> int:
+    """Jobs that the workers do at a time, all of them of this version."""
+    threads = client.nthreads()
+    if not threads:
+        hint = f"start one on each machine: `dask worker {address} --nthreads 1`"
+        raise ConfigError("the scheduler has no workers", found=address, hint=hint)
+    for worker, own in client.run(version, on_error="return").items():
+        if own != version():
+            what = f"{type(own).__name__}: {own}" if isinstance(own, Exception) else f"version {own[0]}, identification {own[1]}"
+            raise ConfigError(
+                f"the worker {worker} cannot identify as this machine does",
+                expected=f"lrbc {version()[0]}, identification {version()[1]}, installed there",
+                found=what,
+                hint="install this version of lrbc with the extra [cluster] on every worker, then start it again",
+            )
+    return sum(map(int, threads.values()))

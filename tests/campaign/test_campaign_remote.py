@@ -1,0 +1,123 @@
+"""Jobs on the workers of a Dask scheduler: the same results, no file needed there, and nothing lost where they are."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import Folder
+from distributed import LocalCluster
+
+import lrbc_cli as lrbc
+from lrbc_cli.campaign.jobs import remote
+from lrbc_cli.campaign.jobs.remote import Cluster, cluster
+from lrbc_cli.errors import ConfigError
+
+pytestmark = pytest.mark.filterwarnings("default")
+
+
+def started(workers: int) -> LocalCluster:
+    return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=":0")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with started(1) as found:
+        yield found.scheduler_address
+
+
+def numbers(folder: Folder, job: str) -> Any:
+    tree = folder.result(job)
+    return {key: tree[key] for key in ("parameters", "bolts", "cost", "misfit_db", "evaluations")}
+
+
+def test_the_same_results(frame: Folder, address: str) -> None:
+    before = {job: numbers(frame, job) for job in ("tight", "loose-2")}
+    outcome = frame.run("update", "--force", "--job", "tight", "--job", "loose-2", "--scheduler", address)
+    assert outcome.code == 0, outcome.stderr
+    assert {job: numbers(frame, job) for job in before} == before
+    assert "warning" not in outcome.stderr
+
+
+def test_a_worker_needs_no_file(frame: Folder) -> None:
+    study = lrbc.load(frame.config, cache=frame.cache)
+    measured = {job: study.read(job) for job in ("tight", "loose-2")}
+    expected = study.identify("tight").identification.solution.theta
+    sent = pickle.dumps((study.source, measured))
+    shutil.rmtree(frame.path)
+    source, there = pickle.loads(sent)
+    found = remote._identified(source, "tight", None, there)
+    np.testing.assert_allclose(found.solution.theta, expected, rtol=0, atol=1e-9)
+    assert not frame.path.exists()
+
+
+def test_what_cannot_be_read_is_told_as_without(frame: Folder, address: str) -> None:
+    (frame.data / "frf" / "loose-2.csv").write_text("frequency_hz\n")
+    here = frame.run("update", "--force", "--job", "loose-2")
+    there = frame.run("update", "--force", "--job", "loose-2", "--scheduler", address)
+    assert here.code == there.code == 5
+    assert there.stderr == here.stderr
+
+
+def test_a_lost_scheduler_costs_time_only(frame: Folder, caplog: pytest.LogCaptureFixture) -> None:
+    study = lrbc.load(frame.config, cache=frame.cache)
+    expected = study.identify("tight").identification.solution.theta
+    with started(1) as workers, cluster(workers.scheduler_address, seconds=1.0) as found:
+        workers.close()
+        result = found.identify(study.inputs, study.source, "tight", None)
+    np.testing.assert_array_equal(result.solution.theta, expected)
+    assert "job tight: identified on this machine, the worker was lost" in caplog.text
+
+
+def test_what_is_given_up_is_not_begun_here(frame: Folder, address: str) -> None:
+    study = lrbc.load(frame.config, cache=frame.cache)
+    with cluster(address) as found:
+        found.close()
+        with pytest.raises(Exception, match=r"(?i)clos|cancel"):
+            found.identify(study.inputs, study.source, "tight", None)
+
+
+class TestRefused:
+    def test_no_scheduler(self) -> None:
+        unused = "tcp://127.0.0.1:1"
+        with pytest.raises(ConfigError, match="no Dask scheduler answers") as told, cluster(unused, seconds=0.5):
+            pass
+        assert unused in told.value.message
+        assert "dask scheduler" in told.value.message
+
+    @pytest.mark.parametrize("text", ["", "nowhere", "http://127.0.0.1:1", "tcp://:::"])
+    def test_no_address(self, text: str) -> None:
+        with pytest.raises(ConfigError, match="no Dask scheduler answers"), cluster(text, seconds=0.5):
+            pass
+
+    def test_no_workers(self) -> None:
+        with started(0) as found, pytest.raises(ConfigError, match="the scheduler has no workers"), cluster(found.scheduler_address):
+            pass
+
+    def test_another_version(self, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(remote, "IDENTIFICATION_VERSION", 0)
+        with pytest.raises(ConfigError, match="cannot identify as this machine does") as told, cluster(address):
+            pass
+        assert "identification 0" in told.value.message
+
+    def test_workers_of_this_machine_beside_it(self, frame: Folder, address: str) -> None:
+        outcome = frame.run("update", "--workers", "2", "--scheduler", address)
+        assert outcome.code == 2
+        assert "--workers" in outcome.stderr
+
+
+def test_slots(address: str) -> None:
+    with cluster(address) as found:
+        assert isinstance(found, Cluster)
+        assert found.slots == 1
+
+
+def test_a_model_is_sent_once(frame: Folder, address: str, tmp_path: Path) -> None:
+    study = lrbc.load(frame.config, cache=frame.cache)
+    with cluster(address) as found:
+        assert found._there(study.source) is found._there(study.source)
