@@ -7,7 +7,6 @@ of y is *measured* there for any parameter vector), and its solutions enrich the
 from __future__ import annotations
 
 import datetime
-import logging
 import os
 import platform
 import time
@@ -31,9 +30,6 @@ from lrbc_cli.reduction.problem import Problem
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors
-
-log = logging.getLogger(__name__)
-
 
 #: Increased whenever the same input would give another basis.
 ALGORITHM_VERSION = 11

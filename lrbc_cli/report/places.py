@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
+from lrbc_cli.updating.places import foot
 
 
 def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt]) -> list[tuple[Bolt, float]]:
@@ -20,7 +20,9 @@ def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt
             (entry for entry in groups if entry.positions is not None and len(entry.positions)), key=lambda entry: _distance(entry, bolt)
         )
         if nearest is group and np.isfinite(bolt.position).all():
-            found.append((bolt, _arc_length(group, bolt.position)))
+            order = np.argsort(group.arc_length)
+            along, _ = foot(group.positions[order], group.arc_length[order], np.asarray(bolt.position))
+            found.append((bolt, along))
     return found
 
 
@@ -41,19 +43,3 @@ def along_the_edges(names: Sequence[str], jobs: Sequence[JobRecord]) -> list[lis
 def _distance(group: Parameter, bolt: Bolt) -> float:
     positions = np.empty((0, 3)) if group.positions is None else group.positions
     return float(np.linalg.norm(positions - bolt.position, axis=1).min())
-
-
-def _arc_length(group: Parameter, point: Floats) -> float:
-    if group.positions is None or group.arc_length is None:
-        raise ValueError("a group without positions has no arc length")
-    order = np.argsort(group.arc_length)
-    nodes, length = group.positions[order], group.arc_length[order]
-    step = np.diff(nodes, axis=0)
-    size = np.maximum((step**2).sum(axis=1), 1e-300)
-    share = ((point - nodes[:-1]) * step).sum(axis=1) / size
-    low, high = np.zeros(len(share)), np.ones(len(share))
-    low[0], high[-1] = -np.inf, np.inf
-    share = np.clip(share, low, high)
-    foot = nodes[:-1] + share[:, None] * step
-    best = int(np.argmin(((foot - point) ** 2).sum(axis=1)))
-    return float(length[best] + share[best] * (length[best + 1] - length[best]))

@@ -27,7 +27,6 @@ from lrbc_cli.results.modes import ModesRecord
 from lrbc_cli.updating.clearance import BoltFinding, JobFinding
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
-STATUSES = ("converged", "stopped", "unexplained", "failed")
 
 
 class SaturationRecord(Record):

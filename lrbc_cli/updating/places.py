@@ -110,14 +110,22 @@ def pitch_of(bolts: Floats) -> float:
     return float(np.median(distance.min(axis=1)))
 
 
-def foot(edge: Edge, point: Floats) -> tuple[float, float]:
-    """Arc length of the point of the edge nearest to a bolt, continued straight beyond the ends, and the distance to the edge [m]."""
-    if edge.xyz.shape[0] == 1:
-        return float(edge.arc_length[0]), float(np.linalg.norm(point - edge.xyz[0]))
+def foot(xyz: Floats, arc_length: Floats, point: Floats) -> tuple[float, float]:
+    """Arc length of the point of an edge nearest to a bolt, continued straight beyond the ends, and the distance to the edge [m].
+
+    Parameters
+    ----------
+    xyz : (k, 3) float array
+        Positions along the edge, in order.
+    arc_length : (k,) float array
+    point : (3,) float array
+    """
+    if xyz.shape[0] == 1:
+        return float(arc_length[0]), float(np.linalg.norm(point - xyz[0]))
     best = (0.0, np.inf)
-    last = edge.xyz.shape[0] - 2
+    last = xyz.shape[0] - 2
     for i in range(last + 1):
-        start, segment = edge.xyz[i], edge.xyz[i + 1] - edge.xyz[i]
+        start, segment = xyz[i], xyz[i + 1] - xyz[i]
         length = float(np.linalg.norm(segment))
         if length == 0.0:
             continue
@@ -125,7 +133,7 @@ def foot(edge: Edge, point: Floats) -> tuple[float, float]:
         inside = np.clip(t, -np.inf if i == 0 else 0.0, np.inf if i == last else length)
         distance = float(np.linalg.norm(point - start - segment * (inside / length)))
         if distance < best[1]:
-            best = (float(edge.arc_length[i]) + float(inside), distance)
+            best = (float(arc_length[i]) + float(inside), distance)
     return best
 
 
@@ -200,7 +208,7 @@ def places(edges: Sequence[Edge], bolts: Floats) -> list[Place]:
     list of Place
     """
     pitch = pitch_of(bolts)
-    feet = [[foot(edge, bolt) for edge in edges] for bolt in bolts]
+    feet = [[foot(edge.xyz, edge.arc_length, bolt) for edge in edges] for bolt in bolts]
     nearest = [int(np.argmin([distance for _, distance in row])) for row in feet]
     # Bolts of one edge lie beside each other: of others, say along the next edge of a plate, its terms know nothing.
     least = [min((row[e][1] for row, own in zip(feet, nearest, strict=True) if own == e), default=np.inf) for e in range(len(edges))]

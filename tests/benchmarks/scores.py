@@ -132,7 +132,7 @@ def place_bolts(tree: Mapping[str, Any]) -> tuple[Edge, Floats, float]:
     arc = np.array(group["arc_length"], dtype=float)
     edge = Edge(np.array(group["positions"], dtype=float), arc, np.array(group["log10_effective"], dtype=float), np.inf, None)
     xyz = np.array([bolt["position"] for bolt in tree["bolts"]], dtype=float)
-    return edge, np.array([foot(edge, point)[0] for point in xyz]), pitch_of(xyz)
+    return edge, np.array([foot(edge.xyz, edge.arc_length, point)[0] for point in xyz]), pitch_of(xyz)
 
 
 def score_job(campaign: str, tree: Mapping[str, Any], reference: Mapping[str, Any], removed: Sequence[str], role: str) -> JobScore:

@@ -11,13 +11,20 @@ import pytest
 from pydantic import BaseModel
 from sample_campaign import VALID
 
-from lrbc_cli import config
 from lrbc_cli.config import Campaign, campaign_schema, load_campaign
 from lrbc_cli.config.document import parse, read_document
 from lrbc_cli.config.explain import key_paths
+from lrbc_cli.config.fields import Strict
+from lrbc_cli.config.settings import ReductionConfig
 
 ROOT = Path(__file__).parents[2]
-MODELS = [thing for thing in vars(config).values() if isinstance(thing, type) and issubclass(thing, BaseModel)]
+
+
+def all_of(base: type[BaseModel]) -> list[type[BaseModel]]:
+    return [model for kind in base.__subclasses__() for model in (kind, *all_of(kind))]
+
+
+MODELS = [model for model in all_of(Strict) if model.__module__.startswith("lrbc_cli.config.")]
 
 
 @pytest.fixture(scope="module")
@@ -118,5 +125,5 @@ def test_what_the_loader_refuses_does_not_validate(validator: jsonschema.Draft20
 
 def test_literals_are_in_the_schema() -> None:
     backend = campaign_schema()["$defs"]["ReductionConfig"]["properties"]["backend"]
-    assert backend["enum"] == list(get_args(config.ReductionConfig.model_fields["backend"].annotation))
+    assert backend["enum"] == list(get_args(ReductionConfig.model_fields["backend"].annotation))
     assert backend["default"] == "auto"

@@ -204,15 +204,15 @@ class TestPlaces:
     def test_foot_on_a_corner(self):
         corner = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]])
         bent = Edge(corner, np.array([0.0, 1.0, 2.0]), np.zeros(3), 5.0, None)
-        assert foot(bent, np.array([0.4, -0.1, 0.0])) == pytest.approx((0.4, 0.1))
-        assert foot(bent, np.array([1.2, 0.7, 0.0])) == pytest.approx((1.7, 0.2))
+        assert foot(bent.xyz, bent.arc_length, np.array([0.4, -0.1, 0.0])) == pytest.approx((0.4, 0.1))
+        assert foot(bent.xyz, bent.arc_length, np.array([1.2, 0.7, 0.0])) == pytest.approx((1.7, 0.2))
         # Beyond the ends the edge goes on straight.
-        assert foot(bent, np.array([-0.5, 0.0, 0.1])) == pytest.approx((-0.5, 0.1))
-        assert foot(bent, np.array([1.0, 1.5, 0.0])) == pytest.approx((2.5, 0.0))
+        assert foot(bent.xyz, bent.arc_length, np.array([-0.5, 0.0, 0.1])) == pytest.approx((-0.5, 0.1))
+        assert foot(bent.xyz, bent.arc_length, np.array([1.0, 1.5, 0.0])) == pytest.approx((2.5, 0.0))
 
     def test_nodes_that_coincide(self):
         doubled = Edge(XYZ[[0, 10, 10, 50]], Y[[0, 10, 10, 50]], np.zeros(4), 5.0, None)
-        assert foot(doubled, np.array([0.0, 0.3, 0.0]))[0] == pytest.approx(0.3)
+        assert foot(doubled.xyz, doubled.arc_length, np.array([0.0, 0.3, 0.0]))[0] == pytest.approx(0.3)
 
     def test_pitch(self):
         assert pitch_of(BOLTS) == pytest.approx(0.05)

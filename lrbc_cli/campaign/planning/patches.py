@@ -10,7 +10,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.places import Edge, foot, pitch_of
+from lrbc_cli.updating.places import foot, pitch_of
 
 
 def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:
@@ -46,7 +46,7 @@ def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]
         for group in edges:
             assert group.xyz is not None
             assert group.arc_length is not None
-            feet[group.name] = foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz)
+            feet[group.name] = foot(group.xyz, group.arc_length, xyz)
         nearest = min(distance for _, distance in feet.values())
         for group in edges:
             at, distance = feet[group.name]

@@ -42,7 +42,7 @@ from lrbc_cli.updating.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSS
 from lrbc_cli.updating.lines import resonance_lines
 from lrbc_cli.updating.misfit import Sensitive, penalty_rows
 from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.places import Edge, foot
+from lrbc_cli.updating.places import foot
 from lrbc_cli.updating.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
@@ -396,7 +396,7 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
             targets.append(Target(name, xyz, ", ".join(parameters.groups[i].name for i in parts), None, int(column)))
             continue
         feet = [
-            (*foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz), group.name)
+            (*foot(group.xyz, group.arc_length, xyz), group.name)
             for group, _ in groups
             if group.xyz is not None and group.arc_length is not None
         ]

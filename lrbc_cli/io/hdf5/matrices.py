@@ -14,7 +14,6 @@ from lrbc_cli.io.common import listing
 from lrbc_cli.io.hdf5.tools import load, lookup, open_hdf5, read_safely, shape_attribute, text_attribute
 from lrbc_cli.io.sparse import MatrixFile, canonical, from_compressed
 
-ENCODING_VERSION = "0.1.0"
 _VERSIONS = ("0.1.0",)
 
 
