@@ -19,7 +19,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.jobs.evidence import beside_baselines, evidence_of
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.jobs.results import identified_tree, with_judgement
 from lrbc_cli.campaign.planning.plan import Request, make_plan
@@ -255,7 +255,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        evidence = evidence_of(inputs, found, before)
+        evidence = beside_baselines(inputs, evidence_of(inputs, found, before), found.measurement)
         tree = identified_tree(inputs, self.source.stage, found, before)
         record = JobRecord.checked(with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines}))
         return Identified(name=job, identification=found, evidence=evidence, record=record)

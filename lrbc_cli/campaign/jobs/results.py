@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.jobs.evidence import bands, effective, evidence_of, write_evidence
+from lrbc_cli.campaign.jobs.evidence import bands, beside_baselines, effective, evidence_of, write_evidence
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
 from lrbc_cli.campaign.jobs.modes import modes_tree
@@ -87,7 +87,7 @@ def write_result(
     folder = output / result.name
     evidence = evidence_of(inputs, result, reference)
     identified = identified_tree(inputs, stage, result, reference)
-    tree = with_judgement(inputs, identified, evidence, baselines)
+    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence, result.measurement), baselines)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
     files = {
@@ -114,7 +114,8 @@ def write_judgement(
     rests: RestsOn,
 ) -> JobRecord:
     """Judge a stored identification anew and write its result.json; the other files stay as they are."""
-    tree = with_judgement(inputs, {key: value for key, value in stored.tree().items() if key not in JUDGED}, evidence, baselines)
+    identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
+    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence), baselines)
     tree["provenance"] = {**tree["provenance"], "judgement": judgement.tree(), "rests_on": rests}
     return _written(output / evidence.job, tree)
 
