@@ -79,6 +79,21 @@ def test_start_values_do_not_hang_on_the_lines_asked_for(tmp_path: Path) -> None
     assert np.any(study.parameters(HZ).initial != study.parameters().initial)
 
 
+def test_what_is_handed_out_is_shown_in_few_words(study: Study) -> None:
+    """At a prompt, whatever hangs on it."""
+    for shown in (
+        study,
+        study.reduce(),
+        study.reduce().model,
+        study.stage,
+        study.source,
+        study.model,
+        study.parameters(),
+        study.read("tight"),
+    ):
+        assert len(repr(shown)) < 1200, type(shown)
+
+
 def test_sensitivities_are_the_derivatives_of_the_levels(study: Study) -> None:
     count = study.parameters().groups[0].count
     p = np.linspace(5.0, 6.0, count)
