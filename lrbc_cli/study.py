@@ -20,8 +20,8 @@ from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters
 from lrbc_cli.campaign.jobs.evidence import beside_baselines, evidence_of
+from lrbc_cli.campaign.jobs.finished import identified_tree, with_judgement
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
-from lrbc_cli.campaign.jobs.results import identified_tree, with_judgement
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder

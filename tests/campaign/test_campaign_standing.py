@@ -27,12 +27,12 @@ from lrbc_cli.campaign.jobs import run
 name = sys.argv.pop(1)
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 
-def write_result(output, inputs, stage, result, *more, original=run.write_result):
-    if result.name != name:
-        return original(output, inputs, stage, result, *more)
+def write_result(output, finished, original=run.write_result):
+    if finished.name != name:
+        return original(output, finished)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
-        return original(output, inputs, stage, result, *more)
+        return original(output, finished)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
 

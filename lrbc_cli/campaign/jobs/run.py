@@ -12,6 +12,7 @@ from pathlib import Path
 from lrbc_cli.campaign.files import passed_over, unnamed
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
+from lrbc_cli.campaign.jobs.finished import finish, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_judgement, write_reduction, write_result
 from lrbc_cli.campaign.jobs.standing import findings_of, rests_on
@@ -213,8 +214,8 @@ class _Run:
         if p.run:
             return True
         if p.judge and p.evidence is not None and p.record is not None:
-            record = write_judgement(self.output, self.inputs, p.record, p.evidence, baselines, p.judgement, now)
-            self.outcome.results[name] = record
+            record = judged_anew(self.inputs, p.record, p.evidence, baselines, p.judgement, now)
+            self.outcome.results[name] = write_judgement(self.output, record)
             self.outcome.judged.append(name)
             self.progress(f"{name}: judged anew, {p.reason}")
         else:
@@ -224,7 +225,7 @@ class _Run:
     def _identified(self, source: FrfSource, name: str) -> JobRecord:
         before, baselines = self._tight_states(name)
         p, result = self.plans[name], identify(self.inputs, source, name, before)
-        return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
+        return write_result(self.output, finish(self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement)))
 
     def _done(self, name: str, work: Callable[[], JobRecord]) -> None:
         if self.workers < 2:

@@ -14,7 +14,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
-from lrbc_cli.campaign.jobs.results import calibration_tree
+from lrbc_cli.campaign.jobs.finished import calibration_tree
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
     Draw,
