@@ -18,14 +18,14 @@ from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
-from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters
+from lrbc_cli.campaign.jobs.evidence import beside_baselines, evidence_of
+from lrbc_cli.campaign.jobs.finished import identified_tree, with_judgement
 from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
-from lrbc_cli.campaign.jobs.results import identified_tree, with_judgement
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.errors import ConfigError, DataError
@@ -99,6 +99,7 @@ class Study:
         self._folder, self._progress = cache_folder(cache), progress
         self._stage: ReductionStage | None = None
         self._source: FrfSource | None = None
+        self._start: Parameterisation | None = None
 
     def __repr__(self) -> str:
         return f"Study({self.inputs.campaign.name!r}, {self.model.size} DOFs, {self.model.terms.size} terms, jobs {self.jobs})"
@@ -135,7 +136,7 @@ class Study:
         """
         if self._stage is None or force:
             self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress)
-            self._source = None
+            self._source = self._start = None
         return self._stage.reduction
 
     @property
@@ -153,9 +154,23 @@ class Study:
             self._source = frf_source(self.inputs, None if full else self.stage, self._progress)
         return self._source
 
-    def parameters(self, hz: ArrayLike) -> Parameterisation:
-        """The unknowns with start values and bounds; ``auto`` is resolved on the lines hz [Hz]."""
-        return parameterise(self.inputs, self.source, self._lines(hz))[0]
+    def parameters(self, hz: ArrayLike | None = None) -> Parameterisation:
+        """The unknowns with start values and bounds.
+
+        Parameters
+        ----------
+        hz : (F,) array or None
+            Lines on which ``auto`` is resolved, as an identification does on those that were measured [Hz]; None: the 1 Hz lines of the
+            band, as for ``frf`` and `lrbc simulate`.
+        """
+        if hz is not None:
+            return parameterise(self.inputs, self.source, self._lines(hz))[0]
+        if self._start is None:
+            source = self.source
+            if source.stage is None and found_on_frfs(self.inputs):
+                source = FrfSource(self.inputs, self.stage, cheaper_formula(self.inputs, self.stage), self._progress)
+            self._start = start_parameters(self.inputs, source)
+        return self._start
 
     def frf(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> Complexes:
         """(F, R) FRFs of the reduced model.
@@ -165,7 +180,7 @@ class Study:
         hz : (F,) array
             Lines inside the band [Hz].
         theta : (size,) array or None
-            All unknowns, in the order of ``parameters(hz)``; None: their start values.
+            All unknowns, in the order of ``parameters()``; None: their start values.
         **log10
             Values by parameter group, one or one a parameter, put into theta; ``inf`` clamps, ``-inf`` frees. A damping exponent is
             ``**{"GROUP.damping": value}``.
@@ -176,8 +191,7 @@ class Study:
         >>> study.frf([100.0, 101.0], left_edge=6.5).shape
         (2, 4)
         """
-        s = self._lines(hz)
-        parameters = self.parameters(hz)
+        s, parameters = self._lines(hz), self.parameters()
         return self.source.model(s, parameters).frf(self._theta(parameters, theta, log10))
 
     def sensitivities(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> tuple[Complexes, Floats]:
@@ -192,9 +206,9 @@ class Study:
         -------
         y : (F, R) complex array
         J : (F, R, size) float array
-            dB per decade, eqs. (35), (36); in the order of ``parameters(hz)``.
+            dB per decade, eqs. (35), (36); in the order of ``parameters()``.
         """
-        s, parameters = self._lines(hz), self.parameters(hz)
+        s, parameters = self._lines(hz), self.parameters()
         y, J = self.source.model(s, parameters).sensitivities(self._theta(parameters, theta, log10))
         return y, np.asarray(J.real)
 
@@ -255,7 +269,7 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        evidence = evidence_of(inputs, found, before)
+        evidence = beside_baselines(inputs, evidence_of(inputs, found, before), found.measurement)
         tree = identified_tree(inputs, self.source.stage, found, before)
         record = JobRecord.checked(with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines}))
         return Identified(name=job, identification=found, evidence=evidence, record=record)

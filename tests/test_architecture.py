@@ -190,6 +190,13 @@ def test_sub_rooms_have_no_circle():
     assert tuple(TopologicalSorter({room: others - {room} for room, others in above.items()}).static_order())
 
 
+def test_the_writer_of_results_only_writes():
+    """What identifies, judges and compares stands before it, in steps of its own."""
+    known = imports_of(ROOT / "campaign" / "jobs" / "results.py")
+    computing = ("lrbc_cli.updating", "lrbc_cli.campaign.identification", "lrbc_cli.campaign.jobs.judging", "lrbc_cli.campaign.jobs.shapes")
+    assert not [name for name in known if name.startswith(computing)]
+
+
 def test_every_room_is_in_the_plan():
     assert {room_of(name_of(path)) for path in MODULES} - {None} == set(ALLOWED)
 

@@ -36,7 +36,7 @@ axes.set(xlabel="frequency [Hz]", ylabel="acc1 [m/s²/N]")
 axes.legend(title="stiffness of the edge")
 
 y, J = study.sensitivities(hz, left_edge=5.0)
-felt = np.abs(J).mean(axis=(0, 1))[: study.parameters(hz).groups[0].count]
+felt = np.abs(J).mean(axis=(0, 1))[: study.parameters().groups[0].count]
 print("mean sensitivity of the segments [dB/decade]:", felt.round(2))
 
 # %% [markdown]

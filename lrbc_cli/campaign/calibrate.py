@@ -18,7 +18,8 @@ from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
-from lrbc_cli.campaign.jobs.results import frf_rows, misfit_tree, write_campaign
+from lrbc_cli.campaign.jobs.finished import frf_rows, misfit_tree
+from lrbc_cli.campaign.jobs.results import write_campaign
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import NumericalError

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.identification.unknowns import start_parameters
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.reader import DIRECTIONS
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula
-from lrbc_cli.campaign.simulate import job_values, parse_lines, parse_values
+from lrbc_cli.campaign.simulate import job_values, parse_values
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, is_export, write_export
@@ -121,12 +121,7 @@ def export(
         Where there is no real first-order form.
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
-    band = inputs.campaign.reduction.band
-    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage))
-    auto = any(group.config.start is None for group in inputs.groups)
-    # Only start values found on the FRFs need lines.
-    lines = parse_lines(None, band) if auto else np.array(band)
-    parameters, _ = parameterise(inputs, source, 2j * np.pi * lines)
+    parameters = start_parameters(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage)))
     tree = second_order(inputs, stage, parameters)
     told: dict[str, Any] = {}
     if first_order:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.unknowns import layout, parameterise, stored_theta
+from lrbc_cli.campaign.identification.unknowns import layout, start_parameters, stored_theta
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -19,12 +19,9 @@ from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.reduction.grid import MAX_LINES, band_lines, require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-
-#: Lines at most in one call: a slip in the step must not fill the memory.
-MAX_LINES = 200_000
 
 #: Largest log10 value that is taken for a parameter.
 MAX_LOG10 = 30.0
@@ -45,12 +42,7 @@ def parse_lines(text: str | None, band: tuple[float, float]) -> Floats:
         )
 
     if text is None:
-        first, last = np.ceil(band[0]), np.floor(band[1])
-        if last - first > MAX_LINES:
-            raise ConfigError(
-                f"the band holds more than {MAX_LINES} lines of 1 Hz", place="--lines", expected="START:STOP:STEP", hint="name the lines"
-            )
-        return np.arange(first, last + 1) if first <= last else np.array(band)
+        return band_lines(band, "--lines", "name the lines: START:STOP:STEP")
     number = r"\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*"
     if re.fullmatch(f"{number}:{number}(:{number})?", text):
         values = [float(part) for part in text.split(":")]
@@ -218,13 +210,11 @@ def simulate(
         require_in_band(frequency, band, f"--lines {lines}", "change reduction.band, or use --full")
     check_parameters(inputs, job, assignments)
     s = 2j * np.pi * frequency
-    # Start values found on the FRFs belong to the band, not to the lines asked for.
     auto = job is None and any(group.config.start is None for group in inputs.groups)
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
     reduced = None if stage is None else FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
     source = FrfSource(inputs, None, "full", progress) if full or reduced is None else reduced
-    own = (reduced, 2j * np.pi * parse_lines(None, band)) if auto and reduced is not None else (source, s)
-    parameters, _ = parameterise(inputs, *own)
+    parameters = start_parameters(inputs, reduced) if auto and reduced is not None else layout(inputs)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)
     frf = _records(inputs, out, frequency, source.model(s, parameters).frf(theta))

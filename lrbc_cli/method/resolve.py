@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -190,13 +190,30 @@ def resolve(update: UpdateConfig, facts: Facts, statistics: StatisticalModel = S
         statistics=_with_prior(update, statistics),
         rule=rule_of(update),
         reasons=reasons,
-        warnings=tuple(warnings),
+        warnings=(*warnings, *_without_effect(update, facts, follows)),
     )
 
 
 def _with_prior(update: UpdateConfig, statistics: StatisticalModel) -> StatisticalModel:
     std = update.prior_std
     return statistics if std == "auto" else replace(statistics, values=replace(statistics.values, std=std, joint_std=std))
+
+
+def _without_effect(update: UpdateConfig, facts: Facts, follows: bool) -> Iterator[str]:
+    """Further settings that were given where nothing reads them."""
+    given = update.model_fields_set
+    if not follows and update.prior_std != "auto":
+        yield f"update.prior_std: {update.prior_std:g} weighs no values, because update.regularisation: {update.regularisation} does"
+    if not follows and "weights" in given and update.weights == "auto":
+        yield f"update.weights: auto weighs no lines beside update.regularisation: {update.regularisation}, and is not used"
+    if update.loss == "squares" and "loss_scale" in given:
+        yield f"update.loss_scale: {update.loss_scale:g} is of loss: soft, and not used"
+    if "room" in update.nuisances.model_fields_set and update.nuisances.temperature is None:
+        yield f"update.nuisances.room: {update.nuisances.room:g} is what nuisances.temperature varies about; without that it is not used"
+    if not facts.bolts:
+        for key in ("baselines", "confidence", "loose_change"):
+            if key in given and getattr(update, key):
+                yield f"update.{key} is for verdicts on bolts, and not used: the campaign names none (`bolts`)"
 
 
 def _comparison(mixture: bool, relative: bool) -> dict[str, str]:

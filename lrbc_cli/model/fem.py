@@ -40,10 +40,10 @@ class FeModel:
     M: sp.csc_array
     B: sp.csc_array
     L: sp.csc_array
-    output_power: NDArray[np.int64]
-    is_acoustic: NDArray[np.bool_]
-    terms: LowRankTerms
-    extras: Mapping[str, Mapping[str, sp.csc_array]] = field(default_factory=dict)
+    output_power: NDArray[np.int64] = field(repr=False)
+    is_acoustic: NDArray[np.bool_] = field(repr=False)
+    terms: LowRankTerms = field(repr=False)
+    extras: Mapping[str, Mapping[str, sp.csc_array]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         n = self.K.shape[0]

@@ -106,16 +106,16 @@ class ParameterGroup:
 
     name: str
     kind: str
-    terms: NDArray[np.int64]
-    parameter: NDArray[np.int64]
-    initial: Floats
-    bounds: Floats
-    smoothing: Floats
+    terms: NDArray[np.int64] = field(repr=False)
+    parameter: NDArray[np.int64] = field(repr=False)
+    initial: Floats = field(repr=False)
+    bounds: Floats = field(repr=False)
+    smoothing: Floats = field(repr=False)
     baseline: float = 0.0
     damping: EdgeDamping | None = None
-    xyz: Floats | None = None
-    arc_length: Floats | None = None
-    bolt: NDArray[np.int64] | None = None
+    xyz: Floats | None = field(default=None, repr=False)
+    arc_length: Floats | None = field(default=None, repr=False)
+    bolt: NDArray[np.int64] | None = field(default=None, repr=False)
 
     @property
     def count(self) -> int:

@@ -15,6 +15,23 @@ WIDE_BAND = 40.0
 #: Share of the grid that a line keeps from expansion points.
 APART = 0.01
 
+#: Lines at most in one call: a slip in the step must not fill the memory.
+MAX_LINES = 200_000
+
+
+def band_lines(band: tuple[float, float], place: str | None = None, hint: str = "narrow reduction.band") -> Floats:
+    """The 1 Hz lines of a band [Hz]; its ends where it holds none.
+
+    Raises
+    ------
+    ConfigError
+        Where there are too many.
+    """
+    first, last = np.ceil(band[0]), np.floor(band[1])
+    if last - first > MAX_LINES:
+        raise ConfigError(f"the band holds more than {MAX_LINES} lines of 1 Hz", place=place, hint=hint)
+    return np.arange(first, last + 1) if first <= last else np.array(band)
+
 
 def require_in_band(lines: Floats, band: tuple[float, float], place: str | None = None, hint: str | None = None) -> None:
     """Refuse lines [Hz] on which the reduced model was not certified.
@@ -93,4 +110,4 @@ class Grid:
         return chosen
 
 
-__all__ = ["WIDE_BAND", "Grid", "require_in_band"]
+__all__ = ["MAX_LINES", "WIDE_BAND", "Grid", "band_lines", "require_in_band"]

@@ -117,16 +117,16 @@ class Reduction:
     model: ReducedModel
     options: ReductionOptions
     reached: bool
-    held_out: tuple[HeldOut, ...]
+    held_out: tuple[HeldOut, ...] = field(repr=False)
     unseen: float
-    trace: tuple[Step, ...]
-    seconds: dict[str, float]
+    trace: tuple[Step, ...] = field(repr=False)
+    seconds: dict[str, float] = field(repr=False)
     backend: str
     coupling: str
     sizes: tuple[int, ...]
     full_size: int
     vectors: int
-    machine: dict[str, str | int]
+    machine: dict[str, str | int] = field(repr=False)
     date: str
     stopped: str = ""
     rows: Floats | None = field(default=None, repr=False)

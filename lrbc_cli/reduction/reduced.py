@@ -36,18 +36,18 @@ class ReducedModel:
         Projected matrices of the further groups of factors, by group and operator.
     """
 
-    K: Complexes | Floats
-    C: Complexes | Floats
-    M: Complexes | Floats
-    B: Floats
-    L: Floats
-    left: Floats
-    right: Floats
-    output_power: Integers
-    input_of: Integers
-    reference: Floats
+    K: Complexes | Floats = field(repr=False)
+    C: Complexes | Floats = field(repr=False)
+    M: Complexes | Floats = field(repr=False)
+    B: Floats = field(repr=False)
+    L: Floats = field(repr=False)
+    left: Floats = field(repr=False)
+    right: Floats = field(repr=False)
+    output_power: Integers = field(repr=False)
+    input_of: Integers = field(repr=False)
+    reference: Floats = field(repr=False)
     structure: int
-    extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict, repr=False)
 
     @property
     def size(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,23 @@ def test_a_factor_that_leaves_most_of_the_misfit_is_no_unit(frame: Folder) -> No
     def found(half: float, after: float) -> list[str]:
         wrong = Offset(response=2, db=31.1, half=half, power=0, known=(), before=27.4, after=after, named=True)
         sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in (0, 1, 3)]
-        return offset_texts(inputs, [wrong, *sound], "tight")
+        return list(offset_texts(inputs, [wrong, *sound], "tight").values())
 
     assert found(8.7, 10.5) == []
     assert "acc3: measured over computed +31.10 dB" in found(0.5, 3.0)[0]
+
+
+def test_what_is_found_is_told_apart_by_kind_and_responses(frame: Folder) -> None:
+    """Not by its words: the same of several jobs is said once, whatever it reads like."""
+    inputs = frame.inputs()
+    sound = [Offset(response=i, db=0.1, half=0.2, power=0, known=(), before=1.0, after=1.0) for i in range(4)]
+    turned = [replace(offset, reversed=offset.response in (1, 2)) for offset in sound]
+    late = [replace(offset, delay=1e-3) for offset in sound]
+    first, second = (offset_texts(inputs, turned, job) for job in ("tight", "loose-2"))
+    assert first.keys() == second.keys() == {("reversed", 1, 2)}
+    assert first != second
+    assert offset_texts(inputs, late, "tight").keys() == {("late", 0, 1, 2, 3)}
+    assert offset_texts(inputs, [replace(sound[0], db=60.0, before=60.0, named=True), *sound[1:]], "tight").keys() == {("units", 0)}
 
 
 def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:

@@ -49,6 +49,30 @@ def test_settings_of_the_other_way_are_named() -> None:
     assert "update.method: bfgs" in second
 
 
+@pytest.mark.parametrize(
+    ("settings", "idle", "needed"),
+    [
+        ({"approach": "paper", "regularisation": 0.04, "prior_std": 0.5}, "update.prior_std: 0.5", {"regularisation": "auto"}),
+        ({"approach": "paper", "regularisation": "l-curve", "weights": "auto"}, "update.weights: auto", {"regularisation": "auto"}),
+        ({"loss_scale": 1.0}, "update.loss_scale: 1", {"loss": "soft"}),
+        ({"nuisances": {"room": 23.0}}, "update.nuisances.room: 23", {"nuisances": {"room": 23.0, "temperature": 2.0}}),
+        ({"nuisances": {"room": 23.0, "sound_speed": 0.01}}, "update.nuisances.room: 23", {"nuisances": {"sound_speed": 0.01}}),
+        ({"confidence": 0.9, "bolts": False}, "update.confidence", {"bolts": True}),
+        ({"baselines": ("again",), "loose_change": -0.4, "bolts": False}, "update.baselines", {"bolts": True}),
+    ],
+)
+def test_keys_without_effect_are_named(settings: Any, idle: str, needed: Any) -> None:
+    assert method(**settings).warnings[0].startswith(idle)
+    assert method(**(settings | needed)).warnings == ()
+
+
+def test_averages_without_a_coherence_are_named(frame: Folder) -> None:
+    said = "averages: 7 are those of its coherence, of which there is none, and not used"
+    outcome = frame.run("check", "--override", "jobs.tight.averages=7")
+    assert (outcome.stdout + outcome.stderr).count(said) == 1
+    assert said not in frame.run("check").stdout
+
+
 def test_every_command_says_what_is_not_used(frame: Folder) -> None:
     words = ("--override", "update.approach=bolts", "--override", "update.regularisation=0.04")
     for command in (("check",), ("update", "--dry-run"), ("reduce", "--dry-run")):

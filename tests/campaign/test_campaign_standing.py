@@ -27,12 +27,12 @@ from lrbc_cli.campaign.jobs import run
 name = sys.argv.pop(1)
 hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
 
-def write_result(output, inputs, stage, result, *more, original=run.write_result):
-    if result.name != name:
-        return original(output, inputs, stage, result, *more)
+def write_result(output, finished, original=run.write_result):
+    if finished.name != name:
+        return original(output, finished)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
-        return original(output, inputs, stage, result, *more)
+        return original(output, finished)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
 
@@ -170,6 +170,27 @@ def test_a_baseline_that_was_missing(tmp_path: Path) -> None:
     assert folder.run("update", "--json").json["kept"] == ["tight", "again", "loose-2"]
     # Tight by assumption, both, so that nothing is shown without the third.
     assert folder.run("update", "--fail-on-loose", "--job", "again").code == 7
+
+
+def test_a_baseline_that_was_a_copy(frame: Folder) -> None:
+    """Whether a measurement has the numbers of a baseline's is looked for when judging, in the files that there are then."""
+    own, other = (frame.data / "frf" / f"{name}.csv" for name in ("loose-2", "again"))
+    header, *rows = own.read_text().splitlines()
+    rounded = [",".join(f"{float(cell):.5g}" for cell in row.split(",")) for row in rows]
+    other.write_text("\n".join([header, *rounded]) + "\n")
+    tree = frame.tree()
+    tree["jobs"]["again"] = {"frf": "data/frf/again.csv"}
+    tree["update"]["baselines"] = ["again"]
+    frame.write(tree)
+    assert plans(frame)["loose-2"] == (False, "changed: the measurements of the baselines")
+    assert frame.run("update", "--json").json["judged"] == ["loose-2"]
+    assert "it has the numbers of the measurement of again" in frame.result("loose-2")["validity"]["reason"]
+    other.write_bytes((frame.data / "frf" / "loose-all.csv").read_bytes())
+    assert "it has the numbers of the measurement of again" in frame.result("loose-2")["validity"]["reason"]
+    assert plans(frame)["loose-2"] == (False, "changed: the measurements of the baselines")
+    outcome = frame.run("update", "--json")
+    assert (outcome.json["kept"], outcome.json["judged"]) == (["tight"], ["loose-2"])
+    assert "it has the numbers" not in frame.result("loose-2")["validity"]["reason"]
 
 
 def test_what_others_rest_on(frame_once: Folder) -> None:

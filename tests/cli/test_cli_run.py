@@ -127,6 +127,11 @@ def test_status_tells_every_state(small: Folder) -> None:
     assert text.startswith("frame-left-edge: 1 done, 1 out of date, 1 no FRF file, 1 failed, 1 not run yet\n")
     assert f"next: lrbc run {small.config}" in text
     assert small.listing() == before
+    assert tree["jobs"]["next"]["reason"] == ""
+    (small.out / "loose-2" / "result.json").write_text("{")
+    damaged = small.run("status", "--json").json["jobs"]["loose-2"]
+    assert damaged["state"] == "new"
+    assert damaged["reason"].startswith("the earlier result is unusable (")
 
 
 def test_check_reads_on(tmp_path: Path) -> None:

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.frf import TextLayout, read_coherence, read_frf, write_frf
+from lrbc_cli.io.frf_common import Notes
 from lrbc_cli.io.uff.axis import even_axis, restore
 from lrbc_cli.io.uff.datasets import read_datasets
+from lrbc_cli.io.uff.read import Coherence, _attach
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 
 DATA = Path(__file__).parents[1] / "data" / "uff"
@@ -578,3 +580,12 @@ def test_damage_gives_a_data_error_or_frfs(tmp_path, data):
 @pytest.mark.parametrize("printed", ["1.79769E+308", "1.23456E+300", "1.23456E-300", "1.0E+999", "inf", "nan"])
 def test_an_increment_at_the_end_of_the_numbers_stays_as_it_is(printed: str) -> None:
     assert restore(printed) == pytest.approx(float(printed), nan_ok=True)
+
+
+def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> None:
+    """Whatever the place of the record reads like."""
+    two, three = np.array([1.0, 2.0]), np.array([1.0, 2.0, 3.0])
+    record = FrfRecord("mic01", two, two + 0j, response_node=7, response_direction=3, place="somewhere", number=4)
+    notes = Notes()
+    assert _attach([record], [Coherence("mic01", (7, 3, 0, 0), three, three / 3, 5)], notes)[0].coherence is None
+    assert "record 4: the coherence has other lines; left out" in notes.lines()

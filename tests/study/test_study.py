@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import Folder
+from campaigns import Folder, box
 from derivatives import check_derivative
 from matplotlib.figure import Figure
 
@@ -61,8 +61,41 @@ def test_frfs_are_those_of_simulate(study: Study, frame: Folder, tmp_path: Path)
         np.testing.assert_allclose(y[:, i], table[f"{name}_real"] + 1j * table[f"{name}_imag"], rtol=1e-6)
 
 
+def test_start_values_do_not_hang_on_the_lines_asked_for(tmp_path: Path) -> None:
+    """Where they are found on the FRFs, these are those of the band, as for `lrbc simulate`; full-order evaluation has the same."""
+    auto = ("parameters.springs.initial=auto", "parameters.springs.bounds=auto")
+    folder = box(tmp_path / "box")
+    study, out = lrbc_cli.load(folder.config, overrides=auto, cache=folder.cache), tmp_path / "y.csv"
+    one = study.frf([100.0])
+    np.testing.assert_allclose(study.frf([100.0, 333.0])[:1], one, rtol=1e-12)
+    np.testing.assert_allclose(study.sensitivities([100.0, 333.0])[0][:1], one, rtol=1e-12)
+    words = [part for text in auto for part in ("--override", text)]
+    assert folder.run("simulate", "--lines", "100", "--out", out, *words).code == 0
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    np.testing.assert_allclose(one[0], [table[f"{name}_real"] + 1j * table[f"{name}_imag"] for name in study.responses], rtol=1e-6)
+    full = lrbc_cli.load(folder.config, overrides=(*auto, "update.evaluation=full"), cache=folder.cache)
+    np.testing.assert_allclose(full.parameters().initial, study.parameters().initial, rtol=1e-9)
+    # Those of an identification are found on its lines.
+    assert np.any(study.parameters(HZ).initial != study.parameters().initial)
+
+
+def test_what_is_handed_out_is_shown_in_few_words(study: Study) -> None:
+    """At a prompt, whatever hangs on it."""
+    for shown in (
+        study,
+        study.reduce(),
+        study.reduce().model,
+        study.stage,
+        study.source,
+        study.model,
+        study.parameters(),
+        study.read("tight"),
+    ):
+        assert len(repr(shown)) < 1200, type(shown)
+
+
 def test_sensitivities_are_the_derivatives_of_the_levels(study: Study) -> None:
-    count = study.parameters(HZ).groups[0].count
+    count = study.parameters().groups[0].count
     p = np.linspace(5.0, 6.0, count)
     _, J = study.sensitivities(HZ, left_edge=p)
     rng = np.random.default_rng(1)

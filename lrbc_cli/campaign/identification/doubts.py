@@ -113,21 +113,21 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
     return text, cause + (f"jobs.{job}.format.unit: {unit}, or {own}" if unit and len(common.responses) == count else own)
 
 
-def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[str]:
-    """What the factors and the phases say, a line each; nothing where all is well."""
+def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tuple[object, ...], str]:
+    """What the factors and the phases say, a line each, by kind and responses: other jobs may have the same; nothing where all is well."""
     firm = {offset.response for offset in offsets if offset.named and trusted(offset, offsets)}
-    found = [
-        "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
+    found: dict[tuple[object, ...], str] = {
+        ("units", *common.responses): "not in the model's units, it seems: " + "; ".join(_factor_text(inputs, common, len(offsets), job))
         for common in grouped(offsets, _quantities(inputs))
         # What leaves most of the misfit wherever it is seen is no unit and no gain.
         if firm.intersection(common.responses)
-    ]
+    }
     silent = inputs.campaign.update.residual == "db"
     tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if silent else ""
     turned = [o.response for o in offsets if o.reversed]
     if turned:
         what = "hammer or of all sensors" if len(turned) == len(offsets) else "sensor"
-        found.append(
+        found["reversed", *turned] = (
             f"reversed sign, it seems: {_names(inputs, turned, len(offsets))}: measured phases are 180 degrees from the model's; "
             f"likely the direction of the {what}: jobs.{job}.scale: {_factors(inputs, turned, -1.0)}{tail}"
         )
@@ -135,15 +135,16 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> list[st
     if late:
         delay = float(np.median([o.delay for o in late]))
         word, side = ("late", "behind") if delay > 0 else ("early", "ahead of")
-        names = _names(inputs, [o.response for o in late], len(offsets))
-        found.append(
+        delayed = [o.response for o in late]
+        names = _names(inputs, delayed, len(offsets))
+        found[word, *delayed] = (
             f"{word}, it seems: {names}: measured phases leave the model's by 360 degrees "
             f"every {abs(1.0 / delay):.3g} Hz, as if the sensors were {1e3 * abs(delay):.3g} ms {side} the hammer; likely another front "
             "end, filter or trigger: let the analyser correct the delay of its channels, and export again; the calibration feels it"
         )
     mirrored = [o.response for o in offsets if o.conjugate]
     if mirrored:
-        found.append(
+        found["conjugate", *mirrored] = (
             f"phases run the other way, it seems: {_names(inputs, mirrored, len(offsets))}: measured is the complex conjugate of computed; "
             f"likely the convention exp(-i omega t): conjugate the FRF file (imaginary parts, or phases, times -1){tail}"
         )
@@ -270,7 +271,7 @@ def doubts(
         fault = ("sensors are exchanged, it seems" if swapped else wide) or _levels_off(inputs, result, reference.job)
         compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
-    found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name)]
+    found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name).values()]
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]
@@ -303,6 +304,6 @@ def calibration_doubts(
     inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float]
 ) -> list[str]:
     """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB]."""
-    found = offset_texts(inputs, factors_of(inputs, measurement, states), job)
+    found = list(offset_texts(inputs, factors_of(inputs, measurement, states), job).values())
     further = [unreached(misfit[1], noise_level(measurement, inputs.campaign.jobs[job], inputs.used)), worsened(*misfit)]
     return found + [text for text in further if text is not None]

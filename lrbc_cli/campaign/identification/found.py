@@ -79,7 +79,7 @@ class Identification:
     """
 
     name: str
-    solution: Solution
+    solution: Solution = field(repr=False)
     parameters: Parameterisation
     saturations: dict[str, Saturation]
     measurement: Measurement = field(repr=False)

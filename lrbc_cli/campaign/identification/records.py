@@ -202,6 +202,8 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 hint="was its sensor or cable off? Measure this job again, or do without it everywhere: take "
                 f"{inputs.responses[i].name} out of responses and update.responses",
             )
+    if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
+        warnings.append(f"{called(job)}: averages: {job.averages} are those of its coherence, of which there is none, and not used")
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]
     return Measurement(
         frequency_hz=axis,

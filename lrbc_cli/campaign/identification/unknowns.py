@@ -14,6 +14,7 @@ from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
+from lrbc_cli.reduction.grid import band_lines
 from lrbc_cli.reduction.vectors import band_omega, local_scale
 from lrbc_cli.results.job import JobRecord, Parameter
 from lrbc_cli.results.model import Boundary
@@ -64,6 +65,21 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
             found[group.name] = limits
         groups.append(_group(group, limits))
     return Parameterisation(tuple(groups)), found
+
+
+def start_parameters(inputs: Inputs, source: FrfSource) -> Parameterisation:
+    """Start values and bounds of a model that no measurement tells the lines of: ``auto`` is resolved on the 1 Hz lines of the band.
+
+    An identification resolves it on the lines that were measured.
+    """
+    if not found_on_frfs(inputs):
+        return layout(inputs)
+    return parameterise(inputs, source, 2j * np.pi * band_lines(inputs.campaign.reduction.band))[0]
+
+
+def found_on_frfs(inputs: Inputs) -> bool:
+    """Whether start values or bounds are ``auto``."""
+    return any(group.config.start is None or group.config.bounds == "auto" for group in inputs.groups)
 
 
 def layout(inputs: Inputs) -> Parameterisation:

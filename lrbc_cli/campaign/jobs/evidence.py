@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.doubts import doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.weights import validation_channels
+from lrbc_cli.campaign.jobs.identity import compared_baselines
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import DataError, LrbcError
@@ -140,10 +141,9 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     if tight is None:
         return None
     limits, axis = inputs.statistics.validation, own.frequency_hz
-    for name, other in {reference.job: tight, **_baselines(inputs, result.name)}.items():
-        copied = copied_text(own, other, name, [response.name for response in inputs.responses], limits)
-        if copied:
-            return copied
+    copied = copied_text(own, tight, reference.job, [response.name for response in inputs.responses], limits)
+    if copied:
+        return copied
     within = (tight.frequency_hz >= axis[0] * (1 - 1e-6)) & (tight.frequency_hz <= axis[-1] * (1 + 1e-6))
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
@@ -152,14 +152,26 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"
 
 
-def _baselines(inputs: Inputs, job: str) -> dict[str, Measurement]:
-    """Measurements of the baselines other than a job, those that can be read."""
-    found = {}
-    for name in inputs.campaign.update.baselines:
-        with suppress(LrbcError):
-            if name != job:
-                found[name] = read_measurement(inputs, inputs.campaign.jobs[name], name)
-    return found
+def beside_baselines(inputs: Inputs, evidence: Evidence, own: Measurement | None = None) -> Evidence:
+    """With a doubt where the measurement holds the numbers of a baseline's: judging looks for it, as no identification rests on those.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    evidence : Evidence
+    own : Measurement or None
+        What was identified; None: the job's files.
+    """
+    jobs, names = inputs.campaign.jobs, [response.name for response in inputs.responses]
+    others = () if evidence.doubted else compared_baselines(inputs, evidence.job)
+    for other in others:
+        own = own or read_measurement(inputs, jobs[evidence.job], evidence.job)
+        with suppress(LrbcError):  # one that cannot be read is the failure of its own job
+            measured = read_measurement(inputs, jobs[other], other)
+            copied = copied_text(own, measured, other, names, inputs.statistics.validation)
+            if copied:
+                return replace(evidence, doubted=copied)
+    return evidence
 
 
 def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:

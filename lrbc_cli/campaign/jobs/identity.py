@@ -16,7 +16,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
 #: Increased whenever the same input would be identified differently, or judged differently.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 24, 6
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 25, 7
 
 #: The parts of an identification in words.
 PARTS = {
@@ -75,15 +75,7 @@ def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Ident
 
 def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
     campaign, digest = inputs.campaign, cache.digest
-    resolved, job = campaign.resolved(), campaign.jobs[name]
-
-    def contents(path: Path) -> str | None:
-        # A file that cannot be read is the failure of its own job, when that is run.
-        try:
-            return file_hash(path)
-        except DataError:
-            return None
-
+    resolved = campaign.resolved()
     reduction, use = ("band", "tolerance", "limits", "version"), inputs.calibration
     calibrated = [] if use is None else [(key, value.log10.tolist(), value.damping_exponent) for key, value in use.boundary.items()]
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
@@ -106,12 +98,32 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),
-        "measurement": digest(
-            about_measurement(resolved, job, name),
-            [[contents(file) for file in files] for files in job.measurements],
-            None if job.coherence is None else [contents(file) for file in files_of(job.coherence)],
-        ),
+        "measurement": _measurement(inputs, name),
     }
+
+
+def _measurement(inputs: Inputs, name: str) -> str:
+    """Digest of a job's files and of what is said of them."""
+    job = inputs.campaign.jobs[name]
+
+    def contents(path: Path) -> str | None:
+        # A file that cannot be read is the failure of its own job, when that is run.
+        try:
+            return file_hash(path)
+        except DataError:
+            return None
+
+    return cache.digest(
+        about_measurement(inputs.campaign.resolved(), job, name),
+        [[contents(file) for file in files] for files in job.measurements],
+        None if job.coherence is None else [contents(file) for file in files_of(job.coherence)],
+    )
+
+
+def compared_baselines(inputs: Inputs, name: str) -> list[str]:
+    """The baselines of whose measurements that of a job must not be a copy."""
+    update = inputs.campaign.update
+    return [] if update.reference in (None, name) else [other for other in update.baselines if other != name]
 
 
 def judgement(inputs: Inputs, name: str) -> Identity:
@@ -122,6 +134,7 @@ def judgement(inputs: Inputs, name: str) -> Identity:
             "version": cache.digest(JUDGEMENT_VERSION),
             "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
+            "baselines": cache.digest([(other, _measurement(inputs, other)) for other in compared_baselines(inputs, name)]),
             # What is known of the bolts is told with the verdicts.
             "removed": cache.digest(list(inputs.campaign.jobs[name].removed) if states_removed(inputs) else None),
         }
@@ -133,6 +146,7 @@ JUDGED = {
     "version": "the judgement of this version",
     "rule": "the decision rule",
     "role": "its role in the campaign",
+    "baselines": "the measurements of the baselines",
     "removed": "the bolts stated as removed",
 }
 

@@ -152,7 +152,9 @@ def _waiting(job: JobPlan, first: Sequence[str], reference: str | None) -> JobPl
     stored = None if job.record is None else job.record.provenance.rests_on
     if first[0] == reference and (stored is None or stored.reference is None):
         return replace(job, run=True, judge=False, reason=f"identified without {reference}, which runs before it", waits=True)
-    return replace(job, reason=f"unless {', '.join(first)}, which runs before it, comes out otherwise", waits=True)
+    unless = f"unless {', '.join(first)}, which runs before it, comes out otherwise"
+    # What is judged anew in any case says why.
+    return replace(job, reason=job.reason if job.judge else unless, waits=True)
 
 
 def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> JobPlan:

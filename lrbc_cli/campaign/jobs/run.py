@@ -12,6 +12,7 @@ from pathlib import Path
 from lrbc_cli.campaign.files import passed_over, unnamed
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
+from lrbc_cli.campaign.jobs.finished import finish, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
 from lrbc_cli.campaign.jobs.remote import Cluster
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_judgement, write_reduction, write_result
@@ -220,8 +221,8 @@ class _Run:
         if p.run:
             return True
         if p.judge and p.evidence is not None and p.record is not None:
-            record = write_judgement(self.output, self.inputs, p.record, p.evidence, baselines, p.judgement, now)
-            self.outcome.results[name] = record
+            record = judged_anew(self.inputs, p.record, p.evidence, baselines, p.judgement, now)
+            self.outcome.results[name] = write_judgement(self.output, record)
             self.outcome.judged.append(name)
             self.progress(f"{name}: judged anew, {p.reason}")
         else:
@@ -232,7 +233,7 @@ class _Run:
         before, baselines = self._tight_states(name)
         p = self.plans[name]
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, before)
-        return write_result(self.output, self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement))
+        return write_result(self.output, finish(self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement)))
 
     def _give_up(self) -> None:
         if self.remote is not None:

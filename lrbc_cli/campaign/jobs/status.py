@@ -102,11 +102,12 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
 
 def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
     config, output = inputs.campaign.jobs[job.name], inputs.campaign.output
-    stored: Job | None
+    stored: Job | None = None
+    damaged = ""
     try:
         stored = read_job(output, job.name)
     except DataError:
-        stored = None  # the plan says what is wrong with it
+        damaged = job.reason  # the plan says what is wrong with it
     seconds = stored.seconds.get("total") if isinstance(stored, JobRecord) else None
     missing = [str(file) for file in config.all_files if not file.is_file()]
     before = "; there is a result of an earlier measurement" if isinstance(stored, JobRecord) else ""
@@ -118,7 +119,7 @@ def _status(inputs: Inputs, job: JobPlan) -> JobStatus:
     if trouble is not None:
         return JobStatus("unusable", trouble + before, seconds)
     if stored is None:
-        return JobStatus("new", "" if job.reason == "no result yet" else job.reason)
+        return JobStatus("new", damaged)
     if not job.kept:
         return JobStatus("stale", job.reason + ("; it is only judged anew" if job.judge and not job.run else ""), seconds)
     return JobStatus("done", sentence(stored.finding), seconds)

@@ -152,9 +152,7 @@ def _looked_at(
     if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
         opposite = turned(few.values, states)
         offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
-    for text in offset_texts(inputs, offsets, name):
-        # The words up to the numbers: the same of several jobs is said once.
-        told[tuple(text.split(":")[:2])] = text
+    told |= offset_texts(inputs, offsets, name)
     for cycle in exchanges:
         told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
     if not told and name == inputs.campaign.update.reference:

@@ -14,7 +14,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
-from lrbc_cli.campaign.jobs.results import calibration_tree
+from lrbc_cli.campaign.jobs.finished import calibration_tree
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
     Draw,
@@ -29,10 +29,11 @@ from lrbc_cli.campaign.planning.rehearsal import (
 from lrbc_cli.campaign.planning.worth import Prospect, Target, judged
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model, cheaper_formula, obtain_reduction
-from lrbc_cli.campaign.simulate import job_values, parse_lines
+from lrbc_cli.campaign.simulate import job_values
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.grid import band_lines
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read_job, versions, write_sealed
@@ -301,7 +302,7 @@ def _grid(inputs: Inputs) -> Floats:
         return listed
     width = band[1] - band[0]
     if LINES[0] <= width <= LINES[1]:
-        return parse_lines(None, band)
+        return band_lines(band)
     return np.linspace(*band, int(np.clip(width, *LINES)))
 
 

@@ -21,8 +21,8 @@ from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.campaign.jobs.finished import result_record
 from lrbc_cli.campaign.jobs.judging import scatter_of_records
-from lrbc_cli.campaign.jobs.results import result_record
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model

@@ -291,8 +291,7 @@ def likely_units(K: sp.csc_array, M: sp.csc_array, dofs: DofTable) -> list[str]:
     found = _speed_and_density(K, M, dofs, np.isin(dofs.component, ("UX", "UY", "UZ")))
     if found is None or (SLOWEST < found[0] < FASTEST and LIGHTEST < found[1] < HEAVIEST):
         return ["SI"]
-    likely = _likely(*found)
-    return [] if likely is None else likely.split(" or ")
+    return _likely(*found)
 
 
 def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: Bools) -> tuple[float, float, float] | None:
@@ -306,14 +305,14 @@ def _speed_and_density(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, field: 
     return spacing * float(np.sqrt(np.median(stiffness) / mass.mean())), float(mass.mean()) / spacing**3, spacing
 
 
-def _likely(speed: float, density: float, _: float) -> str | None:
+def _likely(speed: float, density: float, _: float) -> list[str]:
     """Systems of units in which both numbers, read as SI, are those of a structure."""
     fit = []
     for text in USUAL_SYSTEMS:
         unit = parse_system(text)
         if SLOWEST < speed * unit.length / unit.time < FASTEST and LIGHTEST < density * unit.mass / unit.length**3 < HEAVIEST:
             fit.append(text)
-    return " or ".join(fit) or None
+    return fit
 
 
 def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -> str:

@@ -50,7 +50,7 @@ class ReductionStage:
     reduction: Reduction
     decision: cache.CacheDecision
     seconds: float
-    rows: Floats | None = None
+    rows: Floats | None = field(default=None, repr=False)
 
 
 def with_rows(inputs: Inputs, stage: ReductionStage) -> tuple[ReductionStage, str]:
@@ -250,14 +250,14 @@ class FrfSource:
         What was found on sets of lines, for those who ask again.
     """
 
-    inputs: Inputs
+    inputs: Inputs = field(repr=False)
     stage: ReductionStage | None
     kind: str
-    progress: Callable[[str], None] = lambda _: None
-    known: dict[bytes, Any] = field(default_factory=dict)
-    _tables: dict[bytes, PortFrf] = field(default_factory=dict)
-    _parts: dict[str, str] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    progress: Callable[[str], None] = field(default=lambda _: None, repr=False)
+    known: dict[bytes, Any] = field(default_factory=dict, repr=False)
+    _tables: dict[bytes, PortFrf] = field(default_factory=dict, repr=False)
+    _parts: dict[str, str] = field(default_factory=dict, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What another process needs to find the same."""

@@ -342,12 +342,11 @@ def _attach(records: list[FrfRecord], coherences: list[Coherence], notes: Notes)
             ]
             position = next(index for index, twin in enumerate(twins) if twin is record)
             fitting = [fitting[position]] if len(twins) == len(fitting) else []
-        number = int(record.place.split()[1])
         if fitting and np.array_equal(fitting[0].frequency_hz, record.frequency_hz):
             used.add(fitting[0].record)
             record = replace(record, coherence=fitting[0].values)
         elif fitting:
-            notes.add("the coherence has other lines; left out", number)
+            notes.add("the coherence has other lines; left out", record.number)
         result.append(record)
     for coherence in coherences:
         if coherence.record not in used:

@@ -1,0 +1,358 @@
+"""An identification made into records: judged, with the content of all its files. Nothing is written here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows, mean_of
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.nuisances import nuisance_tree
+from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.jobs.evidence import bands, beside_baselines, effective, evidence_of
+from lrbc_cli.campaign.jobs.identity import Identity
+from lrbc_cli.campaign.jobs.judging import judged
+from lrbc_cli.campaign.jobs.modes import modes_tree
+from lrbc_cli.campaign.jobs.shapes import shapes_of
+from lrbc_cli.campaign.jobs.standing import rests_on
+from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
+from lrbc_cli.campaign.reduced.stage import ReductionStage
+from lrbc_cli.model.terms import ParameterGroup
+from lrbc_cli.results.job import JobRecord, RestsOn
+from lrbc_cli.results.shapes import ShapesRecord
+from lrbc_cli.results.store import versions
+from lrbc_cli.updating.evidence import Evidence
+from lrbc_cli.updating.lcurve import LCurve
+from lrbc_cli.updating.residuals import decibel
+
+#: What of a result judging writes.
+JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
+
+#: Header and rows of a table.
+Table = tuple[list[str], list[list[Any]]]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A job as it is written.
+
+    Attributes
+    ----------
+    name : str
+    tree : dict
+        Content of ``result.json``, but for the hashes of the other files.
+    tables : dict
+        Header and rows by name of the file.
+    evidence : Evidence
+    shapes : ShapesRecord or None
+    """
+
+    name: str
+    tree: dict[str, Any] = field(repr=False)
+    tables: dict[str, Table] = field(repr=False)
+    evidence: Evidence = field(repr=False)
+    shapes: ShapesRecord | None = field(repr=False)
+
+
+def finish(
+    inputs: Inputs,
+    stage: ReductionStage | None,
+    result: Identification,
+    reference: JobRecord | None,
+    baselines: Mapping[str, JobRecord],
+    identities: tuple[Identity, Identity],
+) -> Finished:
+    """Judge what was identified, and make of it what is written.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    stage : ReductionStage or None
+    result : Identification
+    reference : JobRecord or None
+        Stored result of the reference job.
+    baselines : mapping
+        Stored results of the baselines, by name.
+    identities : pair of Identity
+        Of the identification, and of its judgement.
+    """
+    evidence = evidence_of(inputs, result, reference)
+    identified = identified_tree(inputs, stage, result, reference)
+    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence, result.measurement), baselines)
+    correlation = correlation_of(inputs, result)
+    tree["correlation"] = correlation_tree(inputs, correlation)
+    own, judgement = identities
+    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests_on(reference, baselines)}
+    tables = {
+        "profile.csv": profile_rows(tree),
+        "frf.csv": frf_rows(inputs, result),
+        "fdac.csv": (FDAC_COLUMNS, fdac_rows(result, correlation)),
+    }
+    return Finished(name=result.name, tree=tree, tables=tables, evidence=evidence, shapes=shapes_of(inputs, stage, result))
+
+
+def judged_anew(
+    inputs: Inputs, stored: JobRecord, evidence: Evidence, baselines: Mapping[str, JobRecord], judgement: Identity, rests: RestsOn
+) -> JobRecord:
+    """A stored identification with another judgement; its other files stay as they are."""
+    identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
+    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence), baselines)
+    tree["provenance"] = {**tree["provenance"], "judgement": judgement.tree(), "rests_on": rests}
+    return JobRecord.checked(tree)
+
+
+def with_judgement(inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
+    """The content of ``result.json``: what was identified, and what that says of the bolts."""
+    said = judged(inputs, evidence, baselines)
+    prior = {**identified["prior"], "scatter": said.pop("scatter")}
+    provenance = {**identified["provenance"], "configuration": inputs.campaign.resolved()}
+    return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
+
+
+def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> JobRecord:
+    """The same of an identification that is not written."""
+    identified = identified_tree(inputs, stage, result, reference)
+    return JobRecord.checked(with_judgement(inputs, identified, evidence_of(inputs, result, reference), {}))
+
+
+def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+    """What of ``result.json`` identification writes."""
+    campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
+    return {
+        "parameters": parameter_trees(inputs, result, reference),
+        "covariance": knowledge.boundary,
+        "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
+        "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
+        "noise": {
+            "sigma_db": knowledge.noise.sigma,
+            "correlation_factor": knowledge.noise.factor,
+            "validation_ratio": knowledge.noise.ratio,
+        },
+        "prior": {
+            "of": campaign.update.reference if result.against_reference else "initial",
+            "unknowns": "bolts" if knowledge.shapes.by_bolt else "values",
+            "std": _typical(knowledge.prior_std[: len(knowledge.z)]),
+            "shape": "normal" if result.changes is None else "mixture",
+            "comparison": "relative" if result.relative else "direct",
+        },
+        "modes": modes_tree(inputs, stage, result),
+        "method": inputs.method.tree(),
+        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
+        "iterations": solution.iterations,
+        "evaluations": solution.evaluations,
+        "line_evaluations": result.line_evaluations,
+        "history": [
+            {"evaluation": entry.evaluation, "cost": entry.cost, "misfit_db": entry.misfit_db, "accepted": entry.accepted}
+            for entry in solution.history
+        ],
+        "lines": {"frequency_hz": result.measurement.frequency_hz[result.selected], "count": int(result.selected.size)},
+        "optimiser": {
+            "method": inputs.method.optimiser,
+            "regularisation": result.regularisation,
+            "regularisation_per_residual": result.regularisation / max(int(result.selected.size) * inputs.used.size, 1),
+            "starts": [{"description": s.description, "cost": s.cost, "total": s.total, "kept": s.kept} for s in solution.starts],
+        },
+        "l_curve": None if result.l_curve is None else curve_tree(result.l_curve),
+        "seconds": result.seconds,
+        "provenance": {
+            "versions": versions(),
+            "inputs": inputs.hashes | result.measurement.hashes,
+            "measured_db": result.measurement.means,
+            "calibration": calibration_tree(inputs),
+            **({} if stage is None else {"certificate": certificate_tree(stage)}),
+        },
+    }
+
+
+def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+    """``parameters`` of ``result.json``."""
+    theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
+    confidence, out = bands(result), {}
+    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
+        p, length, band = theta[values], tributary(group), confidence[group.name]
+        before = None if reference is None else reference.parameters.get(group.name)
+        entry: dict[str, Any] = {
+            "kind": group.kind,
+            "unit": unit_of(inputs, terms),
+            "log10": p,
+            "log10_effective": effective(group, p),
+            "log10_per_metre": None if length is None else effective(group, p) - np.log10(length),
+            "std": band.std,
+            "lower95": _open(band.lower),
+            "upper95": _open(band.upper),
+            "initial": group.initial,
+            "initial_effective": effective(group, group.initial),
+            "reference_log10_effective": None if before is None else before.log10_effective,
+            "bounds": group.bounds[0],
+            "positions": group.xyz,
+            "arc_length": group.arc_length,
+            "bolts": _owners(inputs, group),
+        }
+        if group.name in result.saturations:
+            limits = result.saturations[group.name]
+            entry["saturation"] = {"free": limits.lower, "start": limits.start, "clamped": limits.upper}
+        if at is not None and group.damping is not None:
+            entry |= {
+                "damping_exponent": theta[at],
+                "damping_exponent_std": float(np.sqrt(max(variance[at], 0.0))),
+                "damping_factor": 10.0 ** theta[at],
+                "damping_beta": group.damping.beta,
+                "damping_loss_factor": group.damping.loss_factor,
+                "damping_bounds": group.damping.bounds,
+            }
+        out[group.name] = entry
+    return out
+
+
+def misfit_tree(inputs: Inputs, before: Floats, after: Floats) -> dict[str, Any]:
+    """``misfit_db`` of a result: from the mean misfits of all responses before and after [dB]."""
+    used, validation = inputs.used, inputs.validation
+    return {
+        "initial": mean_of(before[used]),
+        "final": mean_of(after[used]),
+        "held_out_initial": mean_of(before[validation]),
+        "held_out_final": mean_of(after[validation]),
+        "responses": {
+            response.name: {"initial": before[i], "final": after[i], "used": bool(i in used)} for i, response in enumerate(inputs.responses)
+        },
+    }
+
+
+def certificate_tree(stage: ReductionStage) -> dict[str, Any]:
+    """What a result says of the reduced model it rests on."""
+    reduction = stage.reduction
+    return {
+        "key": stage.decision.key,
+        "size": reduction.model.size,
+        "tolerance": reduction.options.tolerance,
+        "worst": reduction.worst,
+        "reached": reduction.reached,
+    }
+
+
+def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
+    """Name of the bolt that owns each value; None where no bolt owns any."""
+    if group.bolt is None or inputs.bolts is None:
+        return None
+    return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
+
+
+def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:
+    """Key and factors of the calibration in the model; None for the model as exported."""
+    use = inputs.calibration
+    return {"key": use.key, "factors": use.factors} if use is not None and use.used else None
+
+
+def curve_tree(curve: LCurve) -> dict[str, Any]:
+    """L-curve as in ``result.json``; ``at`` is its corner between the weights tried."""
+    corner = curve.corner
+    return {
+        "eta": curve.eta,
+        "data": curve.data,
+        "penalty": curve.penalty,
+        "corner": None if corner is None else corner.index,
+        "at": None if corner is None else {"data": corner.data, "penalty": corner.penalty},
+        "chosen": curve.chosen,
+        "evaluations": curve.evaluations,
+    }
+
+
+def _open(limits: Floats) -> list[float | None]:
+    """Limits; None where an interval is open."""
+    return [float(value) if np.isfinite(value) else None for value in limits]
+
+
+def _typical(stds: Floats) -> float | None:
+    """Median of the standard deviations that the prior has, in decades."""
+    finite = stds[np.isfinite(stds)]
+    return float(np.median(finite)) if finite.size else None
+
+
+#: Columns of ``profile.csv`` beside group, term and position, and what of a parameter group they hold.
+PROFILE = {
+    "arc_length_m": "arc_length",
+    "log10_initial": "initial_effective",
+    "log10": "log10",
+    "log10_effective": "log10_effective",
+    "log10_per_metre": "log10_per_metre",
+    "log10_reference": "reference_log10_effective",
+    "bolt": "bolts",
+}
+
+
+def profile_rows(tree: Mapping[str, Any]) -> Table:
+    """Header and rows of ``profile.csv``."""
+    rows = []
+    for name, group in tree["parameters"].items():
+        places, columns = group["positions"], [group[key] for key in PROFILE.values()]
+        for k in range(len(group["log10"])):
+            position = [None] * 3 if places is None else list(places[k])
+            rows.append([name, k, *position, *(None if column is None else column[k] for column in columns)])
+    return ["group", "term", "x", "y", "z", *PROFILE], rows
+
+
+class Compared(Protocol):
+    """A measurement with the FRFs of two states of the model on its lines."""
+
+    @property
+    def measurement(self) -> Measurement:
+        """What was measured."""
+
+    @property
+    def selected(self) -> Integers:
+        """Lines that entered the cost."""
+
+    @property
+    def initial(self) -> Complexes:
+        """(F, R) FRFs before."""
+
+    @property
+    def updated(self) -> Complexes:
+        """(F, R) FRFs after."""
+
+
+def frf_rows(inputs: Inputs, result: Compared) -> Table:
+    """Header and rows of ``frf.csv``: dB re 1 unit/N and phase in degrees."""
+    header = ["frequency_hz"]
+    columns: list[Floats] = [result.measurement.frequency_hz]
+    measured = result.measurement.values
+    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    for i, response in enumerate(inputs.responses):
+        for label, values in (("measured", measured), ("initial", result.initial), ("updated", result.updated)):
+            shown = np.where(valid[:, i], values[:, i], np.nan) if label == "measured" else values[:, i]
+            header += [f"{response.name}_{label}_db", f"{response.name}_{label}_phase_deg"]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                columns += [decibel(shown), np.asarray(np.degrees(np.angle(shown)))]
+        header.append(f"{response.name}_coherence")
+        columns.append(result.measurement.coherence[:, i])
+    chosen = np.zeros(measured.shape[0], dtype=int)
+    chosen[result.selected] = 1
+    header.append("selected")
+    rows = [[*(float(column[line]) for column in columns), int(chosen[line])] for line in range(measured.shape[0])]
+    return header, rows
+
+
+def unit_of(inputs: Inputs, group: TermGroup) -> str:
+    """Unit of the identified values, where the component tells; those of bushings are ratios to the nominal ones."""
+    if group.config.select.bushings is not None:
+        return "× nominal"
+    component = group.config.select.component or ""
+    base = {"stiffness": ("N m/rad", "N/m"), "damping": ("N m s/rad", "N s/m"), "mass": ("kg m²", "kg")}[group.config.kind]
+    if component.startswith("ROT"):
+        return base[0]
+    return base[1] if component.startswith("U") else ""
+
+
+def tributary(group: ParameterGroup) -> Floats | None:
+    """(k,) length of edge that belongs to each parameter [m]; None without positions."""
+    if group.arc_length is None or group.count < 2:
+        return None
+    a = group.arc_length
+    middle = 0.5 * (a[1:] + a[:-1])
+    # The ends carry as much as their only neighbour leaves them on the other side.
+    edges = np.concatenate([[2 * a[0] - middle[0]], middle, [2 * a[-1] - middle[-1]]])
+    return np.diff(edges)
