@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
-from lrbc_cli.updating.lines import RESONANCES, Resonances
+from lrbc_cli.updating.lines import RESOLUTION, RESONANCES, Resolution, Resonances
 from lrbc_cli.updating.priors import BOLT_PRIOR, CALIBRATION_PRIOR, VALUE_PRIOR, BoltPrior, CalibrationPrior, ValuePrior
 from lrbc_cli.updating.saturation import LIMITS, Limits
 
@@ -30,6 +30,8 @@ class ValidationChannels:
     exchanged_db, exchanged_share : float
         Responses are in each other's place where they lie further from the model than the one as they are called [dB], in the mean and
         constants taken out, and nearer to it than the other times that in each other's place. A choice: twice the misfit of a tight state.
+    exchanged_lines : int
+        Lines on which both have values from which that can be told. A choice: of fewer a mean distance says little.
     """
 
     least_lines: float = 0.8
@@ -40,6 +42,7 @@ class ValidationChannels:
     least_span: float = 0.98
     exchanged_db: float = 3.0
     exchanged_share: float = 0.5
+    exchanged_lines: int = 5
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ class StatisticalModel:
     values : ValuePrior
     resonances : Resonances
         Which lines count.
+    resolution : Resolution
+        Whether the lines resolve the peaks.
     limits : Limits
         Where FRFs count as free or clamped.
     calibration : CalibrationPrior
@@ -63,6 +68,7 @@ class StatisticalModel:
     bolts: BoltPrior = BOLT_PRIOR
     values: ValuePrior = VALUE_PRIOR
     resonances: Resonances = RESONANCES
+    resolution: Resolution = RESOLUTION
     limits: Limits = LIMITS
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()

@@ -52,11 +52,12 @@ def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
 
 
 def test_one_measurement_under_two_names_shows_one_state() -> None:
-    once, again = job("tttttt", measurement=(1.0, 2.0)), job("tttttt", measurement=(1.00001, 2.00001))
+    once, again = (job("tttttt", measurement=figures, copied_db=2e-4) for figures in ((1.0, 2.0), (1.00001, 2.00001)))
     jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement=(1.0, 2.001)), "unknown": job("tttttt")}
     assert not_clear(jobs) == {name: [text] for name, text in once_more(jobs).items()}
     assert list(not_clear(jobs)) == ["after", "later"]
     assert once_more(jobs)["after"].startswith("the measurement of later once more")
+    assert once_more({"after": replace(once, copied_db=1e-6), "later": replace(again, copied_db=1e-6)}) == {}
     # That of the reference job is told where it is identified: its numbers validate nothing.
     assert once_more({"tight": replace(REFERENCE, measurement=(1.0, 2.0)), "after": once}) == {}
 
