@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from lrbc_cli.campaign.identification.matching import about_measurement
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache
@@ -18,7 +19,7 @@ from lrbc_cli.results.store import read
 
 FILE = "calibration.json"
 
-#: Increased whenever the same input would give other factors.
+#: Increased whenever the same input would give other factors; that numbers and operators changed is told by ``NUMBERS``.
 CALIBRATION_VERSION = 5
 
 #: What of the update's settings a calibration follows.
@@ -72,7 +73,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
             inputs.statistics,
         ),
-        "version": cache.digest(CALIBRATION_VERSION),
+        "version": cache.digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
 
 

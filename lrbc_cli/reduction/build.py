@@ -35,7 +35,7 @@ from lrbc_cli.reduction.vectors import certificate_vectors
 log = logging.getLogger(__name__)
 
 
-#: Increased whenever the same input would give another basis.
+#: Increased whenever the same input would give another basis; that numbers and operators changed is told by ``campaign.numbers``.
 ALGORITHM_VERSION = 11
 
 #: Expansion points before the estimate takes over, at Chebyshev places.

@@ -1,0 +1,13 @@
+"""Digests of all numbers, and of the operators on them, in the code that results rest on: part of what they rest on, by stage.
+
+A number that is not among the settings, the statistical model or the decision rule changes results all the same. They are stored, because
+parsing the sources takes longer than judging a campaign anew; a test computes them and says what to write here. So no number can change
+without that what rested on the other one counts as out of date.
+"""
+
+#: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
+NUMBERS = {
+    "reduction": "6ec47d7facad82c9",
+    "identification": "8e191c908dc8b2de",
+    "judgement": "294813c17c49fc1a",
+}
