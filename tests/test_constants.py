@@ -117,7 +117,7 @@ def modules_of(stage: str) -> list[Path]:
 
 
 def numbers(node: ast.AST) -> Iterator[str]:
-    """Numbers and operators in their order, without annotations and formatted text."""
+    """Numbers and operators in their order, without annotations, decorators and formatted text."""
     if isinstance(node, ast.Constant):
         if isinstance(node.value, bool | int | float | complex):
             yield repr(node.value)
@@ -125,7 +125,7 @@ def numbers(node: ast.AST) -> Iterator[str]:
         yield type(node).__name__
     elif not isinstance(node, ast.JoinedStr):
         for name, value in ast.iter_fields(node):
-            if name not in ("annotation", "returns"):
+            if name not in ("annotation", "returns", "decorator_list"):
                 for part in value if isinstance(value, list) else [value]:
                     if isinstance(part, ast.AST):
                         yield from numbers(part)

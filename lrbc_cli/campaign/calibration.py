@@ -152,19 +152,22 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
         except OSError:
             there = False
         text = "ignored: the campaign file has no 'calibration'"
-        return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
+        return replace(inputs, calibration=CalibrationUse(used=False, text=text, stale=True)) if there else inputs
     if not calibration:
-        return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
+        return replace(inputs, calibration=CalibrationUse(used=False, text="left out (--no-calibration)"))
     found = fitting(inputs)
     stored = found.record
     if stored is None:
         text = f"ignored: {found.reason}; run `lrbc calibrate`" if found.stored else "none yet; `lrbc calibrate` identifies it"
-        return replace(inputs, calibration=CalibrationUse(False, text, stale=found.stored))
+        return replace(inputs, calibration=CalibrationUse(used=False, text=text, stale=found.stored))
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
     unsealed = "" if stored.sealed else "; not sealed: of an older version, or changed by hand, `lrbc calibrate --force` writes it anew"
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
     return replace(
-        inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors, boundary=stored.boundary)
+        inputs,
+        model=model,
+        recipe=recipe,
+        calibration=CalibrationUse(used=True, text=text, key=stored.key, factors=factors, boundary=stored.boundary),
     )

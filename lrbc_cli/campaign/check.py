@@ -28,7 +28,7 @@ from lrbc_cli.updating.lines import too_wide
 TRANSLATIONS = ("UX", "UY", "UZ")
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Findings:
     """Sections of text for a person, and the same as a tree for programs.
 

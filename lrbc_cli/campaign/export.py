@@ -122,7 +122,7 @@ def export(
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
     band = inputs.campaign.reduction.band
-    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage))
+    source = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage))
     auto = any(group.config.start is None for group in inputs.groups)
     # Only start values found on the FRFs need lines.
     lines = parse_lines(None, band) if auto else np.array(band)

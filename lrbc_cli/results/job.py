@@ -349,7 +349,7 @@ class FailedJob(_JobBase):
     @property
     def finding(self) -> JobFinding:
         """What it says of the bolts."""
-        return JobFinding("failed")
+        return JobFinding(status="failed")
 
 
 class JobRecord(_JobBase):

@@ -23,7 +23,7 @@ class BoltFinding:
     probability: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JobFinding:
     """What one job says of the bolts.
 

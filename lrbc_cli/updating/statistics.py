@@ -10,7 +10,7 @@ from lrbc_cli.updating.priors import BOLT_PRIOR, CALIBRATION_PRIOR, VALUE_PRIOR,
 from lrbc_cli.updating.saturation import LIMITS, Limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ValidationChannels:
     """Which responses that were not fitted can show whether the model explains a measurement: without one no job is validated.
 
@@ -45,7 +45,7 @@ class ValidationChannels:
     exchanged_lines: int = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StatisticalModel:
     """Passed from the campaign's ``Method`` down to where each part is used, and part of what a result rests on.
 

@@ -13,7 +13,7 @@ def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
     """One letter a bolt: tight, loose, undecided, probably loose (undecided), outside."""
     words = {"t": ("tight", 0.01), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
     bolts = tuple(BoltFinding(f"B{i}", *words[letter]) for i, letter in enumerate(verdicts, start=1))
-    return JobFinding(status, bolts, **more)  # type: ignore[arg-type]
+    return JobFinding(status=status, bolts=bolts, **more)  # type: ignore[arg-type]
 
 
 REFERENCE = job("tttttt", assumed="reference")
@@ -99,7 +99,10 @@ def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
 
 def test_runs_of_bolts_keep_their_zeros() -> None:
     names = ["B08", "B09", "B10", "B12", "north", "P9", "P10", "P11"]
-    assert sentence(JobFinding("converged", [BoltFinding(name, "loose") for name in names])) == "B08 to B10, B12, north, P9 to P11 loose"
+    assert (
+        sentence(JobFinding(status="converged", bolts=[BoltFinding(name, "loose") for name in names]))
+        == "B08 to B10, B12, north, P9 to P11 loose"
+    )
 
 
 def test_what_was_not_validated_is_said() -> None:

@@ -194,7 +194,7 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
         if group.bolt is not None:
             groups.append(Joints(log10, cap, tight, group.bolt, std))
         elif group.xyz is not None and group.arc_length is not None:
-            groups.append(Edge(group.xyz, group.arc_length, log10, cap, tight, std))
+            groups.append(Edge(xyz=group.xyz, arc_length=group.arc_length, log10=log10, cap=cap, reference=tight, std=std))
         else:
             continue
         where.append((group, values))

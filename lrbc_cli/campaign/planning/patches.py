@@ -46,7 +46,9 @@ def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]
         for group in edges:
             assert group.xyz is not None
             assert group.arc_length is not None
-            feet[group.name] = foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz)
+            feet[group.name] = foot(
+                Edge(xyz=group.xyz, arc_length=group.arc_length, log10=np.zeros(group.count), cap=np.inf, reference=None), xyz
+            )
         nearest = min(distance for _, distance in feet.values())
         for group in edges:
             at, distance = feet[group.name]

@@ -147,7 +147,7 @@ def make_plan(
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     ready = time.perf_counter()
-    source, grid = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), _grid(inputs)
+    source, grid = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress), _grid(inputs)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
     about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
@@ -186,7 +186,7 @@ def make_plan(
     return PlanRecord.checked(tree)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Question:
     """What the responses can tell of the targets about a state."""
 
@@ -396,9 +396,9 @@ def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: s
             targets.append(Target(name, xyz, ", ".join(parameters.groups[i].name for i in parts), None, int(column)))
             continue
         feet = [
-            (*foot(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None), xyz), group.name)
+            (*foot(Edge(xyz=places, arc_length=length, log10=np.zeros(group.count), cap=np.inf, reference=None), xyz), group.name)
             for group, _ in groups
-            if group.xyz is not None and group.arc_length is not None
+            if (places := group.xyz) is not None and (length := group.arc_length) is not None
         ]
         at, _, owner = min(feet, key=lambda entry: entry[1], default=(None, 0.0, ""))
         targets.append(Target(name, xyz, owner, at, int(column)))

@@ -235,7 +235,7 @@ def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, fl
     return {"reduced_line": best(lambda: model.evaluate(s, D, workers=1)), "port_line": best(lambda: ports.linearise(D))}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FrfSource:
     """FRFs of the model on any lines; tables of port FRFs are computed once per set of lines and kept beside the reduced model.
 
@@ -313,4 +313,6 @@ def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
 def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
     """FRFs as the settings want them evaluated."""
     size = 0 if stage is None else stage.reduction.model.size
-    return FrfSource(inputs, stage, formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress)
+    return FrfSource(
+        inputs=inputs, stage=stage, kind=formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress=progress
+    )
