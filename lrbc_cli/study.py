@@ -168,7 +168,8 @@ class Study:
         if self._start is None:
             source = self.source
             if source.stage is None and found_on_frfs(self.inputs):
-                source = FrfSource(self.inputs, self.stage, cheaper_formula(self.inputs, self.stage), self._progress)
+                kind = cheaper_formula(self.inputs, self.stage)
+                source = FrfSource(inputs=self.inputs, stage=self.stage, kind=kind, progress=self._progress)
             self._start = start_parameters(self.inputs, source)
         return self._start
 

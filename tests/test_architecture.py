@@ -70,6 +70,9 @@ LONGEST = 450
 #: Lines of a function, and how many functions may have more; positional arguments, ``self`` not counted.
 LONGEST_FUNCTION, MOST_LONG_FUNCTIONS, MOST_ARGUMENTS = 60, 5, 7
 
+#: Fields of a record that may be built by position.
+MOST_FIELDS = 5
+
 #: Modules in one folder; rooms that are not divided into sub-rooms yet may have more, and `cli` has one a command.
 WIDEST, UNDIVIDED = 13, {"cli", "reduction", "updating"}
 
@@ -162,6 +165,17 @@ def test_no_function_has_many_positional_arguments():
         for node, bound in functions(path)
         if (count := len(node.args.posonlyargs) + len(node.args.args) - bound) > MOST_ARGUMENTS
     }
+    assert not found
+
+
+def test_records_of_many_fields_are_built_by_keyword():
+    found = []
+    for path in MODULES:
+        for node in (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)):
+            decorators = [text for text in map(ast.unparse, node.decorator_list) if text.split("(")[0].endswith("dataclass")]
+            fields = [part for part in node.body if isinstance(part, ast.AnnAssign) and "ClassVar" not in ast.unparse(part.annotation)]
+            if decorators and len(fields) > MOST_FIELDS and "kw_only=True" not in decorators[0]:
+                found.append(f"{name_of(path)}.{node.name}")
     assert not found
 
 

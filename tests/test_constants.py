@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import hashlib
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import lrbc_cli
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.updating.statistics import STATISTICS
 
 ROOT = Path(lrbc_cli.__file__).parent
@@ -96,6 +99,78 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
         for name in constants(path.read_text(encoding="utf-8"))
     }
     assert not {name: str(path) for name, path in found.items() if name not in allowed}
+
+
+#: Rooms and modules whose numbers belong to a stage; what judges is no part of identifying.
+JUDGING = ("updating/decide.py", "updating/clearance.py", "campaign/jobs/judging.py")
+STAGES = {
+    "reduction": ("model", "reduction"),
+    "identification": ("updating", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),
+    "judgement": JUDGING,
+}
+
+
+def modules_of(stage: str) -> list[Path]:
+    """Where the numbers of a stage stand."""
+    found = [path for name in STAGES[stage] for path in ([ROOT / name] if name.endswith(".py") else sorted((ROOT / name).rglob("*.py")))]
+    return found if stage == "judgement" else [path for path in found if path.relative_to(ROOT).as_posix() not in JUDGING]
+
+
+def numbers(node: ast.AST) -> Iterator[str]:
+    """Numbers and operators in their order, without annotations, decorators and formatted text."""
+    if isinstance(node, ast.Constant):
+        if isinstance(node.value, bool | int | float | complex):
+            yield repr(node.value)
+    elif isinstance(node, ast.operator | ast.unaryop | ast.cmpop | ast.boolop):
+        yield type(node).__name__
+    elif not isinstance(node, ast.JoinedStr):
+        for name, value in ast.iter_fields(node):
+            if name not in ("annotation", "returns", "decorator_list"):
+                for part in value if isinstance(value, list) else [value]:
+                    if isinstance(part, ast.AST):
+                        yield from numbers(part)
+
+
+def digest_of(sources: list[str]) -> str:
+    """Of the numbers in sources, wherever in them a function or a constant stands."""
+    found = sorted(" ".join(numbers(statement)) for source in sources for statement in ast.parse(source).body)
+    return hashlib.sha256("\n".join(line for line in found if line).encode()).hexdigest()[:16]
+
+
+SOURCE = "A, B = 0.5, 3\n\n\ndef f(x: float = 1 / 3) -> float:\n    return x if x < 2 else -x\n"
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        SOURCE.replace("return", "# A comment.\n    return"),
+        SOURCE.replace("    return", "    'Words about 7.'\n    return"),
+        SOURCE.replace("x: float", "x: float | None").replace("f(", "g("),
+        SOURCE.replace("    return", "    print(f'{2 * x:.3f}')\n    return"),
+        "\n".join(reversed(SOURCE.split("\n\n\n"))),
+    ],
+)
+def test_words_and_places_are_no_numbers(same):
+    assert digest_of([same]) == digest_of([SOURCE])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        SOURCE.replace(*each)
+        for each in (("0.5", "0.6"), ("0.5, 3", "3, 0.5"), ("1 / 3", "1 * 3"), ("1 / 3", "1"), ("<", "<="), ("-x", "x"), ("< 2", "< 2.0"))
+    ],
+)
+def test_every_number_counts(other):
+    assert digest_of([other]) != digest_of([SOURCE])
+
+
+def test_results_rest_on_the_numbers_that_the_code_has():
+    found = {stage: digest_of([path.read_text(encoding="utf-8") for path in modules_of(stage)]) for stage in STAGES}
+    assert found == NUMBERS, (
+        "numbers or operators changed in the code, and what was found with the others would be kept as if nothing had; "
+        f"write into lrbc_cli/campaign/numbers.py, which makes that out of date: NUMBERS = {found}"
+    )
 
 
 @cache

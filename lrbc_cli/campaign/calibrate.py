@@ -61,7 +61,7 @@ class Round:
         return max(line.worst for line in self.held_out)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CalibrationOutcome:
     """A calibration.
 
@@ -239,7 +239,7 @@ def _first_problem(
 ) -> tuple[FactorProblem, tuple[str, ...]]:
     """What is fitted, on the reduced model of the exported matrices; and notes."""
     settings, used = require_calibration(inputs), inputs.used
-    source = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
+    source = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * measurement.frequency_hz)
     selected = select_lines(inputs, measurement, settings.job)
     sigma, notes = line_sigma(inputs, measurement, inputs.campaign.jobs[settings.job], selected)

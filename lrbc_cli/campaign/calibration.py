@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from lrbc_cli.campaign.identification.matching import about_measurement
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced import cache
@@ -18,7 +19,7 @@ from lrbc_cli.results.store import read
 
 FILE = "calibration.json"
 
-#: Increased whenever the same input would give other factors.
+#: Increased whenever the same input would give other factors; that numbers and operators changed is told by ``NUMBERS``.
 CALIBRATION_VERSION = 5
 
 #: What of the update's settings a calibration follows.
@@ -72,7 +73,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
             inputs.statistics,
         ),
-        "version": cache.digest(CALIBRATION_VERSION),
+        "version": cache.digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
 
 
@@ -151,19 +152,22 @@ def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inpu
         except OSError:
             there = False
         text = "ignored: the campaign file has no 'calibration'"
-        return replace(inputs, calibration=CalibrationUse(False, text, stale=True)) if there else inputs
+        return replace(inputs, calibration=CalibrationUse(used=False, text=text, stale=True)) if there else inputs
     if not calibration:
-        return replace(inputs, calibration=CalibrationUse(False, "left out (--no-calibration)"))
+        return replace(inputs, calibration=CalibrationUse(used=False, text="left out (--no-calibration)"))
     found = fitting(inputs)
     stored = found.record
     if stored is None:
         text = f"ignored: {found.reason}; run `lrbc calibrate`" if found.stored else "none yet; `lrbc calibrate` identifies it"
-        return replace(inputs, calibration=CalibrationUse(False, text, stale=found.stored))
+        return replace(inputs, calibration=CalibrationUse(used=False, text=text, stale=found.stored))
     factors = {name: entry.value for name, entry in stored.factors.items()}
     model, recipe = with_factors(inputs.model, inputs.recipe, factors)
     limits = "" if stored.status == "converged" else f"; {stored.status}: {stored.reason}"
     unsealed = "" if stored.sealed else "; not sealed: of an older version, or changed by hand, `lrbc calibrate --force` writes it anew"
     text = f"used ({stored.job}, {len(factors)} factor{'s' if len(factors) > 1 else ''}{limits}{unsealed})"
     return replace(
-        inputs, model=model, recipe=recipe, calibration=CalibrationUse(True, text, stored.key, factors, boundary=stored.boundary)
+        inputs,
+        model=model,
+        recipe=recipe,
+        calibration=CalibrationUse(used=True, text=text, key=stored.key, factors=factors, boundary=stored.boundary),
     )

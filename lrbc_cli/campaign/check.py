@@ -28,7 +28,7 @@ from lrbc_cli.updating.lines import too_wide
 TRANSLATIONS = ("UX", "UY", "UZ")
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Findings:
     """Sections of text for a person, and the same as a tree for programs.
 
@@ -206,7 +206,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
-        if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used])):
+        if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
     warnings, note = first_look(inputs, folder, readable)

@@ -121,7 +121,7 @@ def export(
         Where there is no real first-order form.
     """
     check_targets(files, inputs, replace_foreign=replace_foreign)
-    parameters = start_parameters(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage)))
+    parameters = start_parameters(inputs, FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage)))
     tree = second_order(inputs, stage, parameters)
     told: dict[str, Any] = {}
     if first_order:

@@ -212,8 +212,8 @@ def simulate(
     s = 2j * np.pi * frequency
     auto = job is None and any(group.config.start is None for group in inputs.groups)
     stage = None if full and not auto else obtain_reduction(inputs, folder, accept=accept or full, progress=progress)
-    reduced = None if stage is None else FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress)
-    source = FrfSource(inputs, None, "full", progress) if full or reduced is None else reduced
+    reduced = None if stage is None else FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress)
+    source = FrfSource(inputs=inputs, stage=None, kind="full", progress=progress) if full or reduced is None else reduced
     parameters = start_parameters(inputs, reduced) if auto and reduced is not None else layout(inputs)
     theta = parameters.initial if job is None else job_values(inputs, job, parameters)
     theta = parse_values(assignments, parameters, theta)
@@ -247,10 +247,10 @@ def _records(inputs: Inputs, out: Path, frequency: Floats, y: NDArray[np.complex
         node, direction = inputs.excitation_points[response.input]
         records.append(
             FrfRecord(
-                response.name,
-                frequency,
-                y[:, i].astype(complex),
-                response.quantity,
+                name=response.name,
+                frequency_hz=frequency,
+                values=y[:, i].astype(complex),
+                quantity=response.quantity,
                 response_node=response.node,
                 response_direction=response.direction or 0,
                 reference_node=node,

@@ -74,7 +74,9 @@ def watch(
     remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
     if given:
         remark("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
-    run = Watch(session, tell, remark, Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval))
+    run = Watch(
+        session=session, tell=tell, say=remark, pace=Pace(interval=interval, settle=min(Pace.settle, interval), retry=10 * interval)
+    )
     run.run(once)
     if run.failed:
         return 5

@@ -12,7 +12,7 @@ from lrbc_cli.model.frf import QUANTITIES
 REPRESENTATIONS = ("real-imag", "magnitude-phase", "db-phase")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TextLayout:
     """Layout of a text file of FRFs; whatever is None is found out from the file and noted.
 

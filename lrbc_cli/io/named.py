@@ -325,7 +325,9 @@ class _NamedFrfs:
             coherence = None if quality is None else clean_coherence(quality[index], self.path, f"coherence of {label}")[0]
             place = f"variable {name}" + (f", column {index + 1}" if len(columns) > 1 else "")
             values = scaled(column, factor, self.path, label)
-            self.records.append(FrfRecord(label, axis, values, quantity, coherence=coherence, place=place))
+            self.records.append(
+                FrfRecord(name=label, frequency_hz=axis, values=values, quantity=quantity, coherence=coherence, place=place)
+            )
 
     def _coherence_of(self, name: str, shape: tuple[int, ...], axis: Floats) -> list[NDArray[Any]] | None:
         """Columns of the coherence of an array: of its own name, else the only one of its structure and shape."""

@@ -15,7 +15,7 @@ from lrbc_cli.io.common import check_dimensions
 from lrbc_cli.model.dofs import DofLabels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MatrixFile:
     """A matrix as it was read.
 

@@ -43,7 +43,7 @@ class Facts:
     joints: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Method:
     """How jobs are identified.
 

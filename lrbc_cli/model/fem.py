@@ -13,7 +13,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import LowRankTerms
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FeModel:
     """Second-order system ``(s² M + s C + K) x = B u, y = s^q L x`` with n DOFs (eqs. (1)-(5)).
 

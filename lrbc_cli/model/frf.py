@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 QUANTITIES = {"pressure": 0, "displacement": 0, "velocity": 1, "acceleration": 2}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrfRecord:
     """One FRF, response over force, converted to SI when it was read.
 

@@ -74,7 +74,7 @@ class EdgeDamping:
         return s * self.beta + 1j * self.loss_factor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ParameterGroup:
     """Parameters of one kind along one edge or joint, in log10.
 

@@ -32,7 +32,7 @@ MOMENT_PAYS = 4.0
 SOLVE_EFFORT = 5.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FullLine:
     """One line of the full model; its factorisation is valid until the next lines are solved.
 
@@ -154,15 +154,17 @@ class FullLines:
                 times.append(time.perf_counter() - start)
             self._one_solve = min(times)
         if problem.many and (self._spanned or not expand):
-            line = FullLine(frequency_hz, factorisation, None, None)
+            line = FullLine(frequency_hz=frequency_hz, factorisation=factorisation, X=None, exact=None)
         elif not expand and self._heard.shape[1] < problem.inputs.shape[1]:
             # More hammer points than responses: the port FRFs take fewer solves from the other side.
             H = np.asarray(problem.inputs.T @ factorisation.solve_transposed(self._heard)).T[self._heard_of]
-            line = FullLine(frequency_hz, factorisation, None, self._ports(s, H))
+            line = FullLine(frequency_hz=frequency_hz, factorisation=factorisation, X=None, exact=self._ports(s, H))
         else:
             X = factorisation.solve(problem.inputs)
             self._spanned = True
-            line = FullLine(frequency_hz, factorisation, X, self._ports(s, np.asarray(problem.outputs @ X)))
+            line = FullLine(
+                frequency_hz=frequency_hz, factorisation=factorisation, X=X, exact=self._ports(s, np.asarray(problem.outputs @ X))
+            )
         return self.expanded(line) if expand else line
 
     def _ports(self, s: complex, H: Complexes) -> PortFrf:

@@ -52,7 +52,7 @@ class HeldOut:
         return max(self.errors.values())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """One factorisation in the trace, or the compression of the basis.
 
@@ -79,7 +79,7 @@ class Step:
     estimate: Floats = field(repr=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reduction:
     """A reduced model with its certificate and its costs.
 

@@ -24,7 +24,7 @@ DRIVEN = 1e-9
 LOST = 4.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PortFrf:
     """H(s) = L_ext Z_ref(s)⁻¹ B_ext at the lines of an update, taken about reference values D_ref of the terms.
 

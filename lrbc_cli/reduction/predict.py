@@ -51,7 +51,7 @@ EFFICIENCY = {"superlu": (0.5, 0.1), "pardiso": (0.5, 0.15)}
 ORTHOGONALISATION = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cost:
     """What a reduction is predicted to need.
 
@@ -151,7 +151,8 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
     reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / ORTHOGONALISATION
     more = solved * (columns * moments / inputs - 1)
     work = float((POINTS + options.held_out) * (line + solved) + POINTS * (more + orthogonalised + reduced))
-    return Cost(memory, work, float(line + solved + more), work / _product_rate(), analysis.nonzeros, backend)
+    each, seconds = float(line + solved + more), work / _product_rate()
+    return Cost(memory=memory, work=work, line=each, seconds=seconds, nonzeros=analysis.nonzeros, backend=backend)
 
 
 def _estimate_bytes(model: FeModel) -> float:

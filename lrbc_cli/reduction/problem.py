@@ -23,7 +23,7 @@ from lrbc_cli.reduction.vectors import band_omega, local_scale, reference_values
 MANY_INPUTS = 150
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """A reduction to be done.
 

@@ -13,7 +13,7 @@ from lrbc_cli.reduction.ports import CLAMPED, PortFrf, port_frf
 from lrbc_cli.reduction.threads import in_chunks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReducedModel:
     """``(s² M + s C + K + b D(s) cᵀ) x = B u, y = s^q L x`` with r DOFs, without the terms in K, C, M.
 

@@ -40,7 +40,7 @@ RANK = 1e-10
 Numbers = NDArray[np.inexact[Any]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StateSpace:
     """``E z' = A z + B u, y = C z + D u`` with ``z = [q, q', ...]`` and ``x = basis q``; E is the identity in the explicit form.
 
@@ -158,7 +158,9 @@ def _closest(second: ReducedModel, basis: Floats, s: Complexes, exact: Complexes
     forms = [_descriptor] if _singular(np.asarray(second.M.real), second.structure) else [_explicit, _descriptor]
     for form in forms:
         with np.errstate(all="ignore"):
-            system = StateSpace(*form(second), basis, np.inf, np.zeros(0, dtype=complex), np.zeros(0))
+            A, B, C, D, E = form(second)
+            none = np.zeros(0, dtype=complex)
+            system = StateSpace(A=A, B=B, C=C, D=D, E=E, basis=basis, deviation=np.inf, poles=none, errors=np.zeros(0))
             deviation = _deviation(system, s, exact)
         if best is None or deviation < best.deviation:
             best = replace(system, deviation=deviation)

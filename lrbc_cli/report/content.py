@@ -24,7 +24,7 @@ class FrfFigure:
     chart: Chart
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Content:
     """Everything that the page shows; charts by job. Jobs of the campaign that have no result are ``missing``.
 

@@ -348,7 +348,7 @@ class FailedJob(_JobBase):
     @property
     def finding(self) -> JobFinding:
         """What it says of the bolts."""
-        return JobFinding("failed")
+        return JobFinding(status="failed")
 
 
 class JobRecord(_JobBase):
@@ -426,6 +426,7 @@ class JobRecord(_JobBase):
             doubtful=() if tight is None else tight.doubtful,
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
+            copied_db=(self.decision_rule or {}).get("copied_db", 0.0),
         )
 
 

@@ -34,7 +34,7 @@ def moves_resonances(recipe: Recipe, name: str) -> bool:
     return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces if piece.operator != LOSS for share in piece.shares)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FactorProblem:
     """What is to be fitted, on one reduced model.
 
@@ -165,7 +165,7 @@ class Stage:
     evaluations: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FactorFit:
     """Factors at an optimum.
 

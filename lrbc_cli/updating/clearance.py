@@ -23,7 +23,7 @@ class BoltFinding:
     probability: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JobFinding:
     """What one job says of the bolts.
 
@@ -44,6 +44,8 @@ class JobFinding:
         Responses that the job should have been identified from, and does not hold.
     measurement : sequence of float
         Figures of what was measured [dB], the same whatever file holds it; empty where they are not known.
+    copied_db : float
+        Up to which they are those of another job, see ``DecisionRule``.
     """
 
     status: str
@@ -54,6 +56,7 @@ class JobFinding:
     doubtful: Sequence[str] = ()
     missing: Sequence[str] = ()
     measurement: Sequence[float] = ()
+    copied_db: float = 0.0
 
     def named(self, verdict: str) -> list[BoltFinding]:
         """The bolts with this verdict."""
@@ -94,23 +97,23 @@ def open_points(job: JobFinding) -> list[str]:
     return points
 
 
-def once_more(jobs: Mapping[str, JobFinding], *, copied_db: float = 2e-4) -> dict[str, str]:
+def once_more(jobs: Mapping[str, JobFinding]) -> dict[str, str]:
     """What is wrong with jobs that hold the measurement of another; one that holds that of the reference job is not validated anyway.
 
-    Measurements whose figures differ by no more than ``copied_db`` are one, written with other digits: no two blows of a hammer give the
-    same means over hundreds of lines.
+    Measurements whose figures differ by no more than ``copied_db`` are one, written with other digits.
     """
-    known = {name: job.measurement for name, job in jobs.items() if job.measurement and job.assumed != "reference"}
+    known = {name: job for name, job in jobs.items() if job.measurement and job.assumed != "reference"}
     found = {}
-    for name, own in known.items():
-        same = [
-            other
-            for other, figures in known.items()
-            if other != name and len(own) == len(figures) and all(abs(a - b) <= copied_db for a, b in zip(own, figures, strict=True))
-        ]
+    for name, job in known.items():
+        same = [other for other in known if other != name and _one(job, known[other])]
         if same:
             found[name] = f"the measurement of {_names(same)} once more; was another file meant?"
     return found
+
+
+def _one(job: JobFinding, other: JobFinding) -> bool:
+    own, figures = job.measurement, other.measurement
+    return len(own) == len(figures) and all(abs(a - b) <= job.copied_db for a, b in zip(own, figures, strict=True))
 
 
 def not_clear(jobs: Mapping[str, JobFinding]) -> dict[str, list[str]]:

@@ -226,7 +226,7 @@ class PeakTable:
         return 100.0 * float(before.mean()), 100.0 * float(after.mean())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Correlation:
     """Agreement of measured with initial and updated FRFs.
 

@@ -59,6 +59,9 @@ class DecisionRule:
         Posterior probability that a verdict, loose or tight, needs.
     largest_misfit : float
         Mean misfit above which the model does not explain the measurement, so that no bolt is judged [dB].
+    validated_misfit : float
+        Mean misfit above which nothing is validated, whatever limit a campaign sets; √2 times that of the reference job counts as one, too
+        [dB]. The usual ``largest_misfit``.
     misfit_margin : float
         Mean misfit above that of the reference job, over the same channels, from which on the state is not explained either [dB]. A choice:
         states of the samples lie within 0.3, of virtual rigs within 0.9 of their reference. No less than ``largest_misfit`` where that is
@@ -83,12 +86,16 @@ class DecisionRule:
     implausible_rise : float
         A bolt tighter than in the tight state by this many standard deviations of its prior is an error of the model: of a normal
         distribution 1 in 160 lies beyond 2.5.
+    copied_db : float
+        Jobs hold one measurement, written with other digits, where all figures of its levels differ by no more [dB]: no two blows of a
+        hammer give the same means over hundreds of lines.
     """
 
     loose_change: float = -0.5
     mixture_change: float = -0.35
     confidence: float = 0.95
     largest_misfit: float = 3.0
+    validated_misfit: float = 3.0
     misfit_margin: float = 1.5
     scatter_margin: float = 4.0
     joint_margin: float = 2.5
@@ -97,6 +104,7 @@ class DecisionRule:
     joint_spread: float = 0.5
     contrast_quantile: float = 0.75
     implausible_rise: float = 2.5
+    copied_db: float = 2e-4
 
     def scatter(self, measured: TightScatter, joint: bool) -> float:
         """Standard deviation of the changes between tight states [decades]: as baselines tell it, or of joints without any as assumed."""
@@ -117,10 +125,6 @@ class DecisionRule:
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""
         return LOOSE if probability >= self.confidence else TIGHT if probability <= 1.0 - self.confidence else UNDECIDED
-
-
-#: The usual limit of a misfit [dB]: above it nothing is validated, whatever a campaign sets.
-USUAL_DB = DecisionRule().largest_misfit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,14 +240,15 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
             reason += f", but of the {of} of the reference job, with which it is compared, {most}"
     before = max(db or 0.0 for db in (evidence.reference_misfit_db, evidence.reference_used_misfit_db))
     worst = max(db for db in (misfit, fitted, before) if db is not None)
-    raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {USUAL_DB:g} dB" if worst > USUAL_DB else ""
+    usual = rule.validated_misfit
+    raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {usual:g} dB" if worst > usual else ""
     both = math.hypot(before, before)
     coarse = (
         f"the model explains the reference job to {before:.2f} dB, so that a change from it, a difference of two such states, may err "
-        f"by {both:.2f} dB, above {USUAL_DB:g} dB: improve model or calibration"
+        f"by {both:.2f} dB, above {usual:g} dB: improve model or calibration"
     )
     unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or raised
-    unvalidated = unvalidated or (coarse if both > USUAL_DB else "")
+    unvalidated = unvalidated or (coarse if both > usual else "")
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)
     reason = f"not validated: {unvalidated}; {reason}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ErrorModel:
     """Covariance of the residuals: measurement noise, model discrepancy, errors of predicted changes, and what lines share.
 

@@ -13,7 +13,7 @@ from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.updating.residuals import DB
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Nuisance:
     """A scalar unknown beside the boundary parameters.
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 LEAST_ETA = 1e-30
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Posterior:
     """What is known after an identification, linearised about its optimum.
 
@@ -316,4 +316,6 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     spread = np.full(shapes.std.size, np.inf)
     spread[held] = shapes.std[held] * np.sqrt(noise.variance / (misfit.eta or 1.0))
     values, covariance = solution.theta[size:], np.asarray(noise.variance * inverse)
-    return Posterior(shapes, tuple(extras), z, values, covariance, noise, spread, told=told)
+    return Posterior(
+        shapes=shapes, extras=tuple(extras), z=z, values=values, covariance=covariance, noise=noise, prior_std=spread, told=told
+    )

@@ -35,7 +35,7 @@ DETECTABLE, HIDDEN = 0.8, 0.2
 LEAST_CHANGE = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Experiment:
     """What each of R responses contributes, of K unknowns and N bolts.
 

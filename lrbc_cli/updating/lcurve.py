@@ -23,7 +23,7 @@ class Corner:
     penalty: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LCurve:
     """What the weights cost.
 

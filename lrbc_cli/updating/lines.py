@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,10 +105,43 @@ class Sharp:
     chance: float
 
 
-def unresolved(
-    frequency_hz: Floats, measured: Complexes, *, prominence_db: float = 6.0, drop_db: float = 6.0, aside: Sequence[int] = range(2, 9)
-) -> Sharp:
-    """Peaks of FRFs that fall by more than ``drop_db`` to both neighbouring lines.
+@dataclass(frozen=True, kw_only=True)
+class Resolution:
+    """From when on lines do not resolve the peaks of FRFs, or noise makes peaks of its own: then no job is validated.
+
+    Attributes
+    ----------
+    prominence_db : float
+        Of what counts as a peak [dB]. A choice: twice the half-power points.
+    drop_db : float
+        Peaks that fall by more to both neighbouring lines are sharp [dB]. A choice, that noise and the place of the peak between two lines
+        do not reach where it is resolved.
+    most : float
+        Share of the peaks that may be sharp. Of resonances anywhere between the lines a quarter are where these lie as far apart as the
+        half-power points, and half of them at 1.6 times that.
+    noisy : float
+        Share of the peaks that may be sharp where each response has them at other lines. Of noise alone a third are: from here on half of
+        the peaks are noise's.
+    aside : tuple of int
+        Distances in lines at which pairs of sharp peaks stand together by chance. A choice: near enough that peaks are as many there.
+    together : float
+        Sharp peaks of resonances stand together this many times as often as by chance. A choice: half of what stands together is chance's.
+    """
+
+    prominence_db: float = 6.0
+    drop_db: float = 6.0
+    most: float = 1 / 3
+    noisy: float = 1 / 6
+    aside: tuple[int, ...] = (2, 3, 4, 5, 6, 7, 8)
+    together: float = 2.0
+
+
+#: The default, for those who call a part alone.
+RESOLUTION = Resolution()
+
+
+def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> Sharp:
+    """Peaks of FRFs, and those that fall far to both neighbouring lines.
 
     At the half-power points a resonance lies 3 dB below its peak: where lines are no further apart than those, one of the two lines beside
     a peak lies within that.
@@ -119,12 +151,7 @@ def unresolved(
     frequency_hz : (F,) float array
     measured : (F, R) complex array
         NaN where a response was not measured.
-    prominence_db : float
-        Of what counts as a peak.
-    drop_db : float
-        A choice, that noise and the place of the peak between two lines do not reach where it is resolved.
-    aside : sequence of int
-        Distances in lines at which pairs stand together by chance: near enough that peaks are as many there.
+    rule : Resolution
     """
     peaks, sharp = np.zeros((2, *measured.shape), dtype=bool)
     for r, response in enumerate(measured.T):
@@ -132,42 +159,37 @@ def unresolved(
         if at.size < 3:
             continue
         level = decibel(response[at])
-        tops = peaks_of(level, prominence=prominence_db)
+        tops = peaks_of(level, prominence=rule.prominence_db)
         peaks[at[tops], r] = True
-        sharp[at[tops], r] = level[tops] - np.maximum(level[tops - 1], level[tops + 1]) > drop_db
+        sharp[at[tops], r] = level[tops] - np.maximum(level[tops - 1], level[tops + 1]) > rule.drop_db
 
     def pairs(distance: int) -> float:
         one, other = sharp[distance:].astype(float), sharp[: len(sharp) - distance].astype(float)
         return float((one.sum(axis=1) * other.sum(axis=1) - (one * other).sum(axis=1)).sum())
 
-    chance = float(np.mean([pairs(d) for d in aside if d < len(sharp)] or [0.0]))
+    chance = float(np.mean([pairs(d) for d in rule.aside if d < len(sharp)] or [0.0]))
     return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
 
 
-def too_wide(*measured: tuple[Floats, Complexes], most: float = 1 / 3, noisy: float = 1 / 6) -> str | None:
+def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> str | None:
     """What to say of lines that do not resolve the peaks of FRFs, or of noise that makes peaks of its own; None where neither is so.
 
     Parameters
     ----------
     measured : pairs of an (F,) float array and an (F, R) complex array
         Frequencies and FRFs of one job, or of those that are compared.
-    most : float
-        Share of the peaks that may fall as far as in ``unresolved``. Of resonances anywhere between the lines a quarter do where these lie
-        as far apart as the half-power points, and half of them at 1.6 times that.
-    noisy : float
-        Share of the peaks that may fall as far where each response has them at other lines. Of noise alone a third do: from here on half of
-        the peaks are noise's.
+    rule : Resolution
     """
-    found = [unresolved(*each) for each in measured]
+    found = [unresolved(*each, rule) for each in measured]
     peaks, sharp = (np.sort(np.concatenate([getattr(each, name) for each in found])) for name in ("peaks", "sharp"))
-    # Resonances show in several responses at the same line, noise there as often as at others: half of what stands together by chance.
-    noise = sum(each.together for each in found) < 2.0 * sum(each.chance for each in found)
-    if sharp.size <= (noisy if noise else most) * peaks.size:
+    # Resonances show in several responses at the same line, noise there as often as at others.
+    noise = sum(each.together for each in found) < rule.together * sum(each.chance for each in found)
+    if sharp.size <= (rule.noisy if noise else rule.most) * peaks.size:
         return None
-    fall = f"{sharp.size} of {peaks.size} peaks fall by more than 6 dB to both neighbouring lines"
+    fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
     if not noise:
         return f"lines too far apart: {fall}; measure with closer lines"
-    where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, noisy)
+    where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
     return (
         f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
         "a harder tip or a stronger blow"

@@ -50,7 +50,7 @@ def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complex
 MOST_KEPT = 100_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FrfModel:
     """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
 
@@ -137,7 +137,7 @@ class FrfModel:
 
 def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
     """FRFs by the port formula: cost of an evaluation independent of n and r."""
-    return FrfModel(ports.s, parameters, ports.evaluate, ports.linearise, "port", ports)
+    return FrfModel(s=ports.s, parameters=parameters, values=ports.evaluate, linearised=ports.linearise, name="port", ports=ports)
 
 
 def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
@@ -147,10 +147,10 @@ def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisatio
         y, dy = model.linearise(s, D)
         return y[:, responses], dy[:, responses]
 
-    return FrfModel(s, parameters, lambda D: model.evaluate(s, D)[:, responses], linearise, "reduced")
+    return FrfModel(s=s, parameters=parameters, values=lambda D: model.evaluate(s, D)[:, responses], linearised=linearise, name="reduced")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evaluation:
     """Cost and its ingredients at one theta.
 
@@ -213,7 +213,7 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
 SLOPE_STEP = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChangeError:
     """How wrong a predicted change of the FRFs may be.
 
@@ -342,7 +342,8 @@ class Misfit:
         jacobian = np.vstack([rows, self.penalty])
         data = float(own @ own)
         total = max(float(residual @ residual), np.finfo(float).tiny)
-        return Evaluation(float(np.log10(total)), total, data, float(np.mean(np.abs(difference))), residual, jacobian)
+        cost, misfit_db = float(np.log10(total)), float(np.mean(np.abs(difference)))
+        return Evaluation(cost=cost, total=total, data=data, misfit_db=misfit_db, residual=residual, jacobian=jacobian)
 
     def on(self, model: Sensitive, measured: Complexes) -> Misfit:
         """The same cost with another model and measurement, on other lines that weigh alike."""

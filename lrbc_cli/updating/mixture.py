@@ -30,7 +30,7 @@ HELD = 1e10
 Stop = tuple[float, int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MixtureProblem:
     """What is measured of unknowns z, some of which are changes at bolts.
 
@@ -73,7 +73,7 @@ class MixtureProblem:
     ratio: float = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChangeSamples:
     """Posterior of the changes at bolts: for each sweep and bolt two Gaussians, tight and loose, given the kinds of the others.
 
@@ -330,7 +330,14 @@ def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, 
         residual = np.concatenate([scale * r, weight * (z - mean)])
         total = max(float(residual @ residual), np.finfo(float).tiny)
         jacobian = np.vstack([scale * J, np.diag(weight)])
-        return Evaluation(float(np.log10(total)), total, float(r @ r), float(np.mean(np.abs(r))), residual, jacobian)
+        return Evaluation(
+            cost=float(np.log10(total)),
+            total=total,
+            data=float(r @ r),
+            misfit_db=float(np.mean(np.abs(r))),
+            residual=residual,
+            jacobian=jacobian,
+        )
 
     found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=stop[0], max_iterations=stop[1])
     value, z = found.evaluation, found.theta

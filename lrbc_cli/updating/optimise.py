@@ -52,7 +52,7 @@ class Start:
     theta: Floats = field(repr=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """Where an optimiser stopped, and why; returned always.
 
@@ -147,7 +147,15 @@ class _Recorder:
         if best.theta is not None and best.evaluation is not None and best.evaluation.total < value.total:
             theta, value = best.theta, best.evaluation
             self.accept(self._best)
-        return Solution(theta, value, status, reason, iterations, len(self.entries), tuple(self.entries))
+        return Solution(
+            theta=theta,
+            evaluation=value,
+            status=status,
+            reason=reason,
+            iterations=iterations,
+            evaluations=len(self.entries),
+            history=tuple(self.entries),
+        )
 
 
 def _free(theta: Floats, gradient: Floats, bounds: Floats) -> NDArray[np.bool_]:

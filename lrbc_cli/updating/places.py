@@ -12,7 +12,7 @@ from lrbc_cli.model.selection import JUMP
 from lrbc_cli.updating.evidence import BoltEvidence, Change
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Edge:
     """Stiffness along one edge.
 

@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BoltPrior:
     """Prior of the change at a bolt that is tight or loose [decades]; see ``lrbc guide statistics``, section 6.
 
@@ -77,7 +77,7 @@ class BoltPrior:
         return float(np.log(self.loose_share / (1.0 - self.loose_share)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ValuePrior:
     """Gaussian prior of values along the edge, of changes at bolts, and of nuisance parameters.
 
@@ -107,7 +107,7 @@ class ValuePrior:
     nuisance_reach: float = 6.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CalibrationPrior:
     """Priors of the global factors of the reference model, and when a measurement does not tell them apart.
 

@@ -197,7 +197,9 @@ def sample_changes(
             parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
             alternatives.append((state.z[problem.bolts], own / int(count.sum())))
     loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return ChangeSamples(problem.bolts, loose, means, stds, best.kinds, hats, prior, alternatives)
+    return ChangeSamples(
+        bolts=problem.bolts, loose=loose, means=means, stds=stds, kinds=best.kinds, neighbours=hats, prior=prior, alternatives=alternatives
+    )
 
 
 def _sweeps(

@@ -74,7 +74,7 @@ class Known:
     of_model: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Offset:
     """What is the same at all lines between the measurement of a response and the model.
 

@@ -213,7 +213,7 @@ def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.i
     for group in groups:
         assert group.xyz is not None
         assert group.arc_length is not None
-        edges.append(Edge(group.xyz, group.arc_length, np.zeros(group.count), np.inf, None))
+        edges.append(Edge(xyz=group.xyz, arc_length=group.arc_length, log10=np.zeros(group.count), cap=np.inf, reference=None))
     if not edges or not bolts.shape[0]:
         return np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
     found = places(edges, bolts)

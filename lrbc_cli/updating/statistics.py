@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
-from lrbc_cli.updating.lines import RESONANCES, Resonances
+from lrbc_cli.updating.lines import RESOLUTION, RESONANCES, Resolution, Resonances
 from lrbc_cli.updating.priors import BOLT_PRIOR, CALIBRATION_PRIOR, VALUE_PRIOR, BoltPrior, CalibrationPrior, ValuePrior
 from lrbc_cli.updating.saturation import LIMITS, Limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ValidationChannels:
     """Which responses that were not fitted can show whether the model explains a measurement: without one no job is validated.
 
@@ -30,6 +30,8 @@ class ValidationChannels:
     exchanged_db, exchanged_share : float
         Responses are in each other's place where they lie further from the model than the one as they are called [dB], in the mean and
         constants taken out, and nearer to it than the other times that in each other's place. A choice: twice the misfit of a tight state.
+    exchanged_lines : int
+        Lines on which both have values from which that can be told. A choice: of fewer a mean distance says little.
     """
 
     least_lines: float = 0.8
@@ -40,9 +42,10 @@ class ValidationChannels:
     least_span: float = 0.98
     exchanged_db: float = 3.0
     exchanged_share: float = 0.5
+    exchanged_lines: int = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StatisticalModel:
     """Passed from the campaign's ``Method`` down to where each part is used, and part of what a result rests on.
 
@@ -53,6 +56,8 @@ class StatisticalModel:
     values : ValuePrior
     resonances : Resonances
         Which lines count.
+    resolution : Resolution
+        Whether the lines resolve the peaks.
     limits : Limits
         Where FRFs count as free or clamped.
     calibration : CalibrationPrior
@@ -63,6 +68,7 @@ class StatisticalModel:
     bolts: BoltPrior = BOLT_PRIOR
     values: ValuePrior = VALUE_PRIOR
     resonances: Resonances = RESONANCES
+    resolution: Resolution = RESOLUTION
     limits: Limits = LIMITS
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()

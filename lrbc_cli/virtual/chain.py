@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Chain:
     """Hammer, sensors and noise.
 

@@ -28,7 +28,7 @@ from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Drift, Scatter
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """What is simulated.
 
@@ -123,7 +123,7 @@ class VirtualStructure:
         if settings.scatter.kelvin and SOUND_SPEED not in inputs.recipe.names:
             raise ConfigError("the model has no air to warm", place="--temperature", expected="DOFs PRES", hint="give --temperature 0")
         stage = obtain_reduction(inputs, cache, progress=progress)
-        self.parameters = parameterise(inputs, FrfSource(inputs, stage, cheaper_formula(inputs, stage)), self.s)[0]
+        self.parameters = parameterise(inputs, FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage)), self.s)[0]
         draw = rng.standard_normal(5)
         damped = np.exp(settings.damping * draw[3:])
         undamped = ("stiffness.structure", "mass.structure", "stiffness.acoustic")
@@ -207,10 +207,10 @@ class VirtualStructure:
         if isinstance(called, RecordRef) and called.reference_node is not None:
             hammer, along = called.reference_node, called.reference_direction or along
         return FrfRecord(
-            called if isinstance(called, str) else response.name,
-            self.frequency_hz,
-            np.asarray(values, dtype=np.complex128),
-            response.quantity,
+            name=called if isinstance(called, str) else response.name,
+            frequency_hz=self.frequency_hz,
+            values=np.asarray(values, dtype=np.complex128),
+            quantity=response.quantity,
             response_node=node,
             response_direction=direction,
             reference_node=hammer,

@@ -77,7 +77,7 @@ class Wake:
             self._folders = set()
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Watch:
     """Judges jobs as their files arrive.
 
@@ -216,7 +216,7 @@ class Watch:
         # One whose file is still being copied is no failure of this job.
         lacking = [other for other in self.session.needed(name) if not self.arrivals.through(other) or other in self.failed]
         if lacking:
-            self.findings[name] = JobFinding("waiting")
+            self.findings[name] = JobFinding(status="waiting")
             self._once(f"{name}: waits for {', '.join(lacking)}, which tells what tight is")
             self.arrivals.done(name)
             return
@@ -294,7 +294,7 @@ class Watch:
     def _out(self, verdict: Verdict) -> None:
         if verdict.verdict in ("failed", "unusable"):
             self.failed.add(verdict.job)
-            self.findings[verdict.job] = JobFinding("failed")
+            self.findings[verdict.job] = JobFinding(status="failed")
         self.tell(verdict)
 
     def _page(self, *, figures: bool, live: bool = True) -> None:

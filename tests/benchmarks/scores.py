@@ -130,7 +130,13 @@ def place_bolts(tree: Mapping[str, Any]) -> tuple[Edge, Floats, float]:
     """The edge of a result with one stiffness group, where its bolts stand along it [m], and their pitch [m]."""
     (group,) = [g for g in tree["parameters"].values() if g["kind"] == "stiffness"]
     arc = np.array(group["arc_length"], dtype=float)
-    edge = Edge(np.array(group["positions"], dtype=float), arc, np.array(group["log10_effective"], dtype=float), np.inf, None)
+    edge = Edge(
+        xyz=np.array(group["positions"], dtype=float),
+        arc_length=arc,
+        log10=np.array(group["log10_effective"], dtype=float),
+        cap=np.inf,
+        reference=None,
+    )
     xyz = np.array([bolt["position"] for bolt in tree["bolts"]], dtype=float)
     return edge, np.array([foot(edge.xyz, edge.arc_length, point)[0] for point in xyz]), pitch_of(xyz)
 

@@ -54,8 +54,9 @@ def smallest_basis(inputs: Inputs, reduction: Reduction, backend: str, *, quick:
             V[rows, start : start + count] = vectors_of[:, :count]
             start += count
         small = ReducedModel(
-            V.T @ rich.K @ V, V.T @ rich.C @ V, V.T @ rich.M @ V, V.T @ rich.B, rich.L @ V, V.T @ rich.left, V.T @ rich.right,
-            rich.output_power, rich.input_of, rich.reference, counts[0] if rich.structure else 0,
+            K=V.T @ rich.K @ V, C=V.T @ rich.C @ V, M=V.T @ rich.M @ V,
+            B=V.T @ rich.B, L=rich.L @ V, left=V.T @ rich.left, right=V.T @ rich.right,
+            output_power=rich.output_power, input_of=rich.input_of, reference=rich.reference, structure=counts[0] if rich.structure else 0,
         )  # fmt: skip
         return float(distance(reference, small.ports(lines), vectors, groups).max())
 

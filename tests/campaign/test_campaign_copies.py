@@ -28,11 +28,21 @@ def measured(seed: int, noise: float, lines: int = 200) -> Measurement:
     values = values + noise * np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) * (
         rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape)
     )
-    return Measurement(hz, values, np.full(values.shape, np.nan), (), (), (), {})
+    return Measurement(
+        frequency_hz=hz, values=values, coherence=np.full(values.shape, np.nan), notes=(), warnings=(), records=(), hashes={}
+    )
 
 
 def changed(one: Measurement, values: np.ndarray, rows: slice = slice(None)) -> Measurement:
-    return Measurement(one.frequency_hz[rows], values[rows], one.coherence[rows], (), (), (), {})
+    return Measurement(
+        frequency_hz=one.frequency_hz[rows],
+        values=values[rows],
+        coherence=one.coherence[rows],
+        notes=(),
+        warnings=(),
+        records=(),
+        hashes={},
+    )
 
 
 def rounded(values: np.ndarray, digits: int) -> np.ndarray:

@@ -39,7 +39,7 @@ def measure(folder: Folder, D: np.ndarray, job: str = "loose") -> None:
     """Write the FRFs of the campaign's own model by dense solves: no formula of the program, and no error of the model."""
     inputs = folder.inputs()
     y = direct_frf(inputs.model, S, np.broadcast_to(D, (S.size, inputs.model.terms.size)).astype(complex), inputs.input_of)
-    records = [FrfRecord(r.name, FREQUENCY, y[:, i], r.quantity) for i, r in enumerate(inputs.responses)]
+    records = [FrfRecord(name=r.name, frequency_hz=FREQUENCY, values=y[:, i], quantity=r.quantity) for i, r in enumerate(inputs.responses)]
     write_frf(folder.data / f"{job}.uff", FrfSet(job, tuple(records)))
 
 
@@ -183,7 +183,7 @@ def test_unused_responses_do_not_enter(box: Folder) -> None:
     measure(box, 10.0**MILD)
     path = box.data / "loose.uff"
     records = list(read_frf(path).records)
-    records[2] = FrfRecord("mic3", FREQUENCY, 3.0 * np.roll(records[2].values, 7), "pressure")
+    records[2] = FrfRecord(name="mic3", frequency_hz=FREQUENCY, values=3.0 * np.roll(records[2].values, 7), quantity="pressure")
     write_frf(path, FrfSet("loose", tuple(records)))
     few = "update.responses=[mic1, mic2, acc1]"
     tree = identify(box, few, "update.largest_misfit=100", says="mic3: measured over computed +8.77 dB")
@@ -556,7 +556,7 @@ def test_the_reference_job_begins_where_the_calibration_ended(box: Folder, monke
     monkeypatch.setattr(
         identification._Job, "_descend", lambda self, misfit, start: levels.descend(misfit, start, self.parameters.bounds, max_iterations=0)
     )
-    use = CalibrationUse(True, "used", boundary={"springs": Boundary(log10=MILD)})
+    use = CalibrationUse(used=True, text="used", boundary={"springs": Boundary(log10=MILD)})
     found = [identification.identify(replace(study.inputs, calibration=own), study.source, "tight") for own in (None, use)]
     before, after = (one.misfit_final.mean() for one in found)
     assert after < 0.05 < 0.5 < before

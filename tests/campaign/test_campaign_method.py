@@ -10,6 +10,7 @@ import pytest
 from campaigns import Folder
 
 from lrbc_cli.campaign.jobs.plans import plan
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import UpdateConfig
@@ -137,6 +138,13 @@ def test_a_number_of_the_statistical_model_makes_results_outdated(frame: Folder)
     changed = replace(inputs, by_hand={"statistics": replace(inputs.statistics, errors=errors)})
     assert changed.method.statistics.errors.shift_error == 0.30
     assert runs(changed) == JOBS
+
+
+@pytest.mark.parametrize(("stage", "verb"), [("reduction", "runs"), ("identification", "runs"), ("judgement", "judged anew")])
+def test_a_number_in_the_code_makes_results_outdated(frame: Folder, monkeypatch: pytest.MonkeyPatch, stage: str, verb: str) -> None:
+    inputs = frame.inputs()
+    monkeypatch.setitem(NUMBERS, stage, "others")
+    assert {job.verb for job in plan(inputs, cache.key_parts(inputs), JOBS)} == {verb}
 
 
 def test_check_update_and_plan_take_the_same_method(frame: Folder) -> None:

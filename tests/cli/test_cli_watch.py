@@ -190,7 +190,9 @@ def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
 def test_what_cannot_be_used_is_on_the_page_until_it_is_mended(begun: Folder, tmp_path: Path) -> None:
     folder = begun.copy(tmp_path / "frame")
     frf, waiting, said = folder.data / "frf", folder.path / "waiting", list[str]()
-    watch = Watch(Session(WatchSettings(folder.config, (), folder.cache)), lambda verdict: None, said.append, Pace(settle=0.05))
+    watch = Watch(
+        session=Session(WatchSettings(folder.config, (), folder.cache)), tell=lambda verdict: None, say=said.append, pace=Pace(settle=0.05)
+    )
 
     def page() -> str:
         watch.run(once=True)

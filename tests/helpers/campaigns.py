@@ -242,10 +242,10 @@ def box(path: Path) -> Folder:
         points = [("mic1", 103, 0), ("mic2", 112, 0), ("mic3", 124, 0), ("acc1", 7, 3)]
         records = tuple(
             FrfRecord(
-                name,
-                frequency,
-                y[:, i],
-                "acceleration" if name == "acc1" else "pressure",
+                name=name,
+                frequency_hz=frequency,
+                values=y[:, i],
+                quantity="acceleration" if name == "acc1" else "pressure",
                 response_node=node,
                 response_direction=direction,
                 reference_node=8,

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from systems import csc, direct_frf, duct, fe_model, unit
+from systems import csc, direct_frf, duct, fe_model, unit, whole
 
 from lrbc_cli.model.factors import FIELDS, Recipe, make_recipe, parted, with_factors
 from lrbc_cli.model.fem import FeModel, hysteretic
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.updating.calibrate import FactorProblem
 
 COEFFICIENTS = ((4.0, 6e-6), (3.0, 4e-7))
@@ -52,18 +51,8 @@ def duct_model(matrix_damping: bool = False, loss: tuple[float, float] | None = 
 
 def affine(model: FeModel, recipe: Recipe) -> AffineModel:
     """The model as its own reduced model."""
-    pieces = (X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right))
     extras = {name: {key: A.toarray() for key, A in group.items()} for name, group in model.extras.items()}
-    outputs = model.L.shape[0]
-    base = ReducedModel(
-        *pieces,
-        model.output_power,
-        np.zeros(outputs, dtype=np.int64),
-        np.zeros((model.terms.size, 3)),
-        int((~model.is_acoustic).sum()),
-        extras,
-    )
-    return AffineModel(base, recipe)
+    return AffineModel(whole(model, extras=extras), recipe)
 
 
 def springs(damped: bool = False) -> Parameterisation:
@@ -71,7 +60,17 @@ def springs(damped: bool = False) -> Parameterisation:
     at = np.arange(SPRINGS)
     limits = np.tile([1.0, 7.0], (SPRINGS, 1))
     damping = EdgeDamping(2e-5, 0.0, (-2.0, 2.0)) if damped else None
-    group = ParameterGroup("springs", "stiffness", at, at, np.full(SPRINGS, 4.5), limits, np.eye(SPRINGS), 0.0, damping)
+    group = ParameterGroup(
+        name="springs",
+        kind="stiffness",
+        terms=at,
+        parameter=at,
+        initial=np.full(SPRINGS, 4.5),
+        bounds=limits,
+        smoothing=np.eye(SPRINGS),
+        baseline=0.0,
+        damping=damping,
+    )
     return Parameterisation((group,))
 
 

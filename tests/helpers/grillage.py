@@ -119,10 +119,10 @@ def grillage(path: Path, jobs: tuple[str, ...] = tuple(JOBS)) -> Folder:
         y = measured(JOBS[job], np.random.default_rng(100 + index), frequency)
         records = tuple(
             FrfRecord(
-                name,
-                frequency,
-                y[:, k],
-                "acceleration",
+                name=name,
+                frequency_hz=frequency,
+                values=y[:, k],
+                quantity="acceleration",
                 response_node=node(*at),
                 response_direction=3,
                 reference_node=node(*HAMMER),

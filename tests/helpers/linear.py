@@ -11,13 +11,13 @@ def line_group(count: int, *, damping: bool = False) -> ParameterGroup:
     """Values along a straight edge of one metre, from 0 to 8."""
     at = np.linspace(0.0, 1.0, count)
     return ParameterGroup(
-        "edge",
-        "stiffness",
-        np.arange(count),
-        np.arange(count),
-        np.full(count, 4.0),
-        np.tile([0.0, 8.0], (count, 1)),
-        np.eye(count),
+        name="edge",
+        kind="stiffness",
+        terms=np.arange(count),
+        parameter=np.arange(count),
+        initial=np.full(count, 4.0),
+        bounds=np.tile([0.0, 8.0], (count, 1)),
+        smoothing=np.eye(count),
         damping=EdgeDamping(1e-6) if damping else None,
         xyz=np.column_stack([0 * at, at, 0 * at]),
         arc_length=at,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from systems import beam, csc, dense_ports, fe_model, unit
+from systems import beam, csc, dense_ports, fe_model, unit, whole
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -22,17 +22,17 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
     powers, baselines = [0] * PADS, [baseline] * PADS
     at = nodes / 44
     stiffness = ParameterGroup(
-        "pads",
-        "stiffness",
-        np.arange(PADS),
-        np.arange(PADS),
-        np.full(PADS, initial),
-        np.tile(bounds, (PADS, 1)),
-        smoothing_matrix(smoothing, PADS),
-        baseline,
-        None if beta is None else EdgeDamping(beta, 0.0, (-2.0, 3.0)),
-        np.column_stack([at, 0 * at, 0 * at]),
-        at - at[0],
+        name="pads",
+        kind="stiffness",
+        terms=np.arange(PADS),
+        parameter=np.arange(PADS),
+        initial=np.full(PADS, initial),
+        bounds=np.tile(bounds, (PADS, 1)),
+        smoothing=smoothing_matrix(smoothing, PADS),
+        baseline=baseline,
+        damping=None if beta is None else EdgeDamping(beta, 0.0, (-2.0, 3.0)),
+        xyz=np.column_stack([at, 0 * at, 0 * at]),
+        arc_length=at - at[0],
     )
     groups = [stiffness]
     if extras:
@@ -41,7 +41,17 @@ def pads_model(smoothing=THIRDS, *, beta: float | None = 2e-5, extras: bool = Fa
         baselines += [0.0, 0.0]
         for j, (name, kind, start, limits) in enumerate((("pot", "damping", 0.5, (-1.0, 3.0)), ("lump", "mass", -2.0, (-4.0, 0.0)))):
             at = np.array([PADS + j])
-            groups.append(ParameterGroup(name, kind, at, np.array([0]), np.array([start]), np.array([limits]), np.eye(1)))
+            groups.append(
+                ParameterGroup(
+                    name=name,
+                    kind=kind,
+                    terms=at,
+                    parameter=np.array([0]),
+                    initial=np.array([start]),
+                    bounds=np.array([limits]),
+                    smoothing=np.eye(1),
+                )
+            )
     model = fe_model(
         K,
         M,
@@ -65,9 +75,7 @@ def pads_ports(model, s=S):
 
 def pads_dynamic(model) -> ReducedModel:
     """The dynamic stiffness itself, as the other formula."""
-    pieces = (X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right))
-    nt = model.terms.size
-    return ReducedModel(*pieces, model.output_power, np.zeros(model.L.shape[0], dtype=np.int64), np.zeros((nt, 3)), model.size)
+    return whole(model, structure=model.size)
 
 
 def loosened(parameters, tight=5.0, loose=2.0, at=(4, 5, 6), p_damp=0.5):

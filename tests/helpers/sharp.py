@@ -32,7 +32,16 @@ def sharp_misfit(truth: float, *, beta: float = 1e-6, shared: bool = True, bound
     owner = np.zeros(SPRINGS, dtype=int) if shared else np.arange(SPRINGS)
     along = None if shared else np.linspace(0.0, 1.0, SPRINGS)
     box = np.tile(bounds, (count, 1))
-    group = ParameterGroup("springs", "stiffness", np.arange(SPRINGS), owner, np.full(count, 4.0), box, np.eye(count), arc_length=along)
+    group = ParameterGroup(
+        name="springs",
+        kind="stiffness",
+        terms=np.arange(SPRINGS),
+        parameter=owner,
+        initial=np.full(count, 4.0),
+        bounds=box,
+        smoothing=np.eye(count),
+        arc_length=along,
+    )
     parameters = Parameterisation((group,))
     frf = port_model(_ports(beta), parameters)
     return Misfit(frf, frf.frf(np.full(count, truth)), parameters.initial, 0.0)

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.reduction.ports import PortFrf, port_frf
+from lrbc_cli.reduction.reduced import ReducedModel
 
 
 def csc(matrix) -> sp.csc_array:
@@ -131,7 +132,15 @@ def fe_model(
         np.broadcast_to(np.asarray(baseline, dtype=float), (left.shape[1],)).copy(),
     )
     q = np.broadcast_to(np.asarray(output_power, dtype=np.int64), (outputs.shape[1],)).copy()
-    return FeModel(csc(K), csc(C), csc(M), csc(loads), csc(outputs.T), q, is_acoustic, terms)
+    return FeModel(K=csc(K), C=csc(C), M=csc(M), B=csc(loads), L=csc(outputs.T), output_power=q, is_acoustic=is_acoustic, terms=terms)
+
+
+def whole(model: FeModel, **other) -> ReducedModel:
+    """The model as its own reduced model; with other values of some fields."""
+    fields = {name: getattr(model, name).toarray() for name in "KCMBL"}
+    fields |= {"left": model.terms.left.toarray(), "right": model.terms.right.toarray(), "output_power": model.output_power}
+    fields |= {"input_of": np.zeros(model.L.shape[0], dtype=np.int64), "reference": np.zeros((model.terms.size, 3))}
+    return ReducedModel(**{**fields, "structure": int((~model.is_acoustic).sum()), **other})
 
 
 def direct_frf(model: FeModel, s: np.ndarray, D: np.ndarray, input_of: np.ndarray | None = None) -> np.ndarray:

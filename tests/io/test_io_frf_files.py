@@ -23,9 +23,20 @@ H = np.array([1 - 2j, 3 + 4j, 5e-6 - 6e-6j])
 
 def records():
     first = FrfRecord(
-        "mic01", FREQUENCY, H, "pressure", response_node=5, reference_node=9, reference_direction=3, coherence=np.array([0.1, 0.5, 1])
+        name="mic01",
+        frequency_hz=FREQUENCY,
+        values=H,
+        quantity="pressure",
+        response_node=5,
+        reference_node=9,
+        reference_direction=3,
+        coherence=np.array([0.1, 0.5, 1]),
     )
-    return first, FrfRecord("", FREQUENCY, 2 * H, None, response_direction=2), FrfRecord("ä", FREQUENCY, -H, "velocity")
+    return (
+        first,
+        FrfRecord(name="", frequency_hz=FREQUENCY, values=2 * H, quantity=None, response_direction=2),
+        FrfRecord(name="ä", frequency_hz=FREQUENCY, values=-H, quantity="velocity"),
+    )
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=REUSE_FOLDER)
@@ -39,15 +50,15 @@ def test_hdf5_round_trip(tmp_path, data):
         values = np.array([complex(data.draw(parts), data.draw(parts)) for _ in frequency])
         expected.append(
             FrfRecord(
-                data.draw(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8)),
-                frequency,
-                values,
-                data.draw(st.sampled_from(["pressure", "displacement", "velocity", "acceleration", None])),
-                data.draw(st.none() | st.integers(0, 2**40)),
-                data.draw(st.integers(0, 6)),
-                data.draw(st.none() | st.integers(0, 2**40)),
-                data.draw(st.integers(0, 6)),
-                data.draw(st.none() | st.just(np.linspace(0, 1, size))),
+                name=data.draw(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=8)),
+                frequency_hz=frequency,
+                values=values,
+                quantity=data.draw(st.sampled_from(["pressure", "displacement", "velocity", "acceleration", None])),
+                response_node=data.draw(st.none() | st.integers(0, 2**40)),
+                response_direction=data.draw(st.integers(0, 6)),
+                reference_node=data.draw(st.none() | st.integers(0, 2**40)),
+                reference_direction=data.draw(st.integers(0, 6)),
+                coherence=data.draw(st.none() | st.just(np.linspace(0, 1, size))),
             )
         )
     path = tmp_path / "written.h5"
@@ -158,7 +169,7 @@ def test_bad_matlab(tmp_path):
 
 
 def test_format_is_found_by_content(tmp_path):
-    frf = FrfSet("x", (FrfRecord("a", FREQUENCY, H, "pressure"),))
+    frf = FrfSet("x", (FrfRecord(name="a", frequency_hz=FREQUENCY, values=H, quantity="pressure"),))
     for ending, kind in ((".csv", "text"), (".uff", "uff"), (".unv", "uff"), (".h5", "hdf5"), (".hdf5", "hdf5")):
         write_frf(tmp_path / f"a{ending}", frf)
         (tmp_path / f"a{ending}").rename(tmp_path / "unnamed")

@@ -244,7 +244,11 @@ def frf_sets(draw):
     records = []
     for name in draw(st.lists(NAMES, min_size=1, max_size=4, unique_by=str.strip)):
         values = np.array([complex(draw(parts), draw(parts)) for _ in frequency])
-        records.append(FrfRecord(name, frequency, values, coherence=draw(st.none() | st.just(np.linspace(0, 1, frequency.size)))))
+        records.append(
+            FrfRecord(
+                name=name, frequency_hz=frequency, values=values, coherence=draw(st.none() | st.just(np.linspace(0, 1, frequency.size)))
+            )
+        )
     return FrfSet("drawn", tuple(records))
 
 
@@ -263,8 +267,13 @@ def test_round_trip_is_exact(tmp_path, frf):
 
 
 def test_what_csv_cannot_hold(tmp_path):
-    a, b = FrfRecord("a", FREQUENCY, H), FrfRecord("a", FREQUENCY, H)
-    for records in ((a, b), (FrfRecord("", FREQUENCY, H),), (a, FrfRecord("b", FREQUENCY[1:], H[1:])), ()):
+    a, b = FrfRecord(name="a", frequency_hz=FREQUENCY, values=H), FrfRecord(name="a", frequency_hz=FREQUENCY, values=H)
+    for records in (
+        (a, b),
+        (FrfRecord(name="", frequency_hz=FREQUENCY, values=H),),
+        (a, FrfRecord(name="b", frequency_hz=FREQUENCY[1:], values=H[1:])),
+        (),
+    ):
         with pytest.raises(DataError):
             write_frf(tmp_path / "x.csv", FrfSet("x", records))
         assert not (tmp_path / "x.csv").exists()

@@ -88,7 +88,7 @@ def record(name="mic01", frequency=None, quantity="pressure", seed=0, **more):
     frequency = np.arange(20.0, 60.0) if frequency is None else np.asarray(frequency, dtype=float)
     generator = np.random.default_rng(seed)
     values = generator.standard_normal(frequency.size) + 1j * generator.standard_normal(frequency.size)
-    return FrfRecord(name, frequency, values, quantity, **more)
+    return FrfRecord(name=name, frequency_hz=frequency, values=values, quantity=quantity, **more)
 
 
 # --- files of others ---------------------------------------------------------------------------------------------------------
@@ -460,10 +460,10 @@ def frf_sets(draw):
         coherence = draw(st.none() | st.just(np.linspace(0, 1, frequency.size)))
         records.append(
             FrfRecord(
-                draw(NAMES) + str(index),
-                frequency,
-                values,
-                draw(st.sampled_from(["pressure", "displacement", "velocity", "acceleration", None])),
+                name=draw(NAMES) + str(index),
+                frequency_hz=frequency,
+                values=values,
+                quantity=draw(st.sampled_from(["pressure", "displacement", "velocity", "acceleration", None])),
                 response_node=draw(st.none() | st.integers(1, 10**9)),
                 response_direction=draw(st.integers(0, 6)),
                 reference_node=draw(st.none() | st.integers(1, 10**9)),

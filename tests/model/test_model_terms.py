@@ -20,13 +20,13 @@ def group(name, kind, terms, parameter=None, **more):
     parameter = np.arange(terms.size) if parameter is None else np.asarray(parameter)
     count = int(parameter.max()) + 1
     return ParameterGroup(
-        name,
-        kind,
-        terms,
-        parameter,
-        more.pop("initial", 2.0 + 0.1 * np.arange(count)),
-        np.tile(more.pop("bounds", (-1.0, 7.0)), (count, 1)),
-        smoothing_matrix(more.pop("weights", None), count, more.pop("normalised", False)),
+        name=name,
+        kind=kind,
+        terms=terms,
+        parameter=parameter,
+        initial=more.pop("initial", 2.0 + 0.1 * np.arange(count)),
+        bounds=np.tile(more.pop("bounds", (-1.0, 7.0)), (count, 1)),
+        smoothing=smoothing_matrix(more.pop("weights", None), count, more.pop("normalised", False)),
         **more,
     )
 

@@ -9,7 +9,7 @@ import pytest
 from derivatives import check_derivative
 from samples import reduced_sample, sample
 from scipy.signal import find_peaks
-from systems import beam, chain, csc, dense_ports, direct_frf, fe_model, random_vectors, relative, unit
+from systems import beam, chain, csc, dense_ports, direct_frf, fe_model, random_vectors, relative, unit, whole
 
 from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
 from lrbc_cli.reduction.vectors import certificate_vectors
@@ -19,14 +19,8 @@ S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
 
 def unreduced(model, input_of=None, reference=None) -> ReducedModel:
     """A 'reduced' model on the whole space: its formulas can be compared with direct solves."""
-    nt = model.terms.size
-    return ReducedModel(
-        *(X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right)),
-        model.output_power,
-        np.zeros(model.L.shape[0], dtype=np.int64) if input_of is None else input_of,
-        np.zeros((nt, 3)) if reference is None else reference,
-        model.size,
-    )
+    given = {name: value for name, value in (("input_of", input_of), ("reference", reference)) if value is not None}
+    return whole(model, structure=model.size, **given)
 
 
 def edge():

@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg as la
 from pads import pads_model
 from samples import reduced_sample, sample
-from systems import chain, csc, direct_frf, duct, fe_model, random_vectors, relative, resonances_hz, unit
+from systems import chain, csc, direct_frf, duct, fe_model, random_vectors, relative, resonances_hz, unit, whole
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction.build import ReductionOptions, reduce_model
@@ -25,10 +25,7 @@ EPS = np.finfo(float).eps
 
 def dense(model, structure=None) -> ReducedModel:
     """The model itself as a reduced model."""
-    pieces = (X.toarray() for X in (model.K, model.C, model.M, model.B, model.L, model.terms.left, model.terms.right))
-    R, nt = model.L.shape[0], model.terms.size
-    structure = int((~model.is_acoustic).sum()) if structure is None else structure
-    return ReducedModel(*pieces, model.output_power, np.zeros(R, dtype=np.int64), np.zeros((nt, 3)), structure)
+    return whole(model) if structure is None else whole(model, structure=structure)
 
 
 def cavity(alpha=20.0, beta=BETA, air=(6.0, 1e-6), left=None, right=None, output_power=(0, 0, 1, 2, 0), kappa=1.3):

@@ -209,7 +209,7 @@ def test_damping_stands_over_the_number_of_removed_bolts(finished):
 def tiny(title: str = "a", last: float = 3.0) -> Chart:
     axis = linear_axis("x", 0.0, 4.0)
     curve = Curve("updated", np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.0, last]), "c")
-    return Chart(title, "", "alt", (Panel(axis, axis, (curve,)),), 200.0, 120.0)
+    return Chart(title=title, subtitle="", alt="alt", panels=(Panel(x=axis, y=axis, items=(curve,)),), width=200.0, height=120.0)
 
 
 def test_a_figure_is_drawn_only_when_it_changes(tmp_path):

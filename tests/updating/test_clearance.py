@@ -13,7 +13,7 @@ def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:
     """One letter a bolt: tight, loose, undecided, probably loose (undecided), outside."""
     words = {"t": ("tight", 0.01), "l": ("loose", 0.99), "u": ("undecided", 0.3), "p": ("undecided", 0.7), "o": ("outside", None)}
     bolts = tuple(BoltFinding(f"B{i}", *words[letter]) for i, letter in enumerate(verdicts, start=1))
-    return JobFinding(status, bolts, **more)  # type: ignore[arg-type]
+    return JobFinding(status=status, bolts=bolts, **more)  # type: ignore[arg-type]
 
 
 REFERENCE = job("tttttt", assumed="reference")
@@ -52,11 +52,12 @@ def test_one_open_point_is_enough(other: JobFinding, words: str) -> None:
 
 
 def test_one_measurement_under_two_names_shows_one_state() -> None:
-    once, again = job("tttttt", measurement=(1.0, 2.0)), job("tttttt", measurement=(1.00001, 2.00001))
+    once, again = (job("tttttt", measurement=figures, copied_db=2e-4) for figures in ((1.0, 2.0), (1.00001, 2.00001)))
     jobs = {"tight": REFERENCE, "after": once, "later": again, "other": job("tttttt", measurement=(1.0, 2.001)), "unknown": job("tttttt")}
     assert not_clear(jobs) == {name: [text] for name, text in once_more(jobs).items()}
     assert list(not_clear(jobs)) == ["after", "later"]
     assert once_more(jobs)["after"].startswith("the measurement of later once more")
+    assert once_more({"after": replace(once, copied_db=1e-6), "later": replace(again, copied_db=1e-6)}) == {}
     # That of the reference job is told where it is identified: its numbers validate nothing.
     assert once_more({"tight": replace(REFERENCE, measurement=(1.0, 2.0)), "after": once}) == {}
 
@@ -98,7 +99,10 @@ def test_a_sentence_a_job(found: JobFinding, text: str) -> None:
 
 def test_runs_of_bolts_keep_their_zeros() -> None:
     names = ["B08", "B09", "B10", "B12", "north", "P9", "P10", "P11"]
-    assert sentence(JobFinding("converged", [BoltFinding(name, "loose") for name in names])) == "B08 to B10, B12, north, P9 to P11 loose"
+    assert (
+        sentence(JobFinding(status="converged", bolts=[BoltFinding(name, "loose") for name in names]))
+        == "B08 to B10, B12, north, P9 to P11 loose"
+    )
 
 
 def test_what_was_not_validated_is_said() -> None:

@@ -45,16 +45,24 @@ class System:
         self.recipe: Recipe = make_recipe(None if matrix_damping else (STRUCTURE, AIR), coupled, True, lossy=lossy)
         self.affine = AffineModel(self.reduced(self.model), self.recipe, np.array([[2, 3], [4, 5]]))
         group = ParameterGroup(
-            "edge",
-            "stiffness",
-            np.arange(3),
-            np.arange(3),
-            np.full(3, 4.0),
-            np.tile([0.0, 8.0], (3, 1)),
-            smoothing_matrix((0.2, 0.6, 0.2), 3),
+            name="edge",
+            kind="stiffness",
+            terms=np.arange(3),
+            parameter=np.arange(3),
+            initial=np.full(3, 4.0),
+            bounds=np.tile([0.0, 8.0], (3, 1)),
+            smoothing=smoothing_matrix((0.2, 0.6, 0.2), 3),
             damping=EdgeDamping(2e-5, loss_factor=0.0 if loss is None else 0.03),
         )
-        mass = ParameterGroup("mass", "mass", np.array([3]), np.zeros(1, dtype=int), np.array([-2.0]), np.array([[-4.0, 0.0]]), np.eye(1))
+        mass = ParameterGroup(
+            name="mass",
+            kind="mass",
+            terms=np.array([3]),
+            parameter=np.zeros(1, dtype=int),
+            initial=np.array([-2.0]),
+            bounds=np.array([[-4.0, 0.0]]),
+            smoothing=np.eye(1),
+        )
         self.parameters = Parameterisation((group, mass))
         self.own = np.array([4.2, 3.6, 4.5, 0.7, -2.1])
 
@@ -62,7 +70,19 @@ class System:
         K, C, M, B, L = (X.toarray() for X in (m.K, m.C, m.M, m.B, m.L))
         left, right = m.terms.left.toarray(), m.terms.right.toarray()
         structure = int(np.sum(~m.is_acoustic))
-        return ReducedModel(K, C, M, B, L, left, right, m.output_power, self.input_of, np.zeros((4, 3)), structure)
+        return ReducedModel(
+            K=K,
+            C=C,
+            M=M,
+            B=B,
+            L=L,
+            left=left,
+            right=right,
+            output_power=m.output_power,
+            input_of=self.input_of,
+            reference=np.zeros((4, 3)),
+            structure=structure,
+        )
 
     def direct(self, theta: np.ndarray, factors: dict[str, float], offset: np.ndarray) -> np.ndarray:
         """FRFs of the full model with its matrices put together anew, by dense solves."""
@@ -70,14 +90,14 @@ class System:
         K, C, M = self.recipe.assemble(m.K, m.C, m.M, self.acoustic, {}, factors)
         B = m.B.toarray()
         moved = np.column_stack([B[:, 0] + B[:, 2:4] @ offset[0], B[:, 1] + B[:, 4:6] @ offset[1]])
-        model = FeModel(K, C, M, csc(moved), m.L, m.output_power, m.is_acoustic, m.terms)
+        model = FeModel(K=K, C=C, M=M, B=csc(moved), L=m.L, output_power=m.output_power, is_acoustic=m.is_acoustic, terms=m.terms)
         return direct_frf(model, S, self.parameters.dynamic(theta, S), self.input_of)
 
 
 def extras(system: System) -> list[Nuisance]:
-    found = [Nuisance("factor", name, 0, 0.0, 0.1, (-1.0, 1.0)) for name in system.recipe.names]
-    found += [Nuisance("gain", f"r{i}", i, 0.0, 0.3, (-5.0, 5.0)) for i in range(system.input_of.size)]
-    found += [Nuisance("shift", f"h{k // 2}", k, 0.0, 0.003, (-1.0, 1.0)) for k in range(4)]
+    found = [Nuisance(kind="factor", name=name, index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)) for name in system.recipe.names]
+    found += [Nuisance(kind="gain", name=f"r{i}", index=i, mean=0.0, std=0.3, bounds=(-5.0, 5.0)) for i in range(system.input_of.size)]
+    found += [Nuisance(kind="shift", name=f"h{k // 2}", index=k, mean=0.0, std=0.003, bounds=(-1.0, 1.0)) for k in range(4)]
     return found
 
 
@@ -176,7 +196,9 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
 
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
-    few = [e for e in extras(system) if e.kind != "gain"] + [Nuisance("gain", "r2", 1, 0.0, 0.3, (-5.0, 5.0))]
+    few = [e for e in extras(system) if e.kind != "gain"] + [
+        Nuisance(kind="gain", name="r2", index=1, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
+    ]
     model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
     theta = point(model)
     y, J = model.derivatives(theta)

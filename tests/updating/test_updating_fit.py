@@ -178,7 +178,9 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     case = Case(8, strength=0.2)
     misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta)
     variance = SIGMA**2
-    extras = tuple(Nuisance("gain", f"r{i}", i, mean, 0.3, (-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2)))
+    extras = tuple(
+        Nuisance(kind="gain", name=f"r{i}", index=i, mean=mean, std=0.3, bounds=(-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2))
+    )
     model = _WithGain(case.model, (0, 1))
     extended = extended_misfit(misfit, model, extras, variance)
     size, m = case.parameters.size, case.shapes.T.shape[1]
@@ -271,14 +273,29 @@ class TestNoWorse:
     """After rounds of weights the last end is compared with the earlier places by the last cost."""
 
     def evaluation(self, total: float, misfit_db: float) -> Evaluation:
-        return Evaluation(float(np.log10(total)), total, total, misfit_db, np.array([np.sqrt(total)]), np.ones((1, 1)))
+        return Evaluation(
+            cost=float(np.log10(total)),
+            total=total,
+            data=total,
+            misfit_db=misfit_db,
+            residual=np.array([np.sqrt(total)]),
+            jacobian=np.ones((1, 1)),
+        )
 
     def settle(self, values: dict[float, tuple[float, float]], end: float, places: list[float]) -> Solution:
         def objective(theta: np.ndarray) -> Evaluation:
             return self.evaluation(*values[float(theta[0])])
 
         def ended(theta: np.ndarray) -> Solution:
-            return Solution(theta, objective(theta), "converged", "there", 1, 1, (HistoryEntry(0, 0.0, 0.0, True),))
+            return Solution(
+                theta=theta,
+                evaluation=objective(theta),
+                status="converged",
+                reason="there",
+                iterations=1,
+                evaluations=1,
+                history=(HistoryEntry(0, 0.0, 0.0, True),),
+            )
 
         return no_worse(objective, ended(np.array([end])), [np.array([place]) for place in places], ended)
 

@@ -52,7 +52,15 @@ def system(units: float = 1.0) -> FeModel:
 def model_of(fem: FeModel, units: float = 1.0) -> FrfModel:
     shift = -2.0 * np.log10(units)
     bounds = np.tile([0.0 + shift, 8.0 + shift], (BOLTS, 1))
-    group = ParameterGroup("springs", "stiffness", np.arange(BOLTS), np.arange(BOLTS), TRUTH + shift, bounds, np.eye(BOLTS))
+    group = ParameterGroup(
+        name="springs",
+        kind="stiffness",
+        terms=np.arange(BOLTS),
+        parameter=np.arange(BOLTS),
+        initial=TRUTH + shift,
+        bounds=bounds,
+        smoothing=np.eye(BOLTS),
+    )
     reference = np.zeros((BOLTS, 3))
     reference[:, 0] = 10.0 ** (TRUTH + shift)
     ports = dense_ports(fem, 2j * np.pi * LINES, reference, input_of=np.array([0, 0, 0, 0, 1]))
@@ -91,11 +99,11 @@ def found() -> Experiment:
 
 def restricted(model: FrfModel, responses) -> FrfModel:
     return FrfModel(
-        model.s,
-        model.parameters,
-        lambda D: model.values(D)[:, responses],
-        lambda D: tuple(part[:, responses] for part in model.linearised(D)),
-        "port",
+        s=model.s,
+        parameters=model.parameters,
+        values=lambda D: model.values(D)[:, responses],
+        linearised=lambda D: tuple(part[:, responses] for part in model.linearised(D)),
+        name="port",
     )
 
 
@@ -154,13 +162,13 @@ def test_a_further_response_never_takes_information(seed):
     change = np.full(N, -1.5)
     differences = [[A[:, n] * change[n] for A in chords] for n in range(N)]
     of = Experiment(
-        np.diag(rng.uniform(0.1, 10.0, K)),
-        np.arange(N),
-        change,
-        np.array([A.T @ A for A in rows]),
-        np.array([A.T @ A for A in chords]),
-        np.array([[chords[r].T @ d for r, d in enumerate(ds)] for ds in differences]),
-        np.array([[d @ d for d in ds] for ds in differences]),
+        prior=np.diag(rng.uniform(0.1, 10.0, K)),
+        columns=np.arange(N),
+        change=change,
+        tangent=np.array([A.T @ A for A in rows]),
+        secant=np.array([A.T @ A for A in chords]),
+        product=np.array([[chords[r].T @ d for r, d in enumerate(ds)] for ds in differences]),
+        square=np.array([[d @ d for d in ds] for ds in differences]),
     )
     order = rng.permutation(R)
     before = outlook(of, [], 0.95)

@@ -242,7 +242,7 @@ class TestChangeError:
 
     def error(self, most: float = 1.0) -> ChangeError:
         here, nearby = (lambda theta, f=f: self.response(theta, f) for f in (self.LINES, self.LINES + self.STEP))
-        return ChangeError(most, here, nearby, self.LINES, self.STEP, 1)
+        return ChangeError(most=most, here=here, nearby=nearby, frequency_hz=self.LINES, step_hz=self.STEP, size=1)
 
     @pytest.mark.parametrize("shift", [0.02, -0.3])
     def test_the_error_is_a_share_of_the_shift(self, shift: float) -> None:

@@ -35,14 +35,14 @@ class Toy:
     def problem(self) -> MixtureProblem:
         size = self.further + BOLTS
         return MixtureProblem(
-            lambda z: (self.r0 + self.J @ z, self.J),
-            self.sigma**2,
-            np.tile([-9.0, 9.0], (size, 1)),
-            np.arange(self.further, size),
-            [(i, i + 1) for i in range(BOLTS - 1)],
-            np.zeros(BOLTS, dtype=bool),
-            np.full(size, 0.1),
-            np.full(size, 0.5),
+            data=lambda z: (self.r0 + self.J @ z, self.J),
+            variance=self.sigma**2,
+            bounds=np.tile([-9.0, 9.0], (size, 1)),
+            bolts=np.arange(self.further, size),
+            neighbours=[(i, i + 1) for i in range(BOLTS - 1)],
+            joint=np.zeros(BOLTS, dtype=bool),
+            mean=np.full(size, 0.1),
+            std=np.full(size, 0.5),
         )
 
     def exact(self, limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -127,7 +127,16 @@ def test_a_nonlinear_problem_is_linearised_where_it_ends() -> None:
         own, slope = np.sinh(z), np.cosh(z)
         return toy.r0 + toy.J @ own, toy.J * slope
 
-    bent = MixtureProblem(bend, linear.variance, linear.bounds, linear.bolts, linear.neighbours, linear.joint, linear.mean, linear.std)
+    bent = MixtureProblem(
+        data=bend,
+        variance=linear.variance,
+        bounds=linear.bounds,
+        bolts=linear.bolts,
+        neighbours=linear.neighbours,
+        joint=linear.joint,
+        mean=linear.mean,
+        std=linear.std,
+    )
     found = sample_changes(bent, [np.zeros(2 + BOLTS)])
     assert found.mean[3] == pytest.approx(np.arcsinh(-1.0), abs=0.15)
     assert found.below(-0.3)[3] > 0.99
@@ -145,7 +154,17 @@ def test_a_state_answers_for_its_own_errors_only() -> None:
 
     def problem(data, about=None):
         one = np.ones(1)
-        return MixtureProblem(data, 1.0, np.array([[-9.0, 9.0]]), np.array([0]), [], np.zeros(1, dtype=bool), 0 * one, one, about)
+        return MixtureProblem(
+            data=data,
+            variance=1.0,
+            bounds=np.array([[-9.0, 9.0]]),
+            bolts=np.array([0]),
+            neighbours=[],
+            joint=np.zeros(1, dtype=bool),
+            mean=0 * one,
+            std=one,
+            about=about,
+        )
 
     fixed = sample_changes(problem(about(np.array([truth]))[0]), [np.array([truth])])
     own = sample_changes(problem(about(np.array([truth]))[0], about), [np.array([truth])])
@@ -194,7 +213,13 @@ def test_changes_of_low_rank_are_what_a_fresh_start_gives(joint: list[bool]) -> 
 
 
 def test_moments_of_two_conditionals() -> None:
-    found = ChangeSamples(np.array([0]), np.array([[0.25]]), np.array([[[0.0, -1.0]]]), np.array([[[0.1, 0.2]]]), np.array([False]))
+    found = ChangeSamples(
+        bolts=np.array([0]),
+        loose=np.array([[0.25]]),
+        means=np.array([[[0.0, -1.0]]]),
+        stds=np.array([[[0.1, 0.2]]]),
+        kinds=np.array([False]),
+    )
     assert found.mean[0] == pytest.approx(-0.25)
     assert found.std[0] == pytest.approx(np.sqrt(0.75 * 0.01 + 0.25 * 0.04 + 0.75 * 0.25))
     assert found.below(-1.0)[0] == pytest.approx(0.125)

@@ -18,7 +18,14 @@ OPTIMISERS = [pytest.param(gauss_newton, id="gauss-newton"), pytest.param(bfgs, 
 
 def evaluation(residual, jacobian):
     total = max(float(residual @ residual), np.finfo(float).tiny)
-    return Evaluation(float(np.log10(total)), total, total, float(np.mean(np.abs(residual))), residual, jacobian)
+    return Evaluation(
+        cost=float(np.log10(total)),
+        total=total,
+        data=total,
+        misfit_db=float(np.mean(np.abs(residual))),
+        residual=residual,
+        jacobian=jacobian,
+    )
 
 
 def linear(A, b):

@@ -12,15 +12,15 @@ from lrbc_cli.updating.misfit import penalty_rows
 def edge(count: int, first: int = 0, damping: EdgeDamping | None = None) -> ParameterGroup:
     terms = np.arange(first, first + count)
     return ParameterGroup(
-        f"edge{first}",
-        "stiffness",
-        terms,
-        np.arange(count),
-        np.full(count, 3.0),
-        np.tile([-1.0, 7.0], (count, 1)),
-        smoothing_matrix(None, count),
-        0.0,
-        damping,
+        name=f"edge{first}",
+        kind="stiffness",
+        terms=terms,
+        parameter=np.arange(count),
+        initial=np.full(count, 3.0),
+        bounds=np.tile([-1.0, 7.0], (count, 1)),
+        smoothing=smoothing_matrix(None, count),
+        baseline=0.0,
+        damping=damping,
     )
 
 

@@ -16,7 +16,13 @@ BOLTS = np.column_stack([np.full(9, -0.02), np.linspace(0.05, 0.45, 9), np.zeros
 
 
 def edge(log10, reference=None, cap=5.0):
-    return Edge(XYZ, Y, np.asarray(log10, dtype=float), cap, None if reference is None else np.asarray(reference, dtype=float))
+    return Edge(
+        xyz=XYZ,
+        arc_length=Y,
+        log10=np.asarray(log10, dtype=float),
+        cap=cap,
+        reference=None if reference is None else np.asarray(reference, dtype=float),
+    )
 
 
 def profile(tight, loose=None, at=()):
@@ -133,7 +139,7 @@ class TestPlaces:
         """The first goes on straight along the second, whose terms reach the bolts there."""
         low, high = slice(0, 26), slice(26, 51)
         loose, tight = profile(4.5, 2.0, (7,)), profile(4.5)
-        parts = [Edge(XYZ[k], Y[k], loose[k], 5.0, tight[k]) for k in (low, high)]
+        parts = [Edge(xyz=XYZ[k], arc_length=Y[k], log10=loose[k], cap=5.0, reference=tight[k]) for k in (low, high)]
         for edges in (parts, parts[::-1]):
             found = judge(edges, BOLTS, -1.0, False)
             assert [v.verdict for v in found] == ["tight"] * 7 + ["loose"] + ["tight"]
@@ -144,7 +150,10 @@ class TestPlaces:
     def test_the_far_edge_reaches_nothing(self):
         """Beyond the end of its own edge a bolt is not judged by the opposite one, which is longer."""
         half, other = slice(0, 26), XYZ + np.array([0.6, 0, 0])
-        edges = [Edge(XYZ[half], Y[half], profile(2.0)[half], 5.0, profile(4.5)[half]), Edge(other, Y, profile(4.5), 5.0, profile(4.5))]
+        edges = [
+            Edge(xyz=XYZ[half], arc_length=Y[half], log10=profile(2.0)[half], cap=5.0, reference=profile(4.5)[half]),
+            Edge(xyz=other, arc_length=Y, log10=profile(4.5), cap=5.0, reference=profile(4.5)),
+        ]
         assert verdicts(edges) == ["loose"] * 5 + ["outside"] * 4
 
     def test_bolts_of_another_edge_are_outside(self):
@@ -157,14 +166,16 @@ class TestPlaces:
 
     def test_uneven_and_paired_bolts_between_terms(self):
         """Half of a close pair's pitch reaches no term, but the terms on both sides of a bolt feel it: a loose one must not be outside."""
-        coarse = Edge(XYZ[::5], Y[::5], profile(2.0)[::5], 5.0, profile(4.5)[::5])
+        coarse = Edge(xyz=XYZ[::5], arc_length=Y[::5], log10=profile(2.0)[::5], cap=5.0, reference=profile(4.5)[::5])
         step = float(Y[5] - Y[0])
         at = np.array([1.5, 1.6, 4.5, 4.6, 7.5, 7.6, 3.5]) * step + Y[0]
         bolts = np.column_stack([np.full(at.size, XYZ[0, 0] - 0.01), XYZ[0, 1] - Y[0] + at, np.zeros(at.size)])
         assert verdicts([coarse], bolts) == ["loose"] * 7
         # In a gap of the edge no term feels it.
         kept = np.array([0, 1, 2, 3, 7, 8, 9, 10])
-        gapped = Edge(coarse.xyz[kept], coarse.arc_length[kept], coarse.log10[kept], 5.0, coarse.reference[kept])
+        gapped = Edge(
+            xyz=coarse.xyz[kept], arc_length=coarse.arc_length[kept], log10=coarse.log10[kept], cap=5.0, reference=coarse.reference[kept]
+        )
         assert verdicts([gapped], np.vstack([bolts[:2], bolts[:1] * [1, 0, 1] + [0, XYZ[0, 1] + 5 * step, 0]]))[2] == "outside"
 
     def test_two_rows_of_bolts_and_a_wide_flange(self):
@@ -182,13 +193,13 @@ class TestPlaces:
         assert verdicts([edge(profile(2.0), profile(4.5))], bolts)[-1] == "loose"
 
     def test_the_nearest_of_several_edges(self):
-        far = Edge(XYZ + np.array([0.6, 0, 0]), Y, profile(2.0), 5.0, profile(4.5))
+        far = Edge(xyz=XYZ + np.array([0.6, 0, 0]), arc_length=Y, log10=profile(2.0), cap=5.0, reference=profile(4.5))
         bolts = np.vstack([BOLTS, BOLTS + np.array([0.64, 0, 0])])
         found = verdicts([edge(profile(4.5), profile(4.5)), far], bolts)
         assert found == ["tight"] * 9 + ["loose"] * 9
 
     def test_a_single_term(self):
-        one = Edge(np.zeros((1, 3)), np.zeros(1), np.array([2.0]), 5.0, np.array([4.5]))
+        one = Edge(xyz=np.zeros((1, 3)), arc_length=np.zeros(1), log10=np.array([2.0]), cap=5.0, reference=np.array([4.5]))
         found = judge([one], np.array([[0.0, 0.01, 0.0]]), -1.0, False)
         assert found[0].verdict == "loose"
         assert found[0].change == pytest.approx(-2.5)
@@ -203,7 +214,7 @@ class TestPlaces:
 
     def test_foot_on_a_corner(self):
         corner = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 1.0, 0]])
-        bent = Edge(corner, np.array([0.0, 1.0, 2.0]), np.zeros(3), 5.0, None)
+        bent = Edge(xyz=corner, arc_length=np.array([0.0, 1.0, 2.0]), log10=np.zeros(3), cap=5.0, reference=None)
         assert foot(bent.xyz, bent.arc_length, np.array([0.4, -0.1, 0.0])) == pytest.approx((0.4, 0.1))
         assert foot(bent.xyz, bent.arc_length, np.array([1.2, 0.7, 0.0])) == pytest.approx((1.7, 0.2))
         # Beyond the ends the edge goes on straight.
@@ -211,7 +222,7 @@ class TestPlaces:
         assert foot(bent.xyz, bent.arc_length, np.array([1.0, 1.5, 0.0])) == pytest.approx((2.5, 0.0))
 
     def test_nodes_that_coincide(self):
-        doubled = Edge(XYZ[[0, 10, 10, 50]], Y[[0, 10, 10, 50]], np.zeros(4), 5.0, None)
+        doubled = Edge(xyz=XYZ[[0, 10, 10, 50]], arc_length=Y[[0, 10, 10, 50]], log10=np.zeros(4), cap=5.0, reference=None)
         assert foot(doubled.xyz, doubled.arc_length, np.array([0.0, 0.3, 0.0]))[0] == pytest.approx(0.3)
 
     def test_pitch(self):

@@ -24,17 +24,17 @@ def edge_parameters(inputs) -> Parameterisation:
     return Parameterisation(
         (
             ParameterGroup(
-                group.name,
-                "stiffness",
-                group.terms,
-                group.parameter,
-                np.full(n, float(config.initial)),
-                np.tile(config.bounds, (n, 1)),
-                smoothing_matrix(config.smoothing, n, config.normalised),
-                0.0,
-                EdgeDamping(group.beta, 0.0, config.damping.bounds),
-                group.xyz,
-                group.arc_length,
+                name=group.name,
+                kind="stiffness",
+                terms=group.terms,
+                parameter=group.parameter,
+                initial=np.full(n, float(config.initial)),
+                bounds=np.tile(config.bounds, (n, 1)),
+                smoothing=smoothing_matrix(config.smoothing, n, config.normalised),
+                baseline=0.0,
+                damping=EdgeDamping(group.beta, 0.0, config.damping.bounds),
+                xyz=group.xyz,
+                arc_length=group.arc_length,
             ),
         )
     )

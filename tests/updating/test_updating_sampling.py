@@ -37,7 +37,16 @@ class Saturating:
 
     def problem(self) -> MixtureProblem:
         one = np.ones(2)
-        return MixtureProblem(self.data, 1.0, np.tile([-4.0, 2.0], (2, 1)), np.arange(2), [(0, 1)], np.ones(2, dtype=bool), 0 * one, one)
+        return MixtureProblem(
+            data=self.data,
+            variance=1.0,
+            bounds=np.tile([-4.0, 2.0], (2, 1)),
+            bolts=np.arange(2),
+            neighbours=[(0, 1)],
+            joint=np.ones(2, dtype=bool),
+            mean=0 * one,
+            std=one,
+        )
 
     def exact(self, limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Inclusion, probability below a limit and mean, by sums over both kinds on a grid."""

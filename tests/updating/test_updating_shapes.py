@@ -19,13 +19,13 @@ def group(name: str = "edge", x: float = 0.0, first: int = 0, kind: str = "stiff
     terms = first + np.arange(Y.size)
     xyz = np.column_stack([np.full(Y.size, x), Y, 0 * Y])
     return ParameterGroup(
-        name,
-        kind,
-        terms,
-        np.arange(Y.size),
-        np.full(Y.size, 4.0),
-        np.tile([0.0, 7.0], (Y.size, 1)),
-        np.eye(Y.size),
+        name=name,
+        kind=kind,
+        terms=terms,
+        parameter=np.arange(Y.size),
+        initial=np.full(Y.size, 4.0),
+        bounds=np.tile([0.0, 7.0], (Y.size, 1)),
+        smoothing=np.eye(Y.size),
         damping=EdgeDamping(1e-6) if damping else None,
         xyz=xyz if places else None,
         arc_length=Y if places else None,
@@ -167,7 +167,16 @@ def joint_group(name: str, owners: list[int], first: int = 0, kind: str = "stiff
     count = len(owners)
     at = np.arange(count)
     limits = np.tile([-3.0, 3.0], (count, 1))
-    return ParameterGroup(name, kind, first + at, at, np.zeros(count), limits, np.eye(count), bolt=np.array(owners))
+    return ParameterGroup(
+        name=name,
+        kind=kind,
+        terms=first + at,
+        parameter=at,
+        initial=np.zeros(count),
+        bounds=limits,
+        smoothing=np.eye(count),
+        bolt=np.array(owners),
+    )
 
 
 class TestJoints:

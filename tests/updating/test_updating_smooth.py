@@ -27,7 +27,16 @@ def joints(change: np.ndarray, lacks: complex = 1.0):
     reference = np.zeros((JOINTS, 3))
     reference[:, :2] = [1e3, 1.0]
     each, tight = np.arange(JOINTS), np.full(JOINTS, 3.0)
-    group = ParameterGroup("springs", "stiffness", each, each, tight, np.tile([-1.0, 5.0], (JOINTS, 1)), np.eye(JOINTS), bolt=each)
+    group = ParameterGroup(
+        name="springs",
+        kind="stiffness",
+        terms=each,
+        parameter=each,
+        initial=tight,
+        bounds=np.tile([-1.0, 5.0], (JOINTS, 1)),
+        smoothing=np.eye(JOINTS),
+        bolt=each,
+    )
     parameters = Parameterisation((group,))
     lines = port_model(dense_ports(model, 2j * np.pi * LINES, reference), parameters)
     measured, before = (lacks * lines.frf(theta) for theta in (tight + change, tight))

@@ -51,7 +51,7 @@ NO_DOFS = "  dofs: model/dofs.csv              # not found among the files"
 NOWHERE = "{near: [x, y, z], component: UZ}"
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Draft:
     """A campaign file in the making.
 
@@ -392,7 +392,7 @@ class Draft:
 def draft(folder: Path, found: FilesFound) -> Draft:
     """A campaign file in a folder for what was found."""
     roles = roles_of(found)
-    return Draft(folder, found, roles, table_of(found, roles))
+    return Draft(folder=folder, found=found, roles=roles, table=table_of(found, roles))
 
 
 def quoted(text: str) -> str:

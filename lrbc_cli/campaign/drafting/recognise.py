@@ -53,7 +53,7 @@ class MatrixFound:
         return self.group or self.path.name.split(".")[0]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FilesFound:
     """What was recognised, in the order of the paths.
 
@@ -109,7 +109,7 @@ def recognise(folder: Path) -> FilesFound:
             expected="the folder with the files of model and measurements",
             hint=f"--from {folder.parent}" if there else None,
         )
-    found, count = FilesFound(folder), 0
+    found, count = FilesFound(folder=folder), 0
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if hidden or not path.is_file() or path.suffix.lower() in OTHERS:

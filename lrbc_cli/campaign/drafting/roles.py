@@ -55,7 +55,7 @@ class PointFound:
     quantity: str | None = None
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Roles:
     """What the files are in the campaign.
 
@@ -270,7 +270,7 @@ def table_of(found: FilesFound, roles: Roles) -> DofTable | None:
     maps = [*found.of("map"), None]
     source = tables[0] if tables else DofSource.model_construct(nodes=nodes[0], map=maps[0], order=None, components=None)
     try:
-        table = numbering(source, MatrixFile(stiffness.matrix, "", labels=stiffness.labels)).table
+        table = numbering(source, MatrixFile(matrix=stiffness.matrix, format="", labels=stiffness.labels)).table
     except LrbcError as error:
         roles.doubts.append(f"model.dofs: {error.problem}" + (f"; {error.hint}" if error.hint else ""))
         return None

@@ -267,7 +267,7 @@ def doubts(
     swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
     if reference is not None and reference.explained:
-        wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]))
+        wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
         fault = ("sensors are exchanged, it seems" if swapped else wide) or _levels_off(inputs, result, reference.job)
         compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]

@@ -15,7 +15,7 @@ from lrbc_cli.updating.optimise import Solution
 from lrbc_cli.updating.saturation import Saturation
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit:
     """One way to compare, carried through; ``plain`` is the cost about the measurement without what drifted."""
 
@@ -34,7 +34,7 @@ class Fit:
         return replace(self, solution=solution, evaluations=self.evaluations + evaluations)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Identification:
     """Result of one job.
 

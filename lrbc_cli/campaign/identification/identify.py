@@ -11,8 +11,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
@@ -38,9 +38,6 @@ from lrbc_cli.updating.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.starts import alone, prior_draws
 
 log = logging.getLogger(__name__)
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 
 class _Job:
@@ -96,7 +93,8 @@ class _Job:
         lacks = max(reference.noise.sigma_db, reference.misfit_db.final)
         most = float(np.sqrt(2.0)) * lacks
         lines = self.measurement.frequency_hz[self.selected]
-        return ChangeError(most, self.model.frf, nearby.frf, lines, step, self.parameters.size, self.statistics.errors)
+        here, size, errors = self.model.frf, self.parameters.size, self.statistics.errors
+        return ChangeError(most=most, here=here, nearby=nearby.frf, frequency_hz=lines, step_hz=step, size=size, errors=errors)
 
     def _shapes(self) -> Shapes:
         values, bolts = self.statistics.values, self.inputs.bolts
@@ -208,7 +206,16 @@ class _Job:
             noise = noise_of(misfit, solution.evaluation, self.selected)
         knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
         evaluations = solution.evaluations + (curve.evaluations if curve else 0)
-        return Fit(measured, relative, misfit, misfit, solution, knowledge, curve, evaluations).after(sought)
+        return Fit(
+            measured=measured,
+            relative=relative,
+            plain=misfit,
+            misfit=misfit,
+            solution=solution,
+            knowledge=knowledge,
+            curve=curve,
+            evaluations=evaluations,
+        ).after(sought)
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
         # A ratio of two measurements has the noise of both, as far as it is known.
@@ -309,7 +316,7 @@ class _Job:
         own = solution.theta
         measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
         plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
-        return Fit(measured, fit.relative, plain, misfit, solution, knowledge, fit.curve, evaluations)
+        return replace(fit, measured=measured, plain=plain, misfit=misfit, solution=solution, knowledge=knowledge, evaluations=evaluations)
 
     def best(self) -> Fit:
         """Relative for changes at bolts, where the reference job has the same lines."""
@@ -329,7 +336,7 @@ class _Job:
         jacobian = fit.solution.evaluation.jacobian[:rows]
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 
-    def opens(self, fit: Fit) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def opens(self, fit: Fit) -> tuple[Bools, Bools]:
         """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
         pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
         frf = self.model.nearby(fit.solution.theta)
@@ -410,33 +417,33 @@ def _identify(
     opens = job.opens(replace(fit, knowledge=knowledge))
     optimised = time.perf_counter()
     return Identification(
-        name,
-        solution,
-        job.parameters,
-        job.limits,
-        job.measurement,
-        job.selected,
-        initial,
-        updated,
-        before,
-        after,
-        tuple(job.notes),
-        knowledge,
-        opens,
-        job.prior,
-        job.against_reference,
-        fit.relative,
-        solution.history[0].cost,
-        fit.evaluations * fit.misfit.lines,
-        {
+        name=name,
+        solution=solution,
+        parameters=job.parameters,
+        saturations=job.limits,
+        measurement=job.measurement,
+        selected=job.selected,
+        initial=initial,
+        updated=updated,
+        misfit_initial=before,
+        misfit_final=after,
+        notes=tuple(job.notes),
+        posterior=knowledge,
+        opens=opens,
+        prior=job.prior,
+        against_reference=job.against_reference,
+        relative=fit.relative,
+        cost_initial=solution.history[0].cost,
+        line_evaluations=fit.evaluations * fit.misfit.lines,
+        seconds={
             "read": job.seconds_read,
             "port": ports - start - job.seconds_read,
             "optimise": optimised - ports,
             "total": time.perf_counter() - start,
         },
-        fit.plain.eta,
-        fit.curve,
-        changes,
-        tuple(job.warnings),
-        job.of_reference(),
+        regularisation=fit.plain.eta,
+        l_curve=fit.curve,
+        changes=changes,
+        warnings=tuple(job.warnings),
+        tight=job.of_reference(),
     )

@@ -36,9 +36,9 @@ def levels(values: Complexes) -> Floats:
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def spread(difference: Floats, axis: int) -> Floats:
-    """Mean distance from the median along an axis; zero where too few lines can be compared."""
-    enough = np.isfinite(difference).sum(axis=axis, keepdims=True) >= LEAST_LINES
+def spread(difference: Floats, axis: int, least: int = LEAST_LINES) -> Floats:
+    """Mean distance from the median along an axis; zero where fewer lines than the least can be compared."""
+    enough = np.isfinite(difference).sum(axis=axis, keepdims=True) >= least
     known = np.where(enough, difference, 0.0)
     found: Floats = np.nanmean(np.abs(known - np.nanmedian(known, axis=axis, keepdims=True)), axis=axis)
     return found
@@ -127,7 +127,7 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     other = np.array([[one != two for two in kinds] for one in kinds])
     level = levels(measured)
     # (S, R, R): measured i less computed j.
-    table = np.array([[spread(level[:, [i]] - levels(state), 0) for i in range(count)] for state in states])
+    table = np.array([[spread(level[:, [i]] - levels(state), 0, limits.exchanged_lines) for i in range(count)] for state in states])
     table[:, np.isnan(level).all(axis=0)] = 0.0
     table[:, other] = 1e3
     orders = [linear_sum_assignment(each)[1] for each in table]

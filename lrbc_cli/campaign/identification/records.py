@@ -23,7 +23,7 @@ from lrbc_cli.updating.residuals import DB
 MIN_BAND, MIN_COHERENCE = 0.9, 0.8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Measurement:
     """FRFs of one job on the lines of the band.
 

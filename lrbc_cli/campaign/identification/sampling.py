@@ -94,17 +94,17 @@ def changes_of(
     place = {int(column): i for i, column in enumerate(order)}
     pairs = [(place[int(shapes.bolts[a])], place[int(shapes.bolts[b])]) for a, b in neighbours(parameters, bolts, shapes)]
     problem = MixtureProblem(
-        data_by(level, further),
-        variance,
-        np.vstack([level.bounds(parameters.bounds), free]),
-        order,
-        pairs,
-        joint,
-        np.concatenate([np.zeros(count), mean]),
-        np.concatenate([shapes.std, std]),
-        None if error is None else about,
-        plain.errors.shift_error,
-        knowledge.noise.ratio,
+        data=data_by(level, further),
+        variance=variance,
+        bounds=np.vstack([level.bounds(parameters.bounds), free]),
+        bolts=order,
+        neighbours=pairs,
+        joint=joint,
+        mean=np.concatenate([np.zeros(count), mean]),
+        std=np.concatenate([shapes.std, std]),
+        about=None if error is None else about,
+        shared=plain.errors.shift_error,
+        ratio=knowledge.noise.ratio,
     )
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]

@@ -148,7 +148,7 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
-    wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)))
+    wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"
 
 
@@ -206,7 +206,7 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
         if group.bolt is not None:
             groups.append(Joints(log10, cap, tight, group.bolt, std))
         elif group.xyz is not None and group.arc_length is not None:
-            groups.append(Edge(group.xyz, group.arc_length, log10, cap, tight, std))
+            groups.append(Edge(xyz=group.xyz, arc_length=group.arc_length, log10=log10, cap=cap, reference=tight, std=std))
         else:
             continue
         where.append((group, values))

@@ -9,13 +9,14 @@ from typing import Any
 
 from lrbc_cli.campaign.identification.matching import about_measurement
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import files_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
-#: Increased whenever the same input would be identified differently, or judged differently.
+#: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
 IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 25, 7
 
 #: The parts of an identification in words.
@@ -80,7 +81,7 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
     calibrated = [] if use is None else [(key, value.log10.tolist(), value.damping_exponent) for key, value in use.boundary.items()]
     groups = [{key: value for key, value in group.items() if key != "select"} for group in resolved["parameters"].values()]
     return {
-        "version": digest(IDENTIFICATION_VERSION),
+        "version": digest(IDENTIFICATION_VERSION, NUMBERS["identification"]),
         # Beside its factors, which are in the operators, a calibration gives a start.
         "model": digest(sorted((key, value) for key, value in model.items() if key not in reduction), calibrated),
         "reduction": digest(sorted((key, model[key]) for key in reduction)),
@@ -131,7 +132,7 @@ def judgement(inputs: Inputs, name: str) -> Identity:
     update = inputs.campaign.update
     return Identity.of(
         {
-            "version": cache.digest(JUDGEMENT_VERSION),
+            "version": cache.digest(JUDGEMENT_VERSION, NUMBERS["judgement"]),
             "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
             "role": cache.digest(role_of(update, name)),
             "baselines": cache.digest([(other, _measurement(inputs, other)) for other in compared_baselines(inputs, name)]),

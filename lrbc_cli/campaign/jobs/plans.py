@@ -19,7 +19,7 @@ from lrbc_cli.updating.evidence import Evidence
 NOTHING = "nothing changed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class JobPlan:
     """What would be done for one job, and why.
 

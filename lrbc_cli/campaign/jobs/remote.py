@@ -17,6 +17,7 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.jobs.identity import IDENTIFICATION_VERSION
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
@@ -24,12 +25,10 @@ from lrbc_cli.results.job import JobRecord
 
 log = logging.getLogger(__name__)
 
-Version = tuple[str, int]
 
-
-def version() -> Version:
+def version() -> str:
     """What an identification depends on besides its inputs, where this runs."""
-    return lrbc_cli.__version__, IDENTIFICATION_VERSION
+    return f"lrbc {lrbc_cli.__version__}, identification {IDENTIFICATION_VERSION}-{NUMBERS['identification']}"
 
 
 class Cluster:
@@ -149,11 +148,10 @@ def _slots(client: Any, address: str) -> int:
         raise ConfigError("the scheduler has no workers", found=address, hint=hint)
     for worker, own in client.run(version, on_error="return").items():
         if own != version():
-            what = f"{type(own).__name__}: {own}" if isinstance(own, Exception) else f"version {own[0]}, identification {own[1]}"
             raise ConfigError(
                 f"the worker {worker} cannot identify as this machine does",
-                expected=f"lrbc {version()[0]}, identification {version()[1]}, installed there",
-                found=what,
+                expected=f"{version()}, installed there",
+                found=f"{type(own).__name__}: {own}" if isinstance(own, Exception) else own,
                 hint="install this version of lrbc with the extra [cluster] on every worker, then start it again",
             )
     return sum(map(int, threads.values()))

@@ -31,7 +31,7 @@ from lrbc_cli.updating.clearance import JobFinding, not_clear
 log = logging.getLogger(__name__)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Outcome:
     """What happened to the jobs of one call.
 

@@ -79,4 +79,4 @@ def other_baselines(stored: RestsOn | None, now: RestsOn) -> str | None:
 
 def findings_of(records: Mapping[str, JobRecord], names: Iterable[str]) -> dict[str, JobFinding]:
     """Of these jobs, in this order; one without a result has failed."""
-    return {name: records[name].finding if name in records else JobFinding("failed") for name in names}
+    return {name: records[name].finding if name in records else JobFinding(status="failed") for name in names}

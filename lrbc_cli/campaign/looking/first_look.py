@@ -108,7 +108,7 @@ def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
     options = replace(options_of(inputs), tolerance=max(COARSE, inputs.campaign.reduction.tolerance), held_out=1)
     backend = inputs.campaign.reduction.backend
     found = cache.load(decision, inputs) if decision.hit else reduce_model(inputs.model, inputs.input_of, options, backend=backend)
-    return _Looking(inputs, ReductionStage(found, decision, 0.0), "port")
+    return _Looking(inputs=inputs, stage=ReductionStage(found, decision, 0.0), kind="port")
 
 
 def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:

@@ -148,7 +148,7 @@ def make_plan(
     begin = time.perf_counter()
     stage = obtain_reduction(inputs, folder, accept=accept, progress=progress)
     ready = time.perf_counter()
-    source, grid = FrfSource(inputs, stage, cheaper_formula(inputs, stage), progress), _grid(inputs)
+    source, grid = FrfSource(inputs=inputs, stage=stage, kind=cheaper_formula(inputs, stage), progress=progress), _grid(inputs)
     parameters, _ = parameterise(inputs, source, 2j * np.pi * grid)
     about = _about(inputs, parameters, request)
     shapes, by = _shapes(inputs, parameters, request.by)
@@ -187,7 +187,7 @@ def make_plan(
     return PlanRecord.checked(tree)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Question:
     """What the responses can tell of the targets about a state."""
 

@@ -23,7 +23,7 @@ from lrbc_cli.results.model import Boundary
 LARGEST_SHARE = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CalibrationUse:
     """What became of a stored calibration.
 

@@ -24,7 +24,7 @@ from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TermGroup:
     """The terms of one parameter group before start values and bounds are known.
 
@@ -168,7 +168,17 @@ class GroupReader(ModelReader):
         model = self.campaign.model.damping
         damping = _tied(config, model, own.bolt is not None)
         beta, loss_factor = (damping or GroupDampingConfig()).coefficients(model)
-        group = TermGroup(name, config, np.arange(first, first + m), own.parameter, xyz, along, damping, beta, loss_factor=loss_factor)
+        group = TermGroup(
+            name=name,
+            config=config,
+            terms=np.arange(first, first + m),
+            parameter=own.parameter,
+            xyz=xyz,
+            arc_length=along,
+            damping=damping,
+            beta=beta,
+            loss_factor=loss_factor,
+        )
         self.notes.append(
             f"parameters {name}: {config.kind}, {m} terms, {count} parameters"
             # Jumps between edges are no length of one.

@@ -57,7 +57,7 @@ Floats = NDArray[np.float64]
 UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Response:
     """One response of the campaign.
 
@@ -87,7 +87,7 @@ class Response:
         return f"{self.own_unit}/N"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Inputs:
     """Everything that a campaign reads but the FRFs.
 
@@ -220,7 +220,7 @@ class _Reader(GroupReader):
     def response(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Response]:
         """The row of one response, and what it is."""
         excitations = list(self.campaign.excitation)
-        row, place, text, is_pressure = self.output(point, name, acoustic)
+        row, (node, direction), text, is_pressure = self.output(point, name, acoustic)
         quantity = point.quantity or ("pressure" if is_pressure else "displacement")
         if (quantity == "pressure") != is_pressure:
             raise self.campaign.error(
@@ -242,7 +242,7 @@ class _Reader(GroupReader):
         self.notes.append(f"response {name}: {text}, {quantity}")
         turns = (point.component or "").startswith("ROT")
         unit = UNITS[quantity].replace("m", "rad", 1) if turns else UNITS[quantity]
-        return row, Response(name, quantity, unit, at, *place, text)
+        return row, Response(name=name, quantity=quantity, own_unit=unit, input=at, node=node, direction=direction, text=text)
 
     def output(self, point: ResponseConfig, name: str, acoustic: NDArray[np.bool_]) -> tuple[sp.csc_array, Point, str, bool]:
         if point.matrix is not None or point.vector is not None:

@@ -414,7 +414,7 @@ def _reaching(groups: Sequence[TermGroup]) -> list[Edge | Joints]:
         if group.config.kind == "stiffness" and group.bolt is not None:
             values.append(Joints(zero, np.inf, None, group.bolt))
         elif group.config.kind == "stiffness" and group.xyz is not None and group.arc_length is not None:
-            values.append(Edge(group.xyz, group.arc_length, zero, np.inf, None))
+            values.append(Edge(xyz=group.xyz, arc_length=group.arc_length, log10=zero, cap=np.inf, reference=None))
     return values
 
 

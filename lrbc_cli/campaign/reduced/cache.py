@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.atomic import atomic_write
@@ -101,7 +102,7 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
         "band": digest(r.band),
         "tolerance": digest(r.tolerance),
         "limits": digest(r.held_out, r.max_size),
-        "version": digest(ALGORITHM_VERSION, FORMAT_VERSION),
+        "version": digest(ALGORITHM_VERSION, FORMAT_VERSION, NUMBERS["reduction"]),
     }
 
 

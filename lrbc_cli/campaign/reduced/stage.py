@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -235,7 +236,7 @@ def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, fl
     return {"reduced_line": best(lambda: model.evaluate(s, D, workers=1)), "port_line": best(lambda: ports.linearise(D))}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FrfSource:
     """FRFs of the model on any lines; tables of port FRFs are computed once per set of lines and kept beside the reduced model.
 
@@ -261,7 +262,7 @@ class FrfSource:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What another process needs to find the same."""
-        return FrfSource, (self.inputs, self.stage, self.kind)
+        return partial(FrfSource, inputs=self.inputs, stage=self.stage, kind=self.kind), ()
 
     @property
     def parts(self) -> dict[str, str]:
@@ -318,4 +319,6 @@ def cheaper_formula(inputs: Inputs, stage: ReductionStage) -> str:
 def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
     """FRFs as the settings want them evaluated."""
     size = 0 if stage is None else stage.reduction.model.size
-    return FrfSource(inputs, stage, formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress)
+    return FrfSource(
+        inputs=inputs, stage=stage, kind=formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress=progress
+    )

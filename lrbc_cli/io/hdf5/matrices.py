@@ -90,7 +90,7 @@ def _read(path: Path, group: str | None, arrays: ArrayNames | None) -> MatrixFil
                 hint="name one of these after '#'",
             ) from None
         matrix = _read_node(node, group, path, matlab, notes) if arrays is None else _read_arrays(node, group, path, arrays, notes)
-    return MatrixFile(matrix, "mat-v7.3" if matlab else "hdf5", tuple(notes))
+    return MatrixFile(matrix=matrix, format="mat-v7.3" if matlab else "hdf5", notes=tuple(notes))
 
 
 def _is_matlab(file: h5py.File, path: Path) -> bool:

@@ -43,7 +43,7 @@ _MOST_STRUCTURES = 1000
 _DEEPEST = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Variable:
     name: str
     shape: tuple[int, ...]
@@ -182,7 +182,7 @@ def read_mat5_matrix(path: Path, group: str | None = None) -> MatrixFile:
     if not issparse(value):
         notes.append(f"{group!r} is stored dense")
         value = canonical(value, path, group)
-    return MatrixFile(value, "mat-v5", tuple(notes))
+    return MatrixFile(matrix=value, format="mat-v5", notes=tuple(notes))
 
 
 def _variables(path: Path, elements: bool = False) -> list[_Variable]:

@@ -61,4 +61,4 @@ def _read(path: Path, group: str) -> MatrixFile:
     node, dof = np.asarray(references, dtype=np.int64).T
     component = np.array([names.get(d, f"DOF{d + 1}") for d in dof.tolist()], dtype=np.str_)
     matrix, notes = mirrored(matrix)
-    return MatrixFile(matrix, "ansys-full", notes, labels=DofLabels(node, component))
+    return MatrixFile(matrix=matrix, format="ansys-full", notes=notes, labels=DofLabels(node, component))

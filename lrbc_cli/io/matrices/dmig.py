@@ -73,7 +73,7 @@ def read_dmig(path: Path, group: str | None = None) -> MatrixFile:
     matrix, notes = mirrored(matrix) if entries.form == _SQUARE[1] else (matrix, ())
     component = [COMPONENTS[c - 1] if 0 < c <= len(COMPONENTS) else "SCALAR" for _, c in keys]
     labels = DofLabels(np.array([node for node, _ in keys], dtype=np.int64), np.array(component, dtype=np.str_))
-    return MatrixFile(matrix, "nastran-dmig", notes, labels=labels)
+    return MatrixFile(matrix=matrix, format="nastran-dmig", notes=notes, labels=labels)
 
 
 def dmig_names(path: Path) -> list[str]:

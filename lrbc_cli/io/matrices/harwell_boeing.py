@@ -22,7 +22,7 @@ _FORMAT = re.compile(rb"\(\s*(?:(\d+)\s*P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", r
 _LONGEST_LINE = 1000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _HbHeader:
     cards: tuple[int, int, int]
     kind: str
@@ -73,7 +73,7 @@ def _read(path: Path) -> MatrixFile:
     notes: tuple[str, ...] = ()
     if header.kind[1] == "S":
         matrix, notes = mirrored(matrix)
-    return MatrixFile(matrix, "harwell-boeing", notes)
+    return MatrixFile(matrix=matrix, format="harwell-boeing", notes=notes)
 
 
 def _header(lines: list[bytes], path: Path) -> _HbHeader:

@@ -39,7 +39,7 @@ _HEADER_ROOM = 1 << 20
 _SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Header:
     layout: str
     field: str
@@ -103,7 +103,7 @@ def read_matrix_market(path: Path) -> MatrixFile:
         matrix = _assemble(numbers, body, header, path, size)
         if header.symmetry == "general" and (double := _doubles(numbers, matrix, header)):
             warnings.append(f"{path.name}: {double} of {header.entries} entries have the place of an earlier one and are added to it")
-    return MatrixFile(matrix, "matrix-market", _notes(header), tuple(warnings))
+    return MatrixFile(matrix=matrix, format="matrix-market", notes=_notes(header), warnings=tuple(warnings))
 
 
 def _unpacked(path: Path, size: int) -> bytes:

@@ -42,7 +42,7 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
         if "format" in names and "shape" in names:
             if group:
                 raise DataError("the archive holds one sparse matrix without a name", file=path, place=group, hint=f"leave out '#{group}'")
-            return MatrixFile(_sparse(archive, names, path, size), "npz")
+            return MatrixFile(matrix=_sparse(archive, names, path, size), format="npz")
         notes = ["stored dense"]
         if not group:
             if len(names) != 1:
@@ -65,7 +65,7 @@ def read_npz_matrix(path: Path, group: str | None = None) -> MatrixFile:
         values = _member(archive, group, path, size)
         if values.ndim not in (1, 2):
             raise DataError("this is not a matrix", file=path, place=group, expected="two dimensions", found=f"shape {values.shape}")
-        return MatrixFile(canonical(values if values.ndim == 2 else values[:, None], path, group), "npz", tuple(notes))
+        return MatrixFile(matrix=canonical(values if values.ndim == 2 else values[:, None], path, group), format="npz", notes=tuple(notes))
 
 
 def npz_matrix_names(path: Path) -> list[str | None]:

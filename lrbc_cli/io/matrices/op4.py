@@ -28,7 +28,7 @@ _PACK = 65536
 _DTYPES = {1: "f4", 2: "f8", 3: "c8", 4: "c16"}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Op4Matrix:
     """A matrix while its strings of numbers are collected.
 
@@ -118,7 +118,7 @@ def read_op4(path: Path, group: str | None = None) -> MatrixFile:
     row = np.arange(column.size) - np.repeat(begin - strings[:, 1] + 1, strings[:, 2])
     result = from_coordinates(values, row, column, (matrix.rows, matrix.columns), path=path, place=matrix.name, file_size=len(content))
     result, notes = mirrored(result) if matrix.form == _SYMMETRIC else (result, ())
-    return MatrixFile(result, "nastran-op4", notes)
+    return MatrixFile(matrix=result, format="nastran-op4", notes=notes)
 
 
 def op4_names(path: Path) -> list[str]:
@@ -161,7 +161,7 @@ def _binary(content: bytes, order: str) -> Iterator[_Op4Matrix]:
         name = content[at + 20 : at + 28].decode("latin-1").strip()
         if kind not in _DTYPES:
             raise ValueError(f"type {kind} of {name!r}")
-        matrix, big = _Op4Matrix(name, columns, abs(rows), form, kind), rows < 0
+        matrix, big = _Op4Matrix(name=name, columns=columns, rows=abs(rows), form=form, type=kind), rows < 0
         at += _HEADER + 8
         column = 0
         while column <= columns:
@@ -212,7 +212,7 @@ def _ascii(content: bytes) -> Iterator[_Op4Matrix]:
         columns, rows, form, kind, a_line, cell = (int(found[k]) for k in (1, 2, 3, 4, 6, 7))
         if kind not in _DTYPES or not 0 < a_line * cell < 1000:
             raise ValueError(f"type {kind}, {a_line} numbers of {cell} characters in line {at + 1}")
-        matrix = _Op4Matrix(found[5].decode("latin-1").strip(), columns, abs(rows), form, kind, cell)
+        matrix = _Op4Matrix(name=found[5].decode("latin-1").strip(), columns=columns, rows=abs(rows), form=form, type=kind, cell=cell)
         at += 1
 
         def take(count: int, matrix: _Op4Matrix = matrix, a_line: int = a_line) -> bytes:

@@ -105,7 +105,7 @@ def read_triplets(path: Path, group: str | None = None) -> MatrixFile:
     matrix, notes = mirrored(from_coordinates(numbers[:, -1], row, column, (n, n), path=path, place="matrix", file_size=len(content)))
     if labels is None and base == 0:
         notes = (*notes, "rows and columns count from 0")
-    return MatrixFile(matrix, kind, notes, tuple(warnings), labels=labels, sized=labels is not None)
+    return MatrixFile(matrix=matrix, format=kind, notes=notes, warnings=tuple(warnings), labels=labels, sized=labels is not None)
 
 
 def _once(row: NDArray[np.int64], column: NDArray[np.int64], n: int, path: Path) -> None:

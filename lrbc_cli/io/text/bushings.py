@@ -23,7 +23,7 @@ AXES = ("x_x", "x_y", "x_z", "y_x", "y_y", "y_z")
 PARALLEL = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BushingTable:
     """Springs between two nodes, or to ground.
 
@@ -109,7 +109,9 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
                 _twice(table, seen[key], index, owners, stiffness),
             )
         seen[key] = index
-    return BushingTable(path, tuple(table.lines), owners, node_a, node_b, component, stiffness, axes)
+    return BushingTable(
+        path=path, lines=tuple(table.lines), bolt=owners, node_a=node_a, node_b=node_b, component=component, stiffness=stiffness, axes=axes
+    )
 
 
 def _twice(table: Table, first: int, second: int, owners: Sequence[str], stiffness: NDArray[np.float64]) -> str:

@@ -95,10 +95,9 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
         name, about = pair.name, f"{within}column {table.called(pair.first)}"
         values = combined(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
         scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
-        coherence = None
-        if name in coherences:
-            coherence = _coherence(table, coherences[name], path, name, notes)
-        records.append(FrfRecord(name, frequency, scaled(values, scale, path, about), quantity, coherence=coherence, place=about))
+        coherence = _coherence(table, coherences[name], path, name, notes) if name in coherences else None
+        values = scaled(values, scale, path, about)
+        records.append(FrfRecord(name=name, frequency_hz=frequency, values=values, quantity=quantity, coherence=coherence, place=about))
     return FrfSet(str(path), tuple(records), tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings)))
 
 

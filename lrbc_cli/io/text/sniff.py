@@ -26,7 +26,7 @@ _COMPLEX = re.compile(r"\d\s*\*?\s*[ij](?![a-z])|[-+*]\s*[ij]\s*\*?\s*\d", re.IG
 _NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TextTable:
     """Numbers of a text file with the names and units of their columns.
 

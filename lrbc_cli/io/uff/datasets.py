@@ -55,7 +55,7 @@ class UffUnits:
     force: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UffFunction:
     """One dataset 58 or 58b, as it stands in the file.
 
@@ -96,7 +96,7 @@ class UffFunction:
         return f"record {self.record}, point {index + 1}{line}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Dataset:
     number: int
     binary: bool

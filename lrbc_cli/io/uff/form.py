@@ -12,7 +12,7 @@ from lrbc_cli.errors import DataError
 _COLUMNS = ((0, 10), (10, 20), (20, 30), (30, 43), (43, 56))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DataForm:
     """Form of the data of a function.
 

@@ -60,7 +60,7 @@ class LevelLine:
     label: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Marks:
     """Symbols at points, or, where ``y`` is None, at the fraction ``at`` of the height."""
 
@@ -93,7 +93,7 @@ class Tiles:
     names: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Word:
     """A text with its middle at a point."""
 
@@ -112,7 +112,7 @@ KINDS: dict[type[Item], str] = {Curve: "curve", Area: "area", Tiles: "tiles", Ma
 Item = Curve | Area | Span | LevelLine | Marks | Note | Tiles | Word
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Panel:
     """One pair of axes; ``weight`` is its share of the height.
 
@@ -127,7 +127,7 @@ class Panel:
     grid: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Chart:
     """A figure: panels from top to bottom, or from left to right.
 

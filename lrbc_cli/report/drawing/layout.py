@@ -40,7 +40,7 @@ class Symbols:
     names: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Text:
     """A text; ``anchor`` is start, middle or end along the writing direction."""
 
@@ -141,10 +141,10 @@ def _depth(item: Item) -> int:
 def _header(chart: Chart, shapes: list[Shape], *, title: bool) -> float:
     left, top = min(chart.left, 50.0), 14.0
     if title:
-        shapes.append(Text("strong", left, 18.0, chart.title, size=LARGE, bold=True))
+        shapes.append(Text(role="strong", x=left, y=18.0, text=chart.title, size=LARGE, bold=True))
         top = 33.0
     if title and chart.subtitle:
-        shapes.append(Text("text", left, top, chart.subtitle, size=NORMAL))
+        shapes.append(Text(role="text", x=left, y=top, text=chart.subtitle, size=NORMAL))
         top += 16.0
     x = left
     for role, kind, label in chart.legend():
@@ -152,7 +152,7 @@ def _header(chart: Chart, shapes: list[Shape], *, title: bool) -> float:
         if x > left and x + width > chart.width - RIGHT:
             x, top = left, top + 14.0
         shapes += swatch(role, kind, x, top - 3.0)
-        shapes.append(Text("text", x + 22.0, top, label, size=SMALL))
+        shapes.append(Text(role="text", x=x + 22.0, y=top, text=label, size=SMALL))
         x += width
     return top + 4.0
 
@@ -186,20 +186,22 @@ def _axes(panel: Panel, box: tuple[float, float, float, float], *, label_x: bool
         if panel.grid:
             shapes.append(Line("grid", np.array([[x, top], [x, bottom]])))
         if label_x:
-            shapes.append(Text("text", x, bottom + 13.0, text, "middle", SMALL))
+            shapes.append(Text(role="text", x=x, y=bottom + 13.0, text=text, anchor="middle", size=SMALL))
     for value, text in panel.y.ticks:
         y = float(_scale(panel.y, np.array(value), bottom, top))
         if panel.grid:
             shapes.append(Line("grid", np.array([[left, y], [right, y]])))
-        shapes.append(Text("text", left - 5.0, y + 3.2, text, "end", SMALL))
+        shapes.append(Text(role="text", x=left - 5.0, y=y + 3.2, text=text, anchor="end", size=SMALL))
     if panel.grid:
         shapes.append(Line("frame", np.array([[left, top], [left, bottom], [right, bottom]])))
     if panel.title:
-        shapes.append(Text("text", (left + right) / 2, top - 5.0, panel.title, "middle", NORMAL))
+        shapes.append(Text(role="text", x=(left + right) / 2, y=top - 5.0, text=panel.title, anchor="middle", size=NORMAL))
     if label_x and panel.x.label:
-        shapes.append(Text("text", (left + right) / 2, bottom + 28.0, panel.x.label, "middle", NORMAL))
+        shapes.append(Text(role="text", x=(left + right) / 2, y=bottom + 28.0, text=panel.x.label, anchor="middle", size=NORMAL))
     if panel.y.label:
-        shapes.append(Text("text", left - 38.0, (top + bottom) / 2, panel.y.label, "middle", NORMAL, rotated=True))
+        shapes.append(
+            Text(role="text", x=left - 38.0, y=(top + bottom) / 2, text=panel.y.label, anchor="middle", size=NORMAL, rotated=True)
+        )
     return shapes
 
 
@@ -238,17 +240,27 @@ def _item(item: Item, panel: Panel, box: tuple[float, float, float, float]) -> l
             return [Mosaic(item.role, boxes, item.names)] if len(boxes) else []
         case Word():
             middle = float(up(np.array(item.y))) + 0.36 * item.size
-            return [Text(item.role, float(across(np.array(item.x))), middle, item.text, item.anchor, item.size, bold=item.bold)]
+            return [
+                Text(
+                    role=item.role,
+                    x=float(across(np.array(item.x))),
+                    y=middle,
+                    text=item.text,
+                    anchor=item.anchor,
+                    size=item.size,
+                    bold=item.bold,
+                )
+            ]
         case Note():
             place, level = float(across(np.array(item.x))), bottom - item.at * (bottom - top)
             return [
                 Text(
-                    item.role,
-                    place + (3.0 if item.rotated else 0.0),
-                    level,
-                    item.text,
-                    "end" if item.rotated else "middle",
-                    SMALL,
+                    role=item.role,
+                    x=place + (3.0 if item.rotated else 0.0),
+                    y=level,
+                    text=item.text,
+                    anchor="end" if item.rotated else "middle",
+                    size=SMALL,
                     rotated=item.rotated,
                 )
             ]

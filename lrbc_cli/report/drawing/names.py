@@ -69,7 +69,7 @@ def names_beside(
             if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in boxes):
                 boxes.append(box)
                 place = places[index] + np.array([dx, dy]) / scale
-                words.append(Word("text", float(place[0]), float(place[1]), names[index], size, anchor=anchor))
+                words.append(Word(role="text", x=float(place[0]), y=float(place[1]), text=names[index], size=size, anchor=anchor))
                 if (dx, dy, anchor) in far:
                     words.append(Curve("box", *np.stack([places[index], places[index] + np.array([0.94 * dx, dy]) / scale]).T))
                 break

@@ -76,11 +76,19 @@ def shapes_chart(record: StructureRecord, shapes: ShapesRecord) -> Chart:
             items.append(marks_at("measured-point", points[:, 1] + by, "measured"))
             items.append(marks_at("modelled-point", points[:, 2] + by, "model at the sensors"))
         x, y = np.array([0.5 * (low[0] + high[0]), high[1] + 0.08 * size]) + by
-        items.append(Word("strong", float(x), float(y), shape_label(shape), 8.0))
+        items.append(Word(role="strong", x=float(x), y=float(y), text=shape_label(shape), size=8.0))
     down = cell[1] * (-(-len(pictures) // columns) - 1)
     (x0, y0), (x1, y1) = low - np.array([0.0, down + 0.04 * size]), high + np.array([cell[0] * (columns - 1), 0.14 * size])
     width = _LEFT + 10.0 + (_WIDTH - _LEFT - 10.0) * columns / _COLUMNS
     height = (width - _LEFT - 10.0) * (y1 - y0) / (x1 - x0)
     alt = f"Deflection shapes of job {shapes.job} with excitation {shapes.excitation}: {'; '.join(map(shape_label, shapes.shapes))}."
-    panel = Panel(Axis("", float(x0), float(x1), ()), Axis("", float(y0), float(y1), ()), tuple(items), grid=False)
-    return Chart(f"Deflection shapes · {shapes.job}", f"excitation {shapes.excitation}", alt, (panel,), width, height + 22.0, left=_LEFT)
+    panel = Panel(x=Axis("", float(x0), float(x1), ()), y=Axis("", float(y0), float(y1), ()), items=tuple(items), grid=False)
+    return Chart(
+        title=f"Deflection shapes · {shapes.job}",
+        subtitle=f"excitation {shapes.excitation}",
+        alt=alt,
+        panels=(panel,),
+        width=width,
+        height=height + 22.0,
+        left=_LEFT,
+    )

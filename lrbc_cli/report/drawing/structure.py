@@ -44,7 +44,7 @@ class Ruler:
     label: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """What is drawn of a structure.
 
@@ -187,17 +187,17 @@ def panel_of(scene: Scene, width: float, left: float, extra: list[Item]) -> tupl
         chosen = [index for index, (own, _) in enumerate(scene.marks) if own == role]
         names = tuple(scene.marks[index][1].name for index in chosen)
         items.append(marks_at(role, marks[chosen], scene.labels[role], names))
-    axes = Axis("", x0, x1, ()), Axis("", y0, y1, ())
+    x, y = Axis("", x0, x1, ()), Axis("", y0, y1, ())
     if scene.plane:
-        axes = linear_axis(f"{scene.plane[0]} [m]", x0, x1, 6), linear_axis(f"{scene.plane[1]} [m]", y0, y1, 5)
+        x, y = linear_axis(f"{scene.plane[0]} [m]", x0, x1, 6), linear_axis(f"{scene.plane[1]} [m]", y0, y1, 5)
     else:
         items += _rulers(scene, scale)
-    return Panel(*axes, tuple([*items, *extra]), grid=bool(scene.plane)), height, scale
+    return Panel(x=x, y=y, items=tuple([*items, *extra]), grid=bool(scene.plane)), height, scale
 
 
 def marks_at(role: str, places: Floats, label: str, names: tuple[str, ...] = ()) -> Marks:
     """Return symbols at (n, 2) places."""
-    return Marks(role, places[:, 0], places[:, 1], label, names=names)
+    return Marks(role=role, x=places[:, 0], y=places[:, 1], label=label, names=names)
 
 
 def mark_names(scene: Scene, bolts: Mapping[str, Floats], scale: float, limits: tuple[float, float], first: list[int]) -> list[Item]:
@@ -236,7 +236,7 @@ def _rulers(scene: Scene, scale: float) -> list[Item]:
         for place, text in (*ruler.ticks, (ruler.ends.mean(axis=0), ruler.label)):
             far = (11.0 if text != ruler.label else 26.0) + (0.5 * GLYPH * 8.0 * len(text) - 4.0) * abs(float(out[0]))
             at = place @ view + out * far / scale
-            items.append(Word("text", float(at[0]), float(at[1]), text, 8.0))
+            items.append(Word(role="text", x=float(at[0]), y=float(at[1]), text=text, size=8.0))
             if text != ruler.label:
                 tick = np.stack([place @ view, place @ view + out * 3.0 / scale])
                 items.append(Curve("box", *tick.T))

@@ -37,14 +37,14 @@ def fdac_chart(job: JobRecord, fdac: Fdac) -> Chart:
         items.append(Curve("frame", np.array([low, high, high, low, low]), np.array([low, low, high, high, low])))
         items.append(Curve("diagonal", f[[0, -1]], f[[0, -1]]))
         x = linear_axis("model [Hz]", edges[0], edges[-1], 5)
-        panels.append(Panel(x, linear_axis("measured [Hz]", edges[0], edges[-1], 5), tuple(items), title=title, grid=False))
+        panels.append(Panel(x=x, y=linear_axis("measured [Hz]", edges[0], edges[-1], 5), items=tuple(items), title=title, grid=False))
     alt = (
         f"FDAC of job {job.job}: measured lines against lines of the model, before and after. "
         f"Mean of the diagonal {fmt.fixed(means[0])} before, {fmt.fixed(means[1])} after."
     )
     subtitle = f"mean on the diagonal {fmt.change(means[0], means[1], 2)}"
     width, height = 2 * (50.0 + _SIDE + RIGHT), TOP + TITLE + _SIDE + BOTTOM
-    return Chart(f"FDAC · {job.job}", subtitle, alt, tuple(panels), width, height, beside=True)
+    return Chart(title=f"FDAC · {job.job}", subtitle=subtitle, alt=alt, panels=tuple(panels), width=width, height=height, beside=True)
 
 
 def _mean(values: Floats) -> float:

@@ -44,23 +44,31 @@ def damping_chart(jobs: Sequence[JobRecord], *, paper: bool) -> Chart | None:
             y = np.array([[*band, np.nan] for _, band in known]).ravel()
             items.append(Curve("whisker", x, y, "95 % interval"))
         values = np.array([group.damping_exponent for _, group in found], dtype=float)
-        items.append(Marks(role, np.array([x for x, _ in found]), values, label, names=tuple(_point(x, group) for x, group in found)))
+        items.append(
+            Marks(role=role, x=np.array([x for x, _ in found]), y=values, label=label, names=tuple(_point(x, group) for x, group in found))
+        )
     if paper:
         names = tuple(f"paper, {count} removed: {value:.2f}" for count, value in PAPER.items())
         items.append(
-            Marks("stated", np.array([*PAPER], dtype=float), np.array([*PAPER.values()]), "stated by the paper (Table 3)", names=names)
+            Marks(
+                role="stated",
+                x=np.array([*PAPER], dtype=float),
+                y=np.array([*PAPER.values()]),
+                label="stated by the paper (Table 3)",
+                names=names,
+            )
         )
     low, high = span_of([item.y for item in items if isinstance(item, Curve | Marks) and item.y is not None])
     most = max(float(np.nanmax(item.x)) for item in items if isinstance(item, Curve | Marks))
     margin = 0.06 * (high - low) or 0.5
     counts = linear_axis("bolts known to be removed", -0.5, most + 0.5, 9)
     panel = Panel(
-        replace(counts, ticks=tuple(tick for tick in counts.ticks if tick[0].is_integer())),
-        linear_axis("damping exponent", low - margin, high + margin, 6),
-        tuple(items),
+        x=replace(counts, ticks=tuple(tick for tick in counts.ticks if tick[0].is_integer())),
+        y=linear_axis("damping exponent", low - margin, high + margin, 6),
+        items=tuple(items),
     )
     alt = f"Damping exponent over the number of removed bolts, {len(shown)} jobs" + (", with the values of the paper." if paper else ".")
-    return Chart("Damping exponent", "over the number of removed bolts", alt, (panel,), width=520.0, height=270.0)
+    return Chart(title="Damping exponent", subtitle="over the number of removed bolts", alt=alt, panels=(panel,), width=520.0, height=270.0)
 
 
 def _point(count: float, group: Parameter) -> str:

@@ -100,7 +100,7 @@ def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Cha
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
     alt = f"Identified {', '.join(groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
-    return Chart(job.job, changes_of(job), alt, panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
+    return Chart(title=job.job, subtitle=changes_of(job), alt=alt, panels=panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
 
 
 def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str, unsure: str) -> Panel:
@@ -129,13 +129,22 @@ def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale:
     for role, known, label in (("tight", False, "bolt in place"), ("removed", True, "bolt removed"), ("bolt", None, "bolt")):
         standing = [(bolt.name, where) for bolt, where in bolts if bolt.removed is known]
         if standing:
-            items.append(Marks(role, np.array([where for _, where in standing]), None, label, 0.055, tuple(name for name, _ in standing)))
+            items.append(
+                Marks(
+                    role=role,
+                    x=np.array([where for _, where in standing]),
+                    y=None,
+                    label=label,
+                    at=0.055,
+                    names=tuple(name for name, _ in standing),
+                )
+            )
     x_label = "along the edge [m]" if group.arc_length is not None else "term"
     unit = f" [{group.unit}]" if group.unit else ""
     # Room above for the names of loose bolts.
     y = decade_axis(f"{title}{unit}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
-    return Panel(linear_axis(x_label, low - margin, high + margin), y, tuple(items))
+    return Panel(x=linear_axis(x_label, low - margin, high + margin), y=y, items=tuple(items))
 
 
 def _joint_panel(
@@ -163,10 +172,19 @@ def _joint_panel(
             items.append(Curve(role, *_bars(0.38, values), label))
     removed = [k for k, name in enumerate(owners) if name is not None and name in known and known[name].removed]
     if removed:
-        items.append(Marks("removed", np.array(removed, dtype=float), None, "bolt removed", 0.055, tuple(str(owners[k]) for k in removed)))
+        items.append(
+            Marks(
+                role="removed",
+                x=np.array(removed, dtype=float),
+                y=None,
+                label="bolt removed",
+                at=0.055,
+                names=tuple(str(owners[k]) for k in removed),
+            )
+        )
     y = decade_axis(f"{title}{f' [{group.unit}]' if group.unit else ''}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
-    return Panel(Axis("bolt", -0.6, count - 0.4, _some(owners)), y, tuple(items))
+    return Panel(x=Axis("bolt", -0.6, count - 0.4, _some(owners)), y=y, items=tuple(items))
 
 
 def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
@@ -189,7 +207,7 @@ def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tu
         every = max(1, len(place) // 17)
         arrows = where[where % every == 0] if every > 1 and (where % every == 0).any() else where
         inside = edge + (0.02 if edge == limits[0] else -0.02) * (limits[1] - limits[0])
-        items.append(Marks(role, place[arrows], np.full(len(arrows), inside), label))
+        items.append(Marks(role=role, x=place[arrows], y=np.full(len(arrows), inside), label=label))
     return items
 
 
@@ -227,8 +245,10 @@ def channel_chart(job: JobRecord) -> Chart | None:
     alt = f"Mean absolute misfit of job {job.job} by response: " + ", ".join(
         f"{name} {entry.final:.2f} dB" for name, entry in found.items()
     )
-    panel = Panel(x, linear_axis("misfit [dB]", 0.0, 1.05 * high, 4), tuple(items))
-    return Chart(f"Misfit by channel · {job.job}", f"mean of those used {mean}", alt, (panel,), width=430.0, height=190.0)
+    panel = Panel(x=x, y=linear_axis("misfit [dB]", 0.0, 1.05 * high, 4), items=tuple(items))
+    return Chart(
+        title=f"Misfit by channel · {job.job}", subtitle=f"mean of those used {mean}", alt=alt, panels=(panel,), width=430.0, height=190.0
+    )
 
 
 def _bars(half: float, values: Floats) -> tuple[Floats, Floats]:
@@ -305,19 +325,19 @@ def overlay_chart(
     drawn = [(state, label) for state, label in labels.items() if np.isfinite(levels[state]).any()]
     magnitude += [Curve(state, frequency, levels[state], label) for state, label in drawn]
     if lines_hz is not None and lines_hz.size:
-        magnitude.append(Marks("selected", lines_hz, None, "lines used", 0.018))
+        magnitude.append(Marks(role="selected", x=lines_hz, y=None, label="lines used", at=0.018))
     phase += [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
     x = linear_axis("frequency [Hz]", float(frequency.min()), float(frequency.max()), 8)
     levels_axis = linear_axis(f"dB re 1 {response.unit}", *_level_range(levels), 6)
     degrees = Axis("phase [°]", -190.0, 190.0, tuple((float(k), number(k)) for k in (-180, -90, 0, 90, 180)))
-    panels = [Panel(x, levels_axis, tuple(magnitude), 2.3), Panel(x, degrees, tuple(phase), 1.0)]
+    panels = [Panel(x=x, y=levels_axis, items=tuple(magnitude), weight=2.3), Panel(x=x, y=degrees, items=tuple(phase), weight=1.0)]
     known = bool(np.isfinite(coherence).any())
     if known:
         share = Axis("coh. [1]", 0.0, 1.04, ((0.0, "0"), (0.5, "0.5"), (1.0, "1")))
-        panels.append(Panel(x, share, (Curve("coherence", frequency, coherence, "coherence"),), 0.6))
+        panels.append(Panel(x=x, y=share, items=(Curve("coherence", frequency, coherence, "coherence"),), weight=0.6))
     shown = [label for item in magnitude if isinstance(item, Curve) and (label := item.label)]
     alt = f"FRF {title}, {subtitle.replace('→', 'to')}: {', '.join(shown)}, magnitude and phase{', coherence' if known else ''}."
-    return Chart(title, subtitle, alt, tuple(panels), height=390.0 if known else 330.0)
+    return Chart(title=title, subtitle=subtitle, alt=alt, panels=tuple(panels), height=390.0 if known else 330.0)
 
 
 def _level_range(levels: dict[str, Floats]) -> tuple[float, float]:
@@ -371,15 +391,17 @@ def certificate_chart(reduction: ReductionRecord) -> Chart | None:
         lines = [line for line in held_out if kind in line.errors]
         x = np.array([line.frequency_hz for line in lines])
         y = np.array([_log10(line.errors[kind]) for line in lines])
-        items.append(Marks(f"series{index % SERIES}", x, y, kind))
+        items.append(Marks(role=f"series{index % SERIES}", x=x, y=y, label=kind))
     low, high = span_of(
         [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
     )
     y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
     worst = "" if np.isnan(worst_error) else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
     alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
-    panel = Panel(linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y_axis, tuple(items))
-    return Chart("Measured error", "at lines outside the basis", alt, (panel,), width=620.0, height=300.0)
+    panel = Panel(
+        x=linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y=y_axis, items=tuple(items)
+    )
+    return Chart(title="Measured error", subtitle="at lines outside the basis", alt=alt, panels=(panel,), width=620.0, height=300.0)
 
 
 def trace_chart(reduction: ReductionRecord) -> Chart | None:
@@ -402,17 +424,17 @@ def trace_chart(reduction: ReductionRecord) -> Chart | None:
         curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
     taken = np.array([point.frequency_hz for point in reduction.expansion_points])
     if taken.size:
-        items.append(Marks("taken", taken, None, "expansion points", 0.02))
+        items.append(Marks(role="taken", x=taken, y=None, label="expansion points", at=0.02))
     low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])
     x_low, x_high = span_of([curve.x for curve in curves] + [taken])
     alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
     panel = Panel(
-        linear_axis("frequency [Hz]", x_low, x_high, 8),
+        x=linear_axis("frequency [Hz]", x_low, x_high, 8),
         # At the points themselves the estimate is next to nothing.
-        decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
-        (*items, *curves),
+        y=decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
+        items=(*items, *curves),
     )
-    return Chart("Estimated error", "after each adaptive step", alt, (panel,), width=620.0, height=300.0)
+    return Chart(title="Estimated error", subtitle="after each adaptive step", alt=alt, panels=(panel,), width=620.0, height=300.0)
 
 
 def _log10(value: float) -> float:

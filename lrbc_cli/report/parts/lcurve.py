@@ -18,11 +18,11 @@ def l_curve_chart(job: JobRecord) -> Chart | None:
     known = np.isfinite(x) & np.isfinite(y)
     x, y, eta = x[known], y[known], curve.eta[known]
     labels = tuple(f"η = {number(float(value), 3)}" for value in eta)
-    items: list[Item] = [Curve("identified", x, y, "weights tried"), Marks("series0", x, y, names=labels)]
+    items: list[Item] = [Curve("identified", x, y, "weights tried"), Marks(role="series0", x=x, y=y, names=labels)]
     (x_low, x_high), (y_low, y_high) = span_of([x]), span_of([y])
     if curve.at is not None:
         at, up = np.log10(curve.at.data), np.log10(curve.at.penalty)
-        items.append(Marks("corner", np.array([at]), np.array([up]), "corner", names=(f"η = {number(curve.chosen, 3)}",)))
+        items.append(Marks(role="corner", x=np.array([at]), y=np.array([up]), label="corner", names=(f"η = {number(curve.chosen, 3)}",)))
         subtitle = f"corner at η = {number(curve.chosen, 3)}"
     else:
         subtitle = f"no corner: η = {number(curve.chosen, 3)} was used"
@@ -36,7 +36,14 @@ def l_curve_chart(job: JobRecord) -> Chart | None:
     x_axis = _axis("data, Σ dB²", x_low - side, x_high + side)
     alt = f"L-curve of job {job.job}: departures over data for {len(eta)} weights from {number(float(curve.eta.min()), 3)} to "
     alt += f"{number(float(curve.eta.max()), 3)}; {subtitle}."
-    return Chart(f"L-curve · {job.job}", subtitle, alt, (Panel(x_axis, y_axis, tuple(items)),), width=430.0, height=260.0)
+    return Chart(
+        title=f"L-curve · {job.job}",
+        subtitle=subtitle,
+        alt=alt,
+        panels=(Panel(x=x_axis, y=y_axis, items=tuple(items)),),
+        width=430.0,
+        height=260.0,
+    )
 
 
 def _axis(label: str, low: float, high: float) -> Axis:

@@ -90,7 +90,7 @@ def plan_chart(plan: PlanRecord) -> Chart:
     subtitle = f"{_counts(plan)} · {how} · {number(plan.noise.sigma_db, 3)} dB a line"
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
     title = f"Each bolt {_moved(plan)} alone: right verdicts · {_cut(plan.campaign, 40)}"
-    return Chart(title, subtitle, alt, panels, width, _BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
+    return Chart(title=title, subtitle=subtitle, alt=alt, panels=panels, width=width, height=_BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
 
 
 def _cut(name: str, limit: int = 24) -> str:
@@ -146,9 +146,11 @@ def _bolts(plan: PlanRecord, cell: float, weight: float) -> Panel:
     for kind, places in wrong.items():
         if places:
             x, y = np.array(places).T
-            items.append(Marks(f"plan-{kind}", x, y, labels[kind]))
+            items.append(Marks(role=f"plan-{kind}", x=x, y=y, label=labels[kind]))
     items.append(LevelLine("plan-limit", plan.limits.detectable))
-    return Panel(Axis("", 0.0, end, tuple(ticks)), linear_axis("probability of a right verdict", 0.0, 1.0, 5), tuple(items), weight)
+    return Panel(
+        x=Axis("", 0.0, end, tuple(ticks)), y=linear_axis("probability of a right verdict", 0.0, 1.0, 5), items=tuple(items), weight=weight
+    )
 
 
 def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
@@ -158,14 +160,14 @@ def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
     for row, entry in enumerate(shown):
         end = max(entry.gain_bits, 0.0)
         boxes[entry.planned].append((0.0, max(end, 0.002 * top), row + 0.82, row + 0.18))
-        words.append(Word("text", end + 0.012 * top, row + 0.5, f"{entry.gain_bits:.2f}", 7.5, anchor="start"))
+        words.append(Word(role="text", x=end + 0.012 * top, y=row + 0.5, text=f"{entry.gain_bits:.2f}", size=7.5, anchor="start"))
     items: list[Item] = [
         Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "candidate: what it would add" if boxes[False] else ""),
         Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "planned: what is lost without it" if boxes[True] else ""),
     ]
     x_axis = linear_axis("information about the bolts [bits]", 0.0, 1.12 * top, 6)
     y_axis = Axis("", float(max(len(shown), 1)), 0.0, tuple((row + 0.5, _cut(entry.name)) for row, entry in enumerate(shown)))
-    return Panel(x_axis, y_axis, (*items, *words), weight)
+    return Panel(x=x_axis, y=y_axis, items=(*items, *words), weight=weight)
 
 
 def draw_plan(output: Path) -> Path | None:

@@ -55,11 +55,13 @@ def strip_chart(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> Chart | 
         f"{job.job}: " + (f"loose {', '.join(job.names('loose')) or 'none'}." if job.explained else f"no verdict, {job.status}.")
         for job in shown
     )
-    panel = Panel(x_axis, y_axis, tuple(items), grid=False)
+    panel = Panel(x=x_axis, y=y_axis, items=tuple(items), grid=False)
     width, height = left + cell * count + RIGHT, TOP + _HIGH * len(shown) + 36.0
     unsure = [job.job for job in shown if not job.validated]
     subtitle = f"not validated: {names_of(unsure)}" if unsure else ""
-    return Chart("Loosening over the configurations", subtitle, alt, (panel,), width, height, left=left)
+    return Chart(
+        title="Loosening over the configurations", subtitle=subtitle, alt=alt, panels=(panel,), width=width, height=height, left=left
+    )
 
 
 def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float) -> list[Item]:
@@ -82,14 +84,14 @@ def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float)
             figures = bolt.probability_loose is not None and cell >= _FIGURES and judged
             high = row + (0.34 if figures else 0.5)
             if bolt.outside:
-                words.append(Word(on, x + 0.5, row + 0.5, NOT_COVERED, min(7.6, 0.5 * cell)))
+                words.append(Word(role=on, x=x + 0.5, y=row + 0.5, text=NOT_COVERED, size=min(7.6, 0.5 * cell)))
             elif bolt.verdict == "undecided" or not job.explained:
                 hatched.append(box)
-                words.append(Word(on, x + 0.5, high, "?" if job.explained else "–", SMALL, bold=True))
+                words.append(Word(role=on, x=x + 0.5, y=high, text="?" if job.explained else "–", size=SMALL, bold=True))
             else:
                 marks.setdefault(f"{bolt.verdict}-{'on0' if level is None else on}", []).append((x + 0.5, high))
             if figures and bolt.probability_loose is not None:
-                words.append(Word(on, x + 0.5, row + 0.73, fmt.percent(bolt.probability_loose), 7.6))
+                words.append(Word(role=on, x=x + 0.5, y=row + 0.73, text=fmt.percent(bolt.probability_loose), size=7.6))
             if bolt.removed:
                 framed.append(box)
     items: list[Item] = [
@@ -103,7 +105,9 @@ def _cells(shown: Sequence[JobRecord], column: Mapping[str, float], cell: float)
     if framed:
         items.append(Tiles("known", np.empty((0, 4)), "framed: known to be removed"))
         items.append(Curve("known", *_outlines(np.array(framed))))
-    items += [Marks(role, np.array([x for x, _ in found]), np.array([y for _, y in found])) for role, found in sorted(marks.items())]
+    items += [
+        Marks(role=role, x=np.array([x for x, _ in found]), y=np.array([y for _, y in found])) for role, found in sorted(marks.items())
+    ]
     return [*items, *words]
 
 
@@ -199,8 +203,8 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     found = job.names("loose")
     alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
     subtitle = loose_of(job) if job.explained else "no verdict"
-    panel = Panel(x_axis, y_axis, tuple(items))
-    return Chart(job.job, subtitle, alt, (panel,), width, TOP + height + 36.0)
+    panel = Panel(x=x_axis, y=y_axis, items=tuple(items))
+    return Chart(title=job.job, subtitle=subtitle, alt=alt, panels=(panel,), width=width, height=TOP + height + 36.0)
 
 
 def bolt_signs(bolt: Bolt, explained: bool) -> list[tuple[str, str]]:
@@ -232,12 +236,18 @@ def bolt_items(bolts: Sequence[Bolt], places: Floats, *, explained: bool) -> lis
     for bolt, (x, y) in zip(bolts, places, strict=True):
         for layer, (role, letter) in enumerate(bolt_signs(bolt, explained)):
             names = (told(bolt, explained),) if layer == 0 else ()
-            mark = Marks(role, np.array([x]), np.array([y]), names=names)
+            mark = Marks(role=role, x=np.array([x]), y=np.array([y]), names=names)
             bold = letter in {"?", "–"}
-            layers.setdefault(layer, []).append(Word(role, x, y, letter, letter_size(letter), bold=bold) if letter else mark)
+            layers.setdefault(layer, []).append(
+                Word(role=role, x=x, y=y, text=letter, size=letter_size(letter), bold=bold) if letter else mark
+            )
     # Where bolts stand close together, their signs are above the discs of others.
     items = [item for layer in sorted(layers) for item in layers[layer]]
     nothing, roles = np.empty(0), {item.role for item in items}
-    items += [Marks("known-dot", nothing, nothing, "ringed: known to be removed")] if "known" in roles else []
-    items += [Marks("unsure-dot", nothing, nothing, "? inconclusive" if explained else "– no verdict")] if "unsure" in roles else []
+    items += [Marks(role="known-dot", x=nothing, y=nothing, label="ringed: known to be removed")] if "known" in roles else []
+    items += (
+        [Marks(role="unsure-dot", x=nothing, y=nothing, label="? inconclusive" if explained else "– no verdict")]
+        if "unsure" in roles
+        else []
+    )
     return items

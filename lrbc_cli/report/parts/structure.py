@@ -66,7 +66,9 @@ def structure_chart(record: StructureRecord, job: JobRecord | None = None, among
     panel = replace(panel, items=(*panel.items, *words))
     title, subtitle = (record.campaign, "") if job is None else (job.job, loose_of(job) if job.explained else "no verdict")
     alt = f"Picture of the structure with {len(bolts)} bolts" + (f", job {title}: {subtitle}." if job is not None else ".")
-    return Chart(title, subtitle, alt, (panel,), _WIDTH, height + (44.0 if scene.plane else 22.0), left=left)
+    return Chart(
+        title=title, subtitle=subtitle, alt=alt, panels=(panel,), width=_WIDTH, height=height + (44.0 if scene.plane else 22.0), left=left
+    )
 
 
 def _bolts(record: StructureRecord, job: JobRecord | None) -> list[Bolt | None]:
@@ -202,7 +204,11 @@ def _shapes(bolt: Bolt, job: JobRecord) -> list[Shape]:
     shapes: list[Shape] = []
     for role, letter in bolt_signs(bolt, job.explained):
         size = letter_size(letter)
-        shapes.append(Text(role, 0.0, 0.36 * size, letter, "middle", size, bold=True) if letter else Symbols(role, np.zeros((1, 2))))
+        shapes.append(
+            Text(role=role, x=0.0, y=0.36 * size, text=letter, anchor="middle", size=size, bold=True)
+            if letter
+            else Symbols(role, np.zeros((1, 2)))
+        )
     return shapes
 
 

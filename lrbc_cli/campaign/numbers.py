@@ -1,0 +1,13 @@
+"""Digests of all numbers, and of the operators on them, in the code that results rest on: part of what they rest on, by stage.
+
+A number that is not among the settings, the statistical model or the decision rule changes results all the same. They are stored, because
+parsing the sources takes longer than judging a campaign anew; a test computes them and says what to write here. So no number can change
+without that what rested on the other one counts as out of date.
+"""
+
+#: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
+NUMBERS = {
+    "reduction": "691fc3ade121e6d6",
+    "identification": "ff6f0673f29d85bc",
+    "judgement": "4575e7bdc69666ea",
+}
