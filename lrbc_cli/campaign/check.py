@@ -15,6 +15,7 @@ from lrbc_cli.campaign.identification.copies import Earlier
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor
@@ -23,7 +24,7 @@ from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.updating.lines import too_wide
+from lrbc_cli.updating.lines import interpolated, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -208,7 +209,10 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.warnings += measurement.warnings
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used])):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
+        if straight := interpolated(measurement.values):
+            out.warnings.append(f"job {name}: {straight}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
+    out.warnings += other_lines(inputs.campaign.update.reference, readable)
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings
     lines += [note] if note else []

@@ -174,6 +174,35 @@ def too_wide(*measured: tuple[Floats, Complexes], most: float = 1 / 3, noisy: fl
     )
 
 
+def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:
+    """What to say of FRFs most lines of which lie on straight lines between those that were measured; None where all were.
+
+    Straight lines bend at the measured lines only. Whatever was measured, smooth or noisy, bends at one line as much as at another.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        On evenly spaced lines; NaN where a response was not measured.
+    most : int
+        Lines for a measured one that are looked for.
+    least : int
+        Bends at measured lines that are needed to tell.
+    straight : float
+        How much less nearly all others bend than nearly all of these; rounding to few digits leaves them so much.
+    """
+    known = measured[:, np.isfinite(measured).all(axis=0)]
+    bend = (np.abs(np.diff(known, n=2, axis=0)) / np.maximum(np.abs(known).mean(axis=0), np.finfo(float).tiny)).sum(axis=1)
+    for every in range(2, min(most, bend.size // least) + 1):
+        for first in range(every):
+            at = np.arange(bend.size) % every == first
+            if np.quantile(bend[~at], 0.9) < straight * np.quantile(bend[at], 0.25):
+                return (
+                    f"one of {every} lines was measured, it seems, the others are interpolated between them: peaks are cut off, and more "
+                    "lines count than were measured; export the lines as they were measured"
+                )
+    return None
+
+
 def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:
     """Where in the band noise lies, and what to do, in clauses; empty where it lies all along it. All frequencies are sorted."""
     lines, count = np.searchsorted(axis, sharp) / axis.size, np.arange(sharp.size)

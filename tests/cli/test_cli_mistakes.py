@@ -69,7 +69,8 @@ def numbers(name: str, change: Rows, header: str | None = None, plain: str = "%.
         cells = [row.split(",") for row in rows]
         words = {"dofs": 3, "bolts": 1}.get(Path(name).stem, 0)
         values = change(np.array([[float(cell) for cell in row[words:]] for row in cells]))
-        lines = [",".join([*row[:words], *(plain % value for value in own)]) for row, own in zip(cells, values, strict=True)]
+        named = [row[:words] for row in cells] if words else [[] for _ in values]
+        lines = [",".join([*row, *(plain % value for value in own)]) for row, own in zip(named, values, strict=True)]
         return "\n".join([header or first, *lines]) + "\n"
 
     return text(name, change_text)
@@ -94,6 +95,12 @@ def gap(rows: np.ndarray) -> np.ndarray:
     rows = rows.copy()
     rows[100:300, 1:3] = np.nan
     return rows
+
+
+def quarter_lines(rows: np.ndarray) -> np.ndarray:
+    """Four lines for each that was measured, in between on straight lines."""
+    hz = np.arange(rows[0, 0], rows[-1, 0] + 0.1, 0.25)
+    return np.column_stack([hz, *(np.interp(hz, rows[:, 0], column) for column in rows[:, 1:].T)])
 
 
 def first_lines(share: float) -> Callable[[str], str]:
@@ -878,6 +885,30 @@ MISTAKES = [
         0,
         "no coherence of the job belongs to a response (x1, x2)",
         "name its columns",
+    ),
+    Mistake(
+        "bins counted from 1 in one job",
+        "frame",
+        numbers(FRFS[1], lambda r: r - np.eye(1, 9)),
+        0,
+        "its lines are not those of tight (470 lines from 30 to 499 Hz, there 471 lines from 30 to 500 Hz)",
+        "its file begins 1 Hz lower, with as many lines: were they counted from another first one? Correct its frequencies",
+    ),
+    Mistake(
+        "every other line left out in one job",
+        "frame",
+        numbers(FRFS[1], lambda r: r[::2]),
+        0,
+        "its lines are not those of tight (236 lines from 30 to 500 Hz, there 471 lines from 30 to 500 Hz)",
+        "measure or export it on the lines of tight",
+    ),
+    Mistake(
+        "lines interpolated",
+        "frame",
+        all_of(*(numbers(name, quarter_lines, plain="%.5g") for name in FRFS)),
+        0,
+        "job tight: one of 4 lines was measured, it seems",
+        "export the lines as they were measured",
     ),
 ]
 

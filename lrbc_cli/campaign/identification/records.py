@@ -119,7 +119,9 @@ def _lines_text(axis: Floats) -> str:
 
 
 def unlike(axis: Floats, other: Floats) -> str:
-    """In what the lines of a measurement differ from those of another."""
+    """In what the lines of a measurement differ from those of another; empty where they are the same."""
+    if axis.shape == other.shape and np.allclose(axis, other, rtol=1e-6):
+        return ""
     here, there = _lines_text(axis), _lines_text(other)
     if here != there:
         return f"{here}, there {there}"
