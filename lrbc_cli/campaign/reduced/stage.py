@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.reading.doubts.springs import lacking_springs
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.model_doubts import lacking_springs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
