@@ -309,6 +309,25 @@ def other_face(folder: Folder) -> None:
     text("bushings.csv", lambda t: re.sub(r"(?m)^(B\d),(\d+)", lambda m: f"{m[1]},{above[int(m[2])]}", t))(folder)
 
 
+def without_springs(*bolts: str) -> Damage:
+    """The matrix of the plate as it was exported without springs of some bolts."""
+
+    def damage(folder: Folder) -> None:
+        dofs = (folder.data / "plate.dof").read_text().split()
+        table = [line.split(",") for line in (folder.data / "bushings.csv").read_text().splitlines()[1:]]
+        less = {
+            dofs.index(f"{node}.{('UX', 'UY', 'UZ').index(component) + 1}") + 1: float(k)
+            for bolt, node, _, component, k in table
+            if bolt in bolts
+        }
+        path = folder.data / "plate.sti.gz"
+        entries = np.loadtxt(io.StringIO(gzip.decompress(path.read_bytes()).decode()))
+        entries[:, 2] -= [less.get(int(i), 0.0) if i == j else 0.0 for i, j in entries[:, :2]]
+        path.write_bytes(gzip.compress("".join(f"{int(i)} {int(j)} {k:.13e}\n" for i, j, k in entries).encode()))
+
+    return damage
+
+
 def inverse(file: str) -> str:
     """Numerator and denominator exchanged in the header."""
     both = re.compile(r"( +12 +0 +0 +0 acceleration[^\n]*\n)( +13 +0 +0 +0 Force[^\n]*\n)")
@@ -323,6 +342,9 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "matrix exported without its springs",
+    "matrix exported with a bolt missing",
+    "springs of one bolt at the node beside",
     "a loss factor of one",
     "bushings a thousand times too small beside a matrix without springs",
     "mass a thousand times too large where units are stated",
@@ -957,6 +979,70 @@ MISTAKES = [
         0,
         "job b5-loose: it is taken as tight, but lies",
         "and calibration.job",
+    ),
+    Mistake(
+        "matrix exported without its springs",
+        "plate",
+        without_springs("B1", "B2", "B3", "B4", "B5", "B6"),
+        0,
+        "the matrix holds none of the springs of bushings.csv",
+        "write parameters.bolts.baseline: 0, or export it with the springs",
+    ),
+    Mistake(
+        "matrix exported with a bolt missing",
+        "plate",
+        without_springs("B5"),
+        0,
+        "the matrix holds no spring at node 239 (B5), where bushings.csv has one",
+        "Export it with all of them, or correct the nodes in bushings.csv",
+    ),
+    Mistake(
+        "springs of one bolt at the node beside",
+        "plate",
+        text("bushings.csv", lambda t: t.replace("B4,233,", "B4,234,")),
+        0,
+        "the matrix holds no spring at node 234 UX (B4), but one of that stiffness at node 233",
+        "correct the nodes in bushings.csv (3 springs)",
+    ),
+    Mistake(
+        "node 0 for ground",
+        "plate",
+        text("bushings.csv", lambda t: t.replace(",,", ",0,")),
+        3,
+        "node 0 does not exist",
+        "leave node_b empty where a spring goes to ground",
+    ),
+    Mistake(
+        "bolts from the middle of the plate",
+        "plate",
+        numbers("bolts.csv", lambda r: r - [150.0, 100.0, 0.0]),
+        0,
+        "B5, B6 lie nearer to the springs of other bolts than to their own",
+        "from another origin, it seems: add (150, 100, 0) to all of them",
+    ),
+    Mistake(
+        "bolts counted from the other end",
+        "plate",
+        text("bolts.csv", lambda t: re.sub(r"(?m)^B([1346])", lambda m: f"B{dict(zip('1346', '3164', strict=True))[m[1]]}", t)),
+        0,
+        "B3 at the springs of B1, B1 at the springs of B3, B6 at the springs of B4, B4 at the springs of B6",
+        "exchange the names there, or in the table of the springs",
+    ),
+    Mistake(
+        "places of the terms from the other end",
+        "frame",
+        numbers("model/edge.csv", lambda r: r[::-1]),
+        0,
+        "the places in edge.csv lie up to 340 mm from the DOFs that their vectors act on",
+        "they fit in reverse order: reverse the rows",
+    ),
+    Mistake(
+        "one job hit at another node",
+        "plate",
+        text("frf/b5-loose.uff", lambda t: t.replace(" 393   3", " 399   3")),
+        0,
+        "b5-loose.uff: the hammer hit node 399, excitation.hammer is node 393 of the model",
+        "where it is this measurement alone, measure it again at node 393",
     ),
 ]
 

@@ -155,7 +155,7 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
     full, terms = inputs.model, inputs.model.terms
     exported = replace(full, K=(full.K + (terms.left * baseline) @ terms.right.T).tocsc())
-    hint = lacking_springs(exported, group, inputs.dofs) or (
+    hint = lacking_springs(exported, group, inputs.dofs, inputs.bolts) or (
         "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
     )
     raise DataError(

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.campaign.reading.places import POWERS
 from lrbc_cli.config import Campaign
-from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
 
@@ -40,7 +40,7 @@ def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup]
             yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
 
 
-def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None) -> str | None:
+def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:
     """Where the springs of a table are that the matrix does not hold as the table says, in words; None where that cannot be told.
 
     Of translational springs to ground, by the forces that meet a rigid translation: for those who know already that something is missing.
@@ -50,36 +50,69 @@ def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None) -> 
     model : FeModel
     group : TermGroup
     dofs : DofTable or None
+    bolts : PointTable or None
     """
     file, baseline = group.config.select.bushings, group.config.baseline
     if dofs is None or file is None or baseline <= 0.0:
         return None
     left = model.terms.left[:, group.terms].tocsc()
     alone = np.flatnonzero(np.diff(left.indptr) == 1)
+    alone = alone[np.isin(dofs.component[left.indices[left.indptr[alone]]], COMPONENTS[:3])]
     rows, stated = left.indices[left.indptr[alone]], baseline * left.data[left.indptr[alone]] ** 2
-    label = dofs.component[rows]
     force = {name: model.K.real @ (dofs.component == name).astype(float) for name in COMPONENTS[:3]}
-    known = [name for name in COMPONENTS[:3] if np.any(label == name)]
-    held = np.array([force[str(name)][row] if name in known else np.nan for row, name in zip(rows, label, strict=True)])
+    held = np.array([force[str(dofs.component[row])][row] for row in rows])
     lacking = np.flatnonzero(held < (1.0 - HELD) * stated)
     if not lacking.size:
         return None
-    means = {name: (float(np.median(held[label == name])), float(np.median(stated[label == name]))) for name in known}
-    for first, second in combinations(known, 2):
-        if all(abs(means[a][0] / means[b][1] - 1.0) < HELD for a, b in ((first, second), (second, first))):
+    label = dofs.component[rows[lacking]]
+    known = [name for name in COMPONENTS[:3] if np.any(label == name)]
+    means = {name: tuple(float(np.median(each[lacking][label == name])) for each in (held, stated)) for name in known}
+    for first, second in combinations((name for name in COMPONENTS[:3] if np.any(dofs.component[rows] == name)), 2):
+        both = [dofs.component[rows] == name for name in (first, second)]
+        (have, want), (others, wanted) = ((float(np.median(held[at])), float(np.median(stated[at]))) for at in both)
+        if abs(want / wanted - 1.0) > HELD and abs(have / wanted - 1.0) < HELD and abs(others / want - 1.0) < HELD:
             return f"the matrix holds the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
+    if np.all(np.abs(held[lacking]) < HELD * stated[lacking]):
+        return _absent(file.name, group, dofs, bolts, (rows, stated, lacking, group.parameter[alone]), force)
+    told = ", ".join(f"{have / want * baseline:.4g} times of {name}" for name, (have, want) in means.items())
+    return f"the matrix holds {told} what {file.name} says, {baseline:g} is stated: correct that table, or the baseline"
+
+
+def _absent(
+    table: str,
+    group: TermGroup,
+    dofs: DofTable,
+    bolts: PointTable | None,
+    springs: tuple[Integers, Floats, Integers, Integers],
+    force: Mapping[str, Floats],
+) -> str:
+    """What to do about springs that the matrix lacks: DOFs and stiffness of all, which of them are lacking, and the parameter of each."""
+    rows, stated, lacking, parameter = springs
+    if lacking.size == rows.size:
+        shares = [force[str(dofs.component[row])] / k for row, k in zip(rows[lacking], stated[lacking], strict=True)]
+        if not any(np.any(np.abs(share - 1.0) < HELD) for share in shares):
+            return (
+                f"the matrix holds none of the springs of {table}: it was exported without them, it seems: write "
+                f"parameters.{group.name}.baseline: 0, or export it with the springs"
+            )
     k = int(lacking[0])
-    row, name = int(rows[k]), str(label[k])
+    row, name = int(rows[k]), str(dofs.component[rows[k]])
     there = np.flatnonzero((dofs.component == name) & (np.abs(force[name] / stated[k] - 1.0) < HELD))
-    if abs(held[k]) < HELD * stated[k] and there.size:
+    there = there[~np.isin(there, rows)]
+    owners = () if bolts is None or group.bolt is None else (bolts.name[b] for b in group.bolt[parameter[lacking]].tolist() if b >= 0)
+    of = f" ({', '.join(dict.fromkeys(owners))})".replace(" ()", "")
+    if there.size:
         away = np.linalg.norm(dofs.xyz[there] - dofs.xyz[row], axis=1)
         other, gap = int(dofs.node[there[np.argmin(away)]]), 1e3 * float(away.min())
         return (
-            f"the matrix holds no spring at node {dofs.node[row]} {name}, but one of that stiffness at node {other}, {gap:.3g} mm away: "
-            f"correct the nodes in {file.name} ({lacking.size} springs)"
+            f"the matrix holds no spring at node {dofs.node[row]} {name}{of}, but one of that stiffness at node {other}, {gap:.3g} mm "
+            f"away: correct the nodes in {table} ({lacking.size} springs)"
         )
-    told = ", ".join(f"{have / want * baseline:.4g} times of {name}" for name, (have, want) in means.items())
-    return f"the matrix holds {told} what {file.name} says, {baseline:g} is stated: correct that table, or the baseline"
+    nodes = ", ".join(dict.fromkeys(str(dofs.node[at]) for at in rows[lacking[:6]]))
+    return (
+        f"the matrix holds no spring at node{'s' if ', ' in nodes else ''} {nodes}{of}, where {table} has one: was it exported with bolts "
+        f"missing? Export it with all of them, or correct the nodes in {table}"
+    )
 
 
 def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
