@@ -84,6 +84,15 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
     return keep
 
 
+def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: Resonances = RESONANCES) -> tuple[int, int]:
+    """How many resonances of (F, R) FRFs have none of the selected lines, and how many there are."""
+    near = around_resonances(frequency_hz, measured, rule)
+    ends = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
+    lines = np.sort(selected)
+    empty = np.searchsorted(lines, ends[::2]) == np.searchsorted(lines, ends[1::2])
+    return int(empty.sum()), empty.size
+
+
 @dataclass(frozen=True)
 class Sharp:
     """Peaks of FRFs, those of them that fall far to both neighbouring lines, and whether responses have these at the same lines.

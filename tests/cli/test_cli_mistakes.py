@@ -328,6 +328,28 @@ def without_springs(*bolts: str) -> Damage:
     return damage
 
 
+def stretched(change: Callable[[float], float]) -> Damage:
+    """Coordinates along x of another state of the model, of the nodes alone."""
+
+    def nodes(content: str) -> str:
+        head, table, rest = re.split(r"(?<=NSET=ALL\n)|(?=\*ELEMENT)", content, maxsplit=2)
+        return head + re.sub(r"(?m)^(\d+), ([^,]+)", lambda m: f"{m[1]}, {change(float(m[2])):.6g}", table) + rest
+
+    return text("plate.inp", nodes)
+
+
+def few_digits(folder: Folder) -> None:
+    path = folder.data / "plate.sti.gz"
+    lines = (line.split() for line in gzip.decompress(path.read_bytes()).decode().splitlines())
+    path.write_bytes(gzip.compress("".join(f"{i} {j} {float(k):.3e}\n" for i, j, k in lines).encode()))
+
+
+def structural(folder: Folder) -> None:
+    stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
+    scipy.io.mmwrite(folder.data / "model/damping.mtx", 0.02 * stiffness, symmetry="symmetric")
+    folder.replace("data/model/damping.mtx.gz", "data/model/damping.mtx")
+
+
 def inverse(file: str) -> str:
     """Numerator and denominator exchanged in the header."""
     both = re.compile(r"( +12 +0 +0 +0 acceleration[^\n]*\n)( +13 +0 +0 +0 Force[^\n]*\n)")
@@ -342,6 +364,9 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "stiffness with four digits",
+    "nodes mirrored",
+    "nodes of an older design",
     "matrix exported without its springs",
     "matrix exported with a bolt missing",
     "springs of one bolt at the node beside",
@@ -1043,6 +1068,54 @@ MISTAKES = [
         0,
         "b5-loose.uff: the hammer hit node 399, excitation.hammer is node 393 of the model",
         "where it is this measurement alone, measure it again at node 393",
+    ),
+    Mistake(
+        "nodes of an older design",
+        "plate",
+        stretched(lambda x: 320.0 / 300.0 * x),
+        0,
+        "the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about y meets forces at 28%",
+        "give the nodes of the model that was exported",
+    ),
+    Mistake(
+        "nodes mirrored",
+        "plate",
+        stretched(lambda x: 300.0 - x),
+        0,
+        "the coordinates of the nodes are not those of the stiffness matrix",
+        "with x mirrored it does not: correct the coordinates",
+    ),
+    Mistake(
+        "stiffness with four digits",
+        "plate",
+        few_digits,
+        0,
+        "the numbers of the stiffness matrix have 5 digits or fewer",
+        "export the matrices with all digits",
+    ),
+    Mistake(
+        "structural damping for a viscous one",
+        "frame",
+        structural,
+        0,
+        "model.damping: the matrix is 0.02 times the stiffness, structural damping, it seems",
+        "write model.damping: {structure: {loss_factor: 0.02}}",
+    ),
+    Mistake(
+        "a repeat of another state",
+        "plate",
+        config(("data/frf/b5-loose.uff}", "data/frf/b5-loose.uff, repeats: [data/frf/tight-2.uff]}")),
+        0,
+        "b5-loose.uff: its repeat tight-2.uff lies 9.0 dB from it",
+        "take it out of jobs.b5-loose.repeats",
+    ),
+    Mistake(
+        "one line of a hundred",
+        "frame",
+        config(("lines: resonances", "lines: {every: 100}")),
+        0,
+        "update.lines: {every: 100} leaves no line at most of the resonances, where changes show most: tight (7 of 7), ",
+        "write lines: resonances",
     ),
 ]
 

@@ -28,6 +28,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.model_doubts import structural_share
 from lrbc_cli.campaign.reading.places import POWERS as POWERS_OF_UNITS
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
@@ -83,9 +84,9 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
-        # A matrix without what is subtracted from it is none to compare with.
+        # A matrix without what is subtracted from it is none to compare with, nor is one in which nothing oscillates.
         lacking = _lacking(inputs, source)
-        if lacking:
+        if lacking or structural_share(inputs.model, (low, high)) is not None:
             return lacking, ""
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:

@@ -182,6 +182,13 @@ def slips(
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
     damping = campaign.model.damping
     if not isinstance(damping, ProportionalDamping):
+        share = structural_share(model, campaign.reduction.band)
+        if share is not None:
+            yield (
+                f"model.damping: the matrix is {share:.4g} times the stiffness, structural damping, it seems: as viscous damping it lets "
+                "nothing in the band oscillate; write model.damping: {structure: {loss_factor: "
+                f"{share:.4g}}}}}, or give the stiffness as a complex matrix, without this one"
+            )
         return
     for field, there in (("structure", not model.is_acoustic.all()), ("acoustic", bool(model.is_acoustic.any()))):
         own = getattr(damping, field)
@@ -196,6 +203,30 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
                 f"model.damping.{field}.loss_factor: {own.loss_factor:g} is {own.loss_factor:.0%}; if per cent were meant, write "
                 f"{own.loss_factor / 100:g}"
             )
+
+
+def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: float = 1e-3, most: float = 0.9) -> float | None:
+    """Loss factor that a damping matrix is, being that share of the stiffness and more than critical from the lower end of the band on.
+
+    Parameters
+    ----------
+    model : FeModel
+    band_hz : (float, float)
+    same : float
+        How much the share may differ from row to row.
+    most : float
+        Share of the rows that have it: baselines are taken off the stiffness alone.
+    """
+    stiffness, damping = (np.real(matrix.diagonal())[~model.is_acoustic] for matrix in (model.K, model.C))
+    known = stiffness > 0.0
+    if not known.any() or not damping.any():
+        return None
+    shares = damping[known] / stiffness[known]
+    share = float(np.median(shares))
+    if np.mean(np.abs(shares - share) <= same * share) < most or not 0.0 < share < LARGE_LOSS:
+        return None
+    # Of a mode at omega the damping ratio is share * omega / 2.
+    return share if share * np.pi * band_hz[0] > 1.0 else None
 
 
 def _one_place(model: FeModel, responses: Sequence[tuple[str, int]]) -> Iterator[str]:
