@@ -15,15 +15,17 @@ from lrbc_cli.campaign.identification.copies import Earlier
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
+from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
+from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction import pardiso
-from lrbc_cli.updating.lines import too_wide
+from lrbc_cli.updating.lines import interpolated, missed, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -184,6 +186,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     lines = []
     readable: dict[str, Measurement] = {}
     held: dict[tuple[str, ...], str] = {}
+    chosen_lines, sparse = inputs.campaign.update.lines, list[str]()
     earlier, names = Earlier(inputs.statistics.validation), [response.name for response in inputs.responses]
     for name, job in inputs.campaign.jobs.items():
         try:
@@ -208,7 +211,19 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.warnings += measurement.warnings
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
+        empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
+        # Lines that are listed were chosen one by one.
+        if 2 * empty > count and isinstance(chosen_lines, EveryLine):
+            sparse.append(f"{name} ({empty} of {count})")
+        if straight := interpolated(measurement.values):
+            out.warnings.append(f"job {name}: {straight}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
+    if sparse and isinstance(chosen_lines, EveryLine):
+        out.warnings.append(
+            f"update.lines: {{every: {chosen_lines.every}}} leaves no line at most of the resonances, where "
+            f"changes show most: {', '.join(sparse)}; write lines: resonances"
+        )
+    out.warnings += other_lines(inputs.campaign.update.reference, readable)
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings
     lines += [note] if note else []

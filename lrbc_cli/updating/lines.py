@@ -83,6 +83,15 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
     return keep
 
 
+def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: Resonances = RESONANCES) -> tuple[int, int]:
+    """How many resonances of (F, R) FRFs have none of the selected lines, and how many there are."""
+    near = around_resonances(frequency_hz, measured, rule)
+    ends = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
+    lines = np.sort(selected)
+    empty = np.searchsorted(lines, ends[::2]) == np.searchsorted(lines, ends[1::2])
+    return int(empty.sum()), empty.size
+
+
 @dataclass(frozen=True)
 class Sharp:
     """Peaks of FRFs, those of them that fall far to both neighbouring lines, and whether responses have these at the same lines.
@@ -194,6 +203,35 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
         f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
         "a harder tip or a stronger blow"
     )
+
+
+def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:
+    """What to say of FRFs most lines of which lie on straight lines between those that were measured; None where all were.
+
+    Straight lines bend at the measured lines only. Whatever was measured, smooth or noisy, bends at one line as much as at another.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        On evenly spaced lines; NaN where a response was not measured.
+    most : int
+        Lines for a measured one that are looked for.
+    least : int
+        Bends at measured lines that are needed to tell.
+    straight : float
+        How much less nearly all others bend than nearly all of these; rounding to few digits leaves them so much.
+    """
+    known = measured[:, np.isfinite(measured).all(axis=0)]
+    bend = (np.abs(np.diff(known, n=2, axis=0)) / np.maximum(np.abs(known).mean(axis=0), np.finfo(float).tiny)).sum(axis=1)
+    for every in range(2, min(most, bend.size // least) + 1):
+        for first in range(every):
+            at = np.arange(bend.size) % every == first
+            if np.quantile(bend[~at], 0.9) < straight * np.quantile(bend[at], 0.25):
+                return (
+                    f"one of {every} lines was measured, it seems, the others are interpolated between them: peaks are cut off, and more "
+                    "lines count than were measured; export the lines as they were measured"
+                )
+    return None
 
 
 def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:

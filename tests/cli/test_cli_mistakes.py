@@ -69,7 +69,8 @@ def numbers(name: str, change: Rows, header: str | None = None, plain: str = "%.
         cells = [row.split(",") for row in rows]
         words = {"dofs": 3, "bolts": 1}.get(Path(name).stem, 0)
         values = change(np.array([[float(cell) for cell in row[words:]] for row in cells]))
-        lines = [",".join([*row[:words], *(plain % value for value in own)]) for row, own in zip(cells, values, strict=True)]
+        named = [row[:words] for row in cells] if words else [[] for _ in values]
+        lines = [",".join([*row, *(plain % value for value in own)]) for row, own in zip(named, values, strict=True)]
         return "\n".join([header or first, *lines]) + "\n"
 
     return text(name, change_text)
@@ -94,6 +95,12 @@ def gap(rows: np.ndarray) -> np.ndarray:
     rows = rows.copy()
     rows[100:300, 1:3] = np.nan
     return rows
+
+
+def quarter_lines(rows: np.ndarray) -> np.ndarray:
+    """Four lines for each that was measured, in between on straight lines."""
+    hz = np.arange(rows[0, 0], rows[-1, 0] + 0.1, 0.25)
+    return np.column_stack([hz, *(np.interp(hz, rows[:, 0], column) for column in rows[:, 1:].T)])
 
 
 def first_lines(share: float) -> Callable[[str], str]:
@@ -302,6 +309,47 @@ def other_face(folder: Folder) -> None:
     text("bushings.csv", lambda t: re.sub(r"(?m)^(B\d),(\d+)", lambda m: f"{m[1]},{above[int(m[2])]}", t))(folder)
 
 
+def without_springs(*bolts: str) -> Damage:
+    """The matrix of the plate as it was exported without springs of some bolts."""
+
+    def damage(folder: Folder) -> None:
+        dofs = (folder.data / "plate.dof").read_text().split()
+        table = [line.split(",") for line in (folder.data / "bushings.csv").read_text().splitlines()[1:]]
+        less = {
+            dofs.index(f"{node}.{('UX', 'UY', 'UZ').index(component) + 1}") + 1: float(k)
+            for bolt, node, _, component, k in table
+            if bolt in bolts
+        }
+        path = folder.data / "plate.sti.gz"
+        entries = np.loadtxt(io.StringIO(gzip.decompress(path.read_bytes()).decode()))
+        entries[:, 2] -= [less.get(int(i), 0.0) if i == j else 0.0 for i, j in entries[:, :2]]
+        path.write_bytes(gzip.compress("".join(f"{int(i)} {int(j)} {k:.13e}\n" for i, j, k in entries).encode()))
+
+    return damage
+
+
+def stretched(change: Callable[[float], float]) -> Damage:
+    """Coordinates along x of another state of the model, of the nodes alone."""
+
+    def nodes(content: str) -> str:
+        head, table, rest = re.split(r"(?<=NSET=ALL\n)|(?=\*ELEMENT)", content, maxsplit=2)
+        return head + re.sub(r"(?m)^(\d+), ([^,]+)", lambda m: f"{m[1]}, {change(float(m[2])):.6g}", table) + rest
+
+    return text("plate.inp", nodes)
+
+
+def few_digits(folder: Folder) -> None:
+    path = folder.data / "plate.sti.gz"
+    lines = (line.split() for line in gzip.decompress(path.read_bytes()).decode().splitlines())
+    path.write_bytes(gzip.compress("".join(f"{i} {j} {float(k):.3e}\n" for i, j, k in lines).encode()))
+
+
+def structural(folder: Folder) -> None:
+    stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
+    scipy.io.mmwrite(folder.data / "model/damping.mtx", 0.02 * stiffness, symmetry="symmetric")
+    folder.replace("data/model/damping.mtx.gz", "data/model/damping.mtx")
+
+
 def inverse(file: str) -> str:
     """Numerator and denominator exchanged in the header."""
     both = re.compile(r"( +12 +0 +0 +0 acceleration[^\n]*\n)( +13 +0 +0 +0 Force[^\n]*\n)")
@@ -316,6 +364,12 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "stiffness with four digits",
+    "nodes mirrored",
+    "nodes of an older design",
+    "matrix exported without its springs",
+    "matrix exported with a bolt missing",
+    "springs of one bolt at the node beside",
     "a loss factor of one",
     "bushings a thousand times too small beside a matrix without springs",
     "mass a thousand times too large where units are stated",
@@ -878,6 +932,190 @@ MISTAKES = [
         0,
         "no coherence of the job belongs to a response (x1, x2)",
         "name its columns",
+    ),
+    Mistake(
+        "bins counted from 1 in one job",
+        "frame",
+        numbers(FRFS[1], lambda r: r - np.eye(1, 9)),
+        0,
+        "its lines are not those of tight (470 lines from 30 to 499 Hz, there 471 lines from 30 to 500 Hz)",
+        "its file begins 1 Hz lower, with as many lines: were they counted from another first one? Correct its frequencies",
+    ),
+    Mistake(
+        "every other line left out in one job",
+        "frame",
+        numbers(FRFS[1], lambda r: r[::2]),
+        0,
+        "its lines are not those of tight (236 lines from 30 to 500 Hz, there 471 lines from 30 to 500 Hz)",
+        "measure or export it on the lines of tight",
+    ),
+    Mistake(
+        "lines interpolated",
+        "frame",
+        all_of(*(numbers(name, quarter_lines, plain="%.5g") for name in FRFS)),
+        0,
+        "job tight: one of 4 lines was measured, it seems",
+        "export the lines as they were measured",
+    ),
+    Mistake(
+        "a change that calls all bolts tight",
+        "plate",
+        config(("baselines: [tight-2]", "baselines: [tight-2]\n  loose_change: -3")),
+        0,
+        "calls a bolt tight that lost up to 99.9 %",
+        "leave loose_change out",
+    ),
+    Mistake(
+        "a prior that expects no change",
+        "frame",
+        config(("loss_scale: 1.0", "loss_scale: 1.0\n  prior_std: 0.01")),
+        0,
+        "-0.35 decades, is 35 standard deviations away",
+        "write auto",
+    ),
+    Mistake(
+        "bounds between which no bolt is loose",
+        "plate",
+        config(("bounds: [-3.0, 1.0]", "bounds: [-0.3, 1.0]")),
+        0,
+        "from the start value 0 no bolt can fall below -0.3",
+        "write a lower bound of -3 or less",
+    ),
+    Mistake(
+        "start value of springs in N/mm",
+        "plate",
+        config(("initial: 0.0", "initial: 3.0"), ("bounds: [-3.0, 1.0]", "bounds: [-3.0, 4.0]")),
+        0,
+        "parameters.bolts.initial: 3 starts at 1000 times the stiffnesses of bushings.csv",
+        "write initial: 0",
+    ),
+    Mistake(
+        "a loosened job as baseline",
+        "plate",
+        config(("baselines: [tight-2]", "baselines: [b5-loose]")),
+        0,
+        "job b5-loose: it is taken as tight, but lies",
+        "was all tight there? Take it out of update.baselines",
+    ),
+    Mistake(
+        "calibrated by a loosened job",
+        "plate",
+        config(("  job: tight-1", "  job: b5-loose")),
+        0,
+        "job b5-loose: it is taken as tight, but lies",
+        "and calibration.job",
+    ),
+    Mistake(
+        "matrix exported without its springs",
+        "plate",
+        without_springs("B1", "B2", "B3", "B4", "B5", "B6"),
+        0,
+        "the matrix holds none of the springs of bushings.csv",
+        "write parameters.bolts.baseline: 0, or export it with the springs",
+    ),
+    Mistake(
+        "matrix exported with a bolt missing",
+        "plate",
+        without_springs("B5"),
+        0,
+        "the matrix holds no spring at node 239 (B5), where bushings.csv has one",
+        "Export it with all of them, or correct the nodes in bushings.csv",
+    ),
+    Mistake(
+        "springs of one bolt at the node beside",
+        "plate",
+        text("bushings.csv", lambda t: t.replace("B4,233,", "B4,234,")),
+        0,
+        "the matrix holds no spring at node 234 UX (B4), but one of that stiffness at node 233",
+        "correct the nodes in bushings.csv (3 springs)",
+    ),
+    Mistake(
+        "node 0 for ground",
+        "plate",
+        text("bushings.csv", lambda t: t.replace(",,", ",0,")),
+        3,
+        "node 0 does not exist",
+        "leave node_b empty where a spring goes to ground",
+    ),
+    Mistake(
+        "bolts from the middle of the plate",
+        "plate",
+        numbers("bolts.csv", lambda r: r - [150.0, 100.0, 0.0]),
+        0,
+        "B5, B6 lie nearer to the springs of other bolts than to their own",
+        "from another origin, it seems: add (150, 100, 0) to all of them",
+    ),
+    Mistake(
+        "bolts counted from the other end",
+        "plate",
+        text("bolts.csv", lambda t: re.sub(r"(?m)^B([1346])", lambda m: f"B{dict(zip('1346', '3164', strict=True))[m[1]]}", t)),
+        0,
+        "B3 at the springs of B1, B1 at the springs of B3, B6 at the springs of B4, B4 at the springs of B6",
+        "exchange the names there, or in the table of the springs",
+    ),
+    Mistake(
+        "places of the terms from the other end",
+        "frame",
+        numbers("model/edge.csv", lambda r: r[::-1]),
+        0,
+        "the places in edge.csv lie up to 340 mm from the DOFs that their vectors act on",
+        "they fit in reverse order: reverse the rows",
+    ),
+    Mistake(
+        "one job hit at another node",
+        "plate",
+        text("frf/b5-loose.uff", lambda t: t.replace(" 393   3", " 399   3")),
+        0,
+        "b5-loose.uff: the hammer hit node 399, excitation.hammer is node 393 of the model",
+        "where it is this measurement alone, measure it again at node 393",
+    ),
+    Mistake(
+        "nodes of an older design",
+        "plate",
+        stretched(lambda x: 320.0 / 300.0 * x),
+        0,
+        "the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about y meets forces at 28%",
+        "give the nodes of the model that was exported",
+    ),
+    Mistake(
+        "nodes mirrored",
+        "plate",
+        stretched(lambda x: 300.0 - x),
+        0,
+        "the coordinates of the nodes are not those of the stiffness matrix",
+        "with x mirrored it does not: correct the coordinates",
+    ),
+    Mistake(
+        "stiffness with four digits",
+        "plate",
+        few_digits,
+        0,
+        "the numbers of the stiffness matrix have 5 digits or fewer",
+        "export the matrices with all digits",
+    ),
+    Mistake(
+        "structural damping for a viscous one",
+        "frame",
+        structural,
+        0,
+        "model.damping: the matrix is 0.02 times the stiffness, structural damping, it seems",
+        "write model.damping: {structure: {loss_factor: 0.02}}",
+    ),
+    Mistake(
+        "a repeat of another state",
+        "plate",
+        config(("data/frf/b5-loose.uff}", "data/frf/b5-loose.uff, repeats: [data/frf/tight-2.uff]}")),
+        0,
+        "b5-loose.uff: its repeat tight-2.uff lies 9.0 dB from it",
+        "take it out of jobs.b5-loose.repeats",
+    ),
+    Mistake(
+        "one line of a hundred",
+        "frame",
+        config(("lines: resonances", "lines: {every: 100}")),
+        0,
+        "update.lines: {every: 100} leaves no line at most of the resonances, where changes show most: tight (7 of 7), ",
+        "write lines: resonances",
     ),
 ]
 

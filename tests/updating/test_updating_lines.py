@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.lines import RESONANCES, resonance_lines, too_wide, unresolved
+from lrbc_cli.updating.lines import RESONANCES, interpolated, resonance_lines, too_wide, unresolved
 
 F = np.arange(20.0, 401.0)
 
@@ -161,3 +161,34 @@ def test_resonances_between_the_lines_are_no_noise() -> None:
     text = too_wide((f, many_modes(f, 3e-4)))
     assert text is not None
     assert text.startswith("lines too far apart: ")
+
+
+@pytest.mark.parametrize("every", [2, 3, 4, 8])
+def test_lines_on_straight_lines_are_told(every):
+    fine = np.arange(F[0], F[-1], 1.0 / every)
+    H, noise = modal(MODES, SHAPES), np.random.default_rng(0).normal(size=(F.size, 3))
+    H *= 1.0 + 0.01 * noise
+    between = np.column_stack([np.interp(fine, F, column) for column in H.T])
+    rounded = np.round(between / 1e-11) * 1e-11
+    for values in (between, rounded):
+        assert f"one of {every} lines was measured" in (interpolated(values) or "")
+
+
+def test_measured_lines_are_not_taken_for_interpolated_ones():
+    """Closely spaced, zero padded, noisy, of few digits, flat, partly missing: none bends at some lines only."""
+    H = modal(MODES, SHAPES, f=np.arange(20.0, 401.0, 0.1))
+    noise = np.random.default_rng(1).normal(size=(2, *H.shape))
+    padded = np.fft.fft(np.pad(np.fft.ifft(modal(MODES, SHAPES), axis=0), ((0, 3 * F.size), (0, 0))), axis=0)
+    holes = modal(MODES, SHAPES)
+    holes[100:300, 0] = np.nan
+    coarse = np.round(H / np.median(np.abs(H)), 1)
+    for values in (
+        H,
+        H + 1e-3 * np.abs(H).mean() * (noise[0] + 1j * noise[1]),
+        padded,
+        coarse,
+        np.ones((400, 2), dtype=complex),
+        holes,
+        H[:5],
+    ):
+        assert interpolated(values) is None

@@ -135,10 +135,7 @@ class _Job:
             # Its earlier result still serves.
             self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
             return None
-        if tight.frequency_hz.shape != self.measurement.frequency_hz.shape or not np.allclose(
-            tight.frequency_hz, self.measurement.frequency_hz, rtol=1e-6
-        ):
-            which = unlike(self.measurement.frequency_hz, tight.frequency_hz)
+        if which := unlike(self.measurement.frequency_hz, tight.frequency_hz):
             self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)

@@ -280,9 +280,10 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
         if node is not None and len(over) == 1 and not over & {None, node}:
             hit = over.pop()
             metres = _in_metres(inputs, inputs.campaign.excitation[name], hit)
+            fix = f"Correct excitation.{name}, or, where it is this measurement alone, measure it again at node {node}"
             found.append(
                 f"{called(job)}: the hammer hit node {hit}, excitation.{name} is node {node} of the model: "
-                f"{metres or f'are hammer and sensor exchanged? Correct excitation.{name}'}"
+                f"{metres or f'are hammer and sensor exchanged? {fix}'}"
             )
     return found
 

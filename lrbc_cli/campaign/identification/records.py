@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.likeness import LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
@@ -107,7 +108,14 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
                 found=_lines_text(other.frequency_hz),
                 hint="repeats are measured with the same settings; else make them jobs of their own",
             )
-    return _mean_of([first, *further])
+    found = _mean_of([first, *further])
+    strange = [
+        f"{called(job)}: its repeat {files[0].name} lies {away:.1f} dB from it, constants taken out: of another state, it seems; take it out "
+        f"of jobs.{name}.repeats, or write the file that was measured"
+        for files, other in zip(job.measurements[1:], further, strict=True)
+        if (away := float(np.median(apart(other.values, first.values)[inputs.used]))) > LEAST_DIFFERENCE
+    ]
+    return replace(found, warnings=(*found.warnings, *strange))
 
 
 def _same_lines(a: Floats, b: Floats) -> bool:
@@ -119,7 +127,9 @@ def _lines_text(axis: Floats) -> str:
 
 
 def unlike(axis: Floats, other: Floats) -> str:
-    """In what the lines of a measurement differ from those of another."""
+    """In what the lines of a measurement differ from those of another; empty where they are the same."""
+    if axis.shape == other.shape and np.allclose(axis, other, rtol=1e-6):
+        return ""
     here, there = _lines_text(axis), _lines_text(other)
     if here != there:
         return f"{here}, there {there}"

@@ -28,7 +28,7 @@ from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.confidence import Band, band
 from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
 from lrbc_cli.updating.levels import near_tie
-from lrbc_cli.updating.lines import too_wide
+from lrbc_cli.updating.lines import interpolated, too_wide
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
 
 Floats = NDArray[np.float64]
@@ -148,6 +148,8 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
+    if straight := interpolated(own.values):
+        return straight
     wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"
 

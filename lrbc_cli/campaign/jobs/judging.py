@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
+from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config import UpdateConfig
 from lrbc_cli.results.job import JobRecord
@@ -38,9 +39,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
     warnings += [*evidence.warnings, *suspects(judgement), *contradicted(inputs, name, judgement)]
-    if update.loose_change is not None and update.loose_change < -1.0:
-        lost = 100.0 * (1.0 - 10.0**update.loose_change)
-        warnings.append(f"update.loose_change: {update.loose_change:g} calls a bolt tight that lost up to {lost:.4g} % of its stiffness")
+    warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
     several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives]
     states = [f"states of nearly equal posterior probability, by their loose bolts: {'; or '.join(several)}"] if several else []

@@ -28,6 +28,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text
 from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.model_doubts import structural_share
 from lrbc_cli.campaign.reading.places import POWERS as POWERS_OF_UNITS
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
@@ -83,9 +84,9 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
-        # A matrix without what is subtracted from it is none to compare with.
+        # A matrix without what is subtracted from it is none to compare with, nor is one in which nothing oscillates.
         lacking = _lacking(inputs, source)
-        if lacking:
+        if lacking or structural_share(inputs.model, (low, high)) is not None:
             return lacking, ""
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:
@@ -142,6 +143,14 @@ def _looked_at(
             return {("damping",): text}
     if reading is not None:
         return {("read",): reading.text}
+    if beside and name in _taken_as_tight(inputs):
+        # What the model lacks in the reference job it lacks in another tight one, too.
+        own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
+        before = float(np.median(apart(own, states[0])))
+        freed = _looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
+        if freed:
+            apart_by = f"it is taken as tight, but lies {before:.1f} dB from {inputs.campaign.update.reference}"
+            return {("freed",): f"{apart_by}{freed} Take it out of update.baselines and calibration.job, or measure it again"}
     near = [*_nearest(few, states), *(state[0] for state in beside)]
     told: dict[tuple[object, ...], str] = {}
     exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
@@ -164,6 +173,12 @@ def _looked_at(
         away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)
         told |= {("level", i): text for i, text in away.items()}
     return told
+
+
+def _taken_as_tight(inputs: Inputs) -> set[str]:
+    """Jobs other than the reference job in which all bolts are taken as tight."""
+    campaign = inputs.campaign
+    return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
 
 
 def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
@@ -230,6 +245,8 @@ def _other_unit(
             times, unit = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
             found = f"{left[best]:.1f} dB apart with all stiffnesses of {file.name} times {times}, {before:.1f} dB as it is"
             fix = f"in another unit than `units: {unit}` says, it seems: multiply the stiffnesses there by {times}"
+            if np.abs(parameters.initial[where] + powers[best]).max() < 1.0:
+                fix = f"what the table says is right, the start value is not: write parameters.{group.name}.initial: 0"
             return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
     return {}
 

@@ -128,7 +128,7 @@ def _dof(table: BushingTable, dofs: DofTable, k: int, column: str, node: int, na
             place=f"{line}, column {column!r}",
             expected=expected,
             found=f"node {node}",
-            hint=numbers_text(dofs.node),
+            hint="leave node_b empty where a spring goes to ground" if column == "node_b" and node <= 0 else numbers_text(dofs.node),
         )
     raise DataError(
         f"node {node} has no DOF {name}",

@@ -174,7 +174,7 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
     ]
 
 
-def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str]) -> str | None:
+def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
     """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
 
     Parameters
@@ -184,6 +184,8 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
         Their places [m].
     owner : (m,) sequence of str
         The bolt of each.
+    unit : float
+        Of the file's coordinates [m].
     """
     names = [name for name in bolts.name if name in owner]
     xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
@@ -200,11 +202,21 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
     if not lost.size:
         return None
+    middles = np.array([springs[mask].mean(axis=0) for mask in own])
+    shift = np.median(middles - xyz, axis=0)
+    added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
     ways = {
         "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
         "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
         **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
     }
+    # One shift that puts every bolt nearer to its springs than the shift is long; names that change places among themselves.
+    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * np.linalg.norm(shift)
+    ways |= {f"from another origin, it seems: add ({added}) to all of them": xyz + shift} if moved else {}
+    nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
+    if sorted(nearest_to) == list(range(len(names))):
+        turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[:8])
+        ways[f"those of others ({turned}): exchange the names there, or in the table of the springs"] = xyz[np.argsort(nearest_to)]
     fix = next(
         (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
     )
@@ -237,10 +249,10 @@ def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> s
     distance = away(places)
     if distance is None:
         return None
-    fits = next((axes for axes, order in EXCHANGES.items() if away(places[:, order]) is None), None)
-    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: " + (
-        f"they fit with {fits} exchanged; exchange these columns" if fits else "correct the coordinates, or the order of the rows"
-    )
+    fixes = {f"they fit with {axes} exchanged; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
+    fixes["they fit in reverse order: reverse the rows, or, where the DOF table is mirrored, correct its coordinates"] = places[::-1]
+    fix = next((text for text, points in fixes.items() if away(points) is None), "correct the coordinates, or the order of the rows")
+    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: {fix}"
 
 
 def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:

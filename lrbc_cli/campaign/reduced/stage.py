@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.reading.doubts.springs import lacking_springs
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.model_doubts import lacking_springs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
@@ -156,7 +156,7 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
     group = max(inputs.groups, key=lambda one: float(each[one.terms].sum()))
     full, terms = inputs.model, inputs.model.terms
     exported = replace(full, K=(full.K + (terms.left * baseline) @ terms.right.T).tocsc())
-    hint = lacking_springs(exported, group, inputs.dofs) or (
+    hint = lacking_springs(exported, group, inputs.dofs, inputs.bolts) or (
         "leave out `baseline` where the matrix was exported without the springs; else give the stiffness that it holds"
     )
     raise DataError(

@@ -1,0 +1,58 @@
+"""Measurements whose lines are not those of the reference job, and why they may not be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lrbc_cli.campaign.identification.records import Measurement, unlike
+
+
+def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
+    """Warnings of measurements that lack the correction by the reference job, being on other lines.
+
+    Parameters
+    ----------
+    reference : str or None
+        Its name.
+    measurements : mapping
+        By job.
+    """
+    tight = measurements.get(reference or "")
+    found = []
+    for name, own in measurements.items() if tight is not None else ():
+        if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
+            continue
+        aside = shifted(own, tight)
+        found.append(
+            f"job {name}: its lines are not those of {reference} ({difference}): compared without correction by it, so that errors of the "
+            "model may pass for loose bolts; "
+            + (
+                f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
+                if aside
+                else f"measure or export it on the lines of {reference}"
+            )
+        )
+    return found
+
+
+def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
+    """By how much the first of as many evenly spaced lines lies beside that of another measurement, in words; empty where they differ more.
+
+    Parameters
+    ----------
+    own, other : Measurement
+    most : float
+        Lines. Who counts bins from 1, or leaves out the one at 0 Hz, is one line off, or half of one.
+    """
+    axes = [each.frequency_hz for each in (own, other)]
+    counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
+    steps = [np.diff(axis) for axis in axes]
+    if counts[0] != counts[1] or any(not step.size or not np.allclose(step, steps[1].mean(), rtol=1e-3) for step in steps):
+        return ""
+    step = float(steps[1].mean())
+    aside = float(axes[0][0] - axes[1][0]) - step * (own.left_out[0] - other.left_out[0])
+    if not 1e-3 * step < abs(aside) <= (most + 1e-3) * step:
+        return ""
+    return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"

@@ -1,0 +1,1 @@
+"""What contradicts itself in a campaign, by kind: its springs and the matrix, its settings."""

@@ -1,0 +1,107 @@
+"""Rigid motions that meet forces: coordinates of another model than the matrices, and numbers written with few digits."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.reading.dof_source import FEW, LEAST_DOFS, MOST_FILLED
+from lrbc_cli.campaign.reading.places import EXCHANGES
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
+
+
+def digits_doubt(
+    K: sp.csc_array, values: NDArray[np.number], component: NDArray[np.str_], *, most: int = 5, kinds: int = 200
+) -> str | None:
+    """A warning where rounding to few digits leaves forces that meet a rigid translation at nearly all DOFs, in words.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    values : (k,) array
+        Entries as the file has them.
+    component : (n,) array of str
+    most : int
+        Digits.
+    kinds : int
+        Different numbers from which on all of them have few digits because they were rounded, not because they are simple.
+    """
+    size = np.abs(values[values != 0]).astype(float)
+    scaled = size / 10.0 ** (np.floor(np.log10(size)) + 1.0 - most)
+    if not size.size or np.any(np.abs(scaled - np.round(scaled)) > 1e-6) or np.unique(np.round(scaled)).size < kinds:
+        return None
+    if K.shape[0] < LEAST_DOFS or _resting(K, component).mean() > FEW:
+        return None
+    return (
+        f"the numbers of the stiffness matrix have {most} digits or fewer, and rounding leaves forces where a rigid translation should "
+        "meet none: motions much softer than single entries are lost, with them the lowest frequencies; export the matrices with all "
+        "digits (12 or more)"
+    )
+
+
+def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str | None:
+    """A warning where a rigid rotation meets forces at DOFs where a translation meets none, in words: the coordinates are others.
+
+    A stretched, mirrored or exchanged axis is a uniform strain, which meets forces on surfaces only. Translations alone are looked at:
+    the rotation about the normal of a shell may be held as the FE program likes. DOFs in axes of their own meet forces in a translation,
+    and beside DOFs of unknown kind nobody knows what a rotation is.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    most : float
+        Share of those DOFs that may meet forces: at springs, constraints and loads of a model that is right some do.
+    """
+    if dofs.size < LEAST_DOFS or K.nnz > MOST_FILLED * dofs.size**2:
+        return None
+    strange = ~np.isin(dofs.component, (*COMPONENTS, ACOUSTIC_COMPONENT))
+    rows = _resting(K, dofs.component) & np.isin(dofs.component, COMPONENTS[:3]) & (np.abs(K) @ strange.astype(float) == 0.0)
+    if rows.sum() < LEAST_DOFS:
+        return None
+    shares = _turned(K, dofs, dofs.xyz, rows)
+    axis = max(shares, key=lambda name: shares[name], default="")
+    if not axis or shares[axis] <= most:
+        return None
+    ways = {f"{name} mirrored": dofs.xyz * np.where(np.arange(3) == k, -1.0, 1.0) for k, name in enumerate("xyz")}
+    ways |= {f"{axes} exchanged": dofs.xyz[:, order] for axes, order in EXCHANGES.items()}
+    fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
+    return (
+        f"the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about {axis} meets forces at "
+        f"{shares[axis]:.0%} of the DOFs where a translation meets none; "
+        + (f"with {fit} it does not: correct the coordinates" if fit else "give the nodes of the model that was exported, in its axes")
+    )
+
+
+def _resting(K: sp.csc_array, component: NDArray[np.str_], *, share: float = 1e-6) -> Bools:
+    """(n,) structural rows at which rigid translations meet no more than this share of the forces of their DOFs."""
+    rest: Bools = np.isin(component, COMPONENTS)
+    for label in COMPONENTS[:3]:
+        moved = (component == label).astype(float)
+        rest &= np.abs(K.real @ moved) <= share * (np.abs(K) @ moved)
+    return rest
+
+
+def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share: float = 1e-3) -> dict[str, float]:
+    """By axis, of the rows that a rigid rotation about it could load, those where it meets more than this share of the forces.
+
+    Coordinates are written with five digits or more, of which an element has four.
+    """
+    entries, found = K.real.tocsr()[np.flatnonzero(rows)].tocoo(), {}
+    away = xyz[entries.col] - xyz[rows][entries.row]
+    label = dofs.component[entries.col]
+    for axis, name in enumerate("xyz"):
+        turned = np.cross(np.eye(3)[axis], away)
+        motion = (label == COMPONENTS[3 + axis]).astype(float)
+        for k, shift in enumerate(COMPONENTS[:3]):
+            motion += np.where(label == shift, turned[:, k], 0.0)
+        force, size = (
+            np.bincount(entries.row, each, minlength=int(rows.sum())) for each in (entries.data * motion, np.abs(entries.data * motion))
+        )
+        loaded = size > 0.0
+        if loaded.any():
+            found[name] = float((np.abs(force[loaded]) > share * size[loaded]).mean())
+    return found

@@ -1,0 +1,74 @@
+"""Settings that contradict each other or leave no room for a loose bolt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.method import rule_of
+
+
+def setting_slips(campaign: Campaign) -> Iterator[str]:
+    """Warnings about settings, in words, each with what to do."""
+    yield from _tight_states(campaign)
+    lenient = lenient_text(campaign.update)
+    if lenient:
+        yield f"{lenient}: leave loose_change out, or write -0.5 for a third of the stiffness left"
+    yield from _narrow_prior(campaign.update)
+    yield from _ranges(campaign)
+
+
+def _tight_states(campaign: Campaign) -> Iterator[str]:
+    update, calibration = campaign.update, campaign.calibration
+    roles = [("update.reference", update.reference), *(("update.baselines", name) for name in update.baselines)]
+    roles += [("calibration.job", calibration.job)] if calibration is not None else []
+    for key, name in roles:
+        removed = campaign.jobs[name].removed if name in campaign.jobs else ()
+        if removed:
+            yield (
+                f"{key}: {name} is taken as the tight state, but jobs.{name}.removed says that {', '.join(removed)} "
+                f"{'is' if len(removed) == 1 else 'are'} missing there: name a job with all bolts tight, or correct `removed`"
+            )
+
+
+def lenient_text(update: UpdateConfig, *, most: float = -1.0) -> str:
+    """That a change that is given calls bolts tight that lost more than nine tenths; empty where it does not."""
+    if update.loose_change is None or update.loose_change >= most:
+        return ""
+    lost = 100.0 * (1.0 - 10.0**update.loose_change)
+    return f"update.loose_change: {update.loose_change:g} calls a bolt tight that lost up to {lost:.4g} % of its stiffness"
+
+
+def _narrow_prior(update: UpdateConfig, *, most: float = 4.0) -> Iterator[str]:
+    """A prior so narrow that the change at which a bolt counts as loose lies ``most`` standard deviations off: one in 30 000 is there."""
+    change = rule_of(update).mixture_change
+    if update.prior_std != "auto" and update.reference is not None and -change > most * update.prior_std:
+        yield (
+            f"update.prior_std: {update.prior_std:g} expects no change at all: the one from which on a bolt counts as loose, {change:g} "
+            f"decades, is {-change / update.prior_std:.0f} standard deviations away, so that loose bolts are not found: write auto"
+        )
+
+
+def _ranges(campaign: Campaign, *, far: float = 2.0) -> Iterator[str]:
+    """Start values of springs as if they were no multiples of the table, by ``far`` decades; bounds between which no bolt is loose."""
+    change = rule_of(campaign.update).mixture_change
+    for name, group in campaign.parameters.items():
+        file, start = group.select.bushings, group.initial
+        if file is not None and isinstance(start, float) and abs(start) >= far:
+            yield (
+                f"parameters.{name}.initial: {start:g} starts at {10.0**start:g} times the stiffnesses of {file.name}: values are log10 of "
+                "multiples of those, 0 is the stiffness of the table: write initial: 0, and bounds about 0"
+            )
+            continue
+        level = 0.0 if file is not None and start == "auto" else start
+        if group.kind != "stiffness" or campaign.update.reference is None or isinstance(level, str) or isinstance(group.bounds, str):
+            continue
+        low = float(np.min(group.bounds))
+        if low > level + change:
+            yield (
+                f"parameters.{name}.bounds: from the start value {level:g} no bolt can fall below {low:g}, and it counts as loose from a "
+                f"change of {change:g} decades on: write a lower bound of {level - 3.0:g} or less, a thousandth of the stiffness"
+            )

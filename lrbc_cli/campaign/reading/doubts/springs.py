@@ -1,0 +1,203 @@
+"""Springs of a table beside those that the stiffness matrix holds: in other units, twice, elsewhere or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.places import POWERS
+from lrbc_cli.config import Campaign
+from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.units import SI, USUAL_SYSTEMS, UnitSystem, parse_system
+
+#: Share of a spring's stiffness within which the matrix holds it.
+HELD = 0.01
+
+
+def held_springs(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> Iterator[str]:
+    """What the matrix holds of the springs that are updated: in other units, twice, or not at all."""
+    for group in groups:
+        held = [] if dofs is None or group.config.select.bushings is None else _held(model, group, dofs)
+        text = _unit_text(campaign, group, held)
+        if text is not None:
+            yield text
+        elif group.config.baseline < 1.0 and group.config.kind == "stiffness":
+            shares = [float(np.median(share)) for turns, share in held if not turns and share.size]
+            if any(abs(share - 1.0) < HELD for share in shares):
+                wrong = (
+                    f"a share of {1.0 - group.config.baseline:g} stays when one is gone" if group.config.baseline else "they count twice"
+                )
+                yield (
+                    f"parameters {group.name}: the stiffness matrix holds these springs already, so that {wrong}: "
+                    f"parameters.{group.name}.baseline: 1.0"
+                )
+        elif group.config.kind == "stiffness" and _exceeded(model, group):
+            yield f"parameters {group.name}: the baseline {group.config.baseline:g} is more than the stiffness matrix holds there"
+
+
+def lacking_springs(model: FeModel, group: TermGroup, dofs: DofTable | None, bolts: PointTable | None) -> str | None:
+    """Where the springs of a table are that the matrix does not hold as the table says, in words; None where that cannot be told.
+
+    Of translational springs to ground, by the forces that meet a rigid translation: for those who know already that something is missing.
+
+    Parameters
+    ----------
+    model : FeModel
+    group : TermGroup
+    dofs : DofTable or None
+    bolts : PointTable or None
+    """
+    file, baseline = group.config.select.bushings, group.config.baseline
+    if dofs is None or file is None or baseline <= 0.0:
+        return None
+    left = model.terms.left[:, group.terms].tocsc()
+    alone = np.flatnonzero(np.diff(left.indptr) == 1)
+    alone = alone[np.isin(dofs.component[left.indices[left.indptr[alone]]], COMPONENTS[:3])]
+    rows, stated = left.indices[left.indptr[alone]], baseline * left.data[left.indptr[alone]] ** 2
+    force = {name: model.K.real @ (dofs.component == name).astype(float) for name in COMPONENTS[:3]}
+    held = np.array([force[str(dofs.component[row])][row] for row in rows])
+    lacking = np.flatnonzero(held < (1.0 - HELD) * stated)
+    if not lacking.size:
+        return None
+    label = dofs.component[rows[lacking]]
+    known = [name for name in COMPONENTS[:3] if np.any(label == name)]
+    means = {name: tuple(float(np.median(each[lacking][label == name])) for each in (held, stated)) for name in known}
+    for first, second in combinations((name for name in COMPONENTS[:3] if np.any(dofs.component[rows] == name)), 2):
+        both = [dofs.component[rows] == name for name in (first, second)]
+        (have, want), (others, wanted) = ((float(np.median(held[at])), float(np.median(stated[at]))) for at in both)
+        if abs(want / wanted - 1.0) > HELD and abs(have / wanted - 1.0) < HELD and abs(others / want - 1.0) < HELD:
+            return f"the matrix holds the stiffness of {first} where {file.name} has that of {second}: exchange the two in {file.name}"
+    if np.all(np.abs(held[lacking]) < HELD * stated[lacking]):
+        return _absent(file.name, group, dofs, bolts, (rows, stated, lacking, group.parameter[alone]), force)
+    told = ", ".join(f"{have / want * baseline:.4g} times of {name}" for name, (have, want) in means.items())
+    return f"the matrix holds {told} what {file.name} says, {baseline:g} is stated: correct that table, or the baseline"
+
+
+def _absent(
+    table: str,
+    group: TermGroup,
+    dofs: DofTable,
+    bolts: PointTable | None,
+    springs: tuple[Integers, Floats, Integers, Integers],
+    force: Mapping[str, Floats],
+) -> str:
+    """What to do about springs that the matrix lacks: DOFs and stiffness of all, which of them are lacking, and the parameter of each."""
+    rows, stated, lacking, parameter = springs
+    if lacking.size == rows.size:
+        shares = [force[str(dofs.component[row])] / k for row, k in zip(rows[lacking], stated[lacking], strict=True)]
+        if not any(np.any(np.abs(share - 1.0) < HELD) for share in shares):
+            return (
+                f"the matrix holds none of the springs of {table}: it was exported without them, it seems: write "
+                f"parameters.{group.name}.baseline: 0, or export it with the springs"
+            )
+    k = int(lacking[0])
+    row, name = int(rows[k]), str(dofs.component[rows[k]])
+    there = np.flatnonzero((dofs.component == name) & (np.abs(force[name] / stated[k] - 1.0) < HELD))
+    there = there[~np.isin(there, rows)]
+    owners = () if bolts is None or group.bolt is None else (bolts.name[b] for b in group.bolt[parameter[lacking]].tolist() if b >= 0)
+    of = f" ({', '.join(dict.fromkeys(owners))})".replace(" ()", "")
+    if there.size:
+        away = np.linalg.norm(dofs.xyz[there] - dofs.xyz[row], axis=1)
+        other, gap = int(dofs.node[there[np.argmin(away)]]), 1e3 * float(away.min())
+        return (
+            f"the matrix holds no spring at node {dofs.node[row]} {name}{of}, but one of that stiffness at node {other}, {gap:.3g} mm "
+            f"away: correct the nodes in {table} ({lacking.size} springs)"
+        )
+    nodes = ", ".join(dict.fromkeys(str(dofs.node[at]) for at in rows[lacking[:6]]))
+    return (
+        f"the matrix holds no spring at node{'s' if ', ' in nodes else ''} {nodes}{of}, where {table} has one: was it exported with bolts "
+        f"missing? Export it with all of them, or correct the nodes in {table}"
+    )
+
+
+def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, Floats]]:
+    """What the matrix holds over what the table says, of translations and of rotations.
+
+    A rigid motion meets forces at springs to ground alone. Of a spring between two nodes that no element shares the matrix holds the
+    coupling of the two.
+    """
+    K, left = model.K.real, model.terms.left[:, group.terms].tocsc()
+    found: dict[bool, list[float]] = {False: [], True: []}
+    moved = {label: K @ (dofs.component == label).astype(float) for label in COMPONENTS[:3]}
+    for k in range(left.shape[1]):
+        at, size = left.indices[left.indptr[k] : left.indptr[k + 1]], left.data[left.indptr[k] : left.indptr[k + 1]]
+        labels = set(dofs.component[at].tolist())
+        turns = any(label.startswith("ROT") for label in labels)
+        if at.size == 2 and len(labels) == 1:
+            found[turns].append(float(K[at[0], at[1]] / (size[0] * size[1])))
+        elif at.size == 1:
+            row = int(at[0])
+            force = K[[row]] @ _turned(dofs, row) if turns else moved.get(str(dofs.component[row]), np.zeros(model.size))[[row]]
+            found[turns].append(float(force[0] / size[0] ** 2))
+    return [(turns, np.array(shares)) for turns, shares in found.items()]
+
+
+def _turned(dofs: DofTable, row: int) -> Floats:
+    """A rigid rotation about the axis of a rotational DOF, through its node."""
+    axis = np.eye(3)[("ROTX", "ROTY", "ROTZ").index(str(dofs.component[row]))]
+    motion = np.cross(axis, dofs.xyz - dofs.xyz[row])
+    found = np.zeros(dofs.size)
+    for i, (shift, turn) in enumerate((("UX", "ROTX"), ("UY", "ROTY"), ("UZ", "ROTZ"))):
+        found += np.where(dofs.component == shift, motion[:, i], 0.0) + np.where(dofs.component == turn, axis[i], 0.0)
+    return found
+
+
+def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, Floats]]) -> str | None:
+    """That the numbers of a table are in other units than the campaign states, by what the matrix holds of them."""
+    expected = group.config.baseline or 1.0
+    known = [(turns, float(np.median(share)) / expected) for turns, share in held if share.size and np.median(share) > 0.0]
+    stated = campaign.unit_system
+    others = [SI] if stated != SI else [parse_system(name) for name in USUAL_SYSTEMS]
+    for unit in others:
+        ratios = [(turns, share, _stiffness(unit, turns) / _stiffness(stated, turns)) for turns, share in known]
+        if not ratios or any(abs(share / ratio - 1.0) > HELD for _, share, ratio in ratios) or all(r == 1.0 for *_, r in ratios):
+            continue
+        kinds = [
+            f"{'rotational springs' if turns else 'translational springs'} are in {_name(unit, turns)}, it seems, not in "
+            f"{_name(stated, turns)}: {'divide' if ratio < 1.0 else 'multiply'} them by {max(ratio, 1.0 / ratio):g}"
+            for turns, _, ratio in ratios
+        ]
+        file, times = group.config.select.bushings, ratios[0][1]
+        table = file.name if file is not None else "the table"
+        return (
+            f"parameters {group.name}: the stiffness matrix holds {times:.4g} times what {table} says: "
+            f"{'; '.join(kinds)} (`units: {stated.text}` holds for that file too); or, where it is right, all of model.stiffness is "
+            f"{times:.4g} times what it should be"
+        )
+    return _thousands_text(campaign, group, [share for _, share in known])
+
+
+def _thousands_text(campaign: Campaign, group: TermGroup, shares: Sequence[float]) -> str | None:
+    """That the numbers of a table are off by thousands, by what the matrix holds of them, though in no usual units."""
+    file, times = group.config.select.bushings, next((10.0**b for b in POWERS if shares and abs(shares[0] / 10.0**b - 1.0) < HELD), 1.0)
+    if file is None or times == 1.0 or any(abs(share / times - 1.0) > HELD for share in shares):
+        return None
+    return (
+        f"parameters {group.name}: the stiffness matrix holds {times:g} times the springs of {file.name}, which have to be in "
+        f"{_name(campaign.unit_system, False)} (`units: {campaign.unit_system.text}`): multiply the stiffnesses there by {times:g}"
+    )
+
+
+def _stiffness(unit: UnitSystem, turns: bool) -> float:
+    return unit.force * unit.length if turns else unit.force / unit.length
+
+
+def _name(unit: UnitSystem, turns: bool) -> str:
+    names = {1.0: "N", 1e3: "kN", 4.4482216152605: "lbf"}
+    lengths = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in"}
+    force = next((name for size, name in names.items() if abs(unit.force / size - 1.0) < 1e-6), f"{unit.force:.4g} N")
+    length = next((name for size, name in lengths.items() if abs(unit.length / size - 1.0) < 1e-6), f"{unit.length:.4g} m")
+    return f"{force} {length}/rad" if turns else f"{force}/{length}"
+
+
+def _exceeded(model: FeModel, group: TermGroup) -> bool:
+    """Whether a baseline takes more than the matrix holds on a term's own DOFs."""
+    left, right = model.terms.left[:, group.terms], model.terms.right[:, group.terms]
+    share = np.asarray((left.multiply(model.K.real @ right)).sum(axis=0)).ravel()
+    norm = np.asarray((left.multiply(right)).sum(axis=0)).ravel() ** 2
+    return bool(np.any(share < group.config.baseline * norm * (1 - 1e-9)))

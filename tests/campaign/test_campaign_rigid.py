@@ -1,0 +1,145 @@
+"""Rigid motions of models that are right meet no forces, of whatever elements; coordinates of another model, and rounded numbers, do."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
+
+SHAPE = (5, 4, 3)
+STEEL = 210e9
+
+
+def places(seed: int = 0) -> np.ndarray:
+    """Nodes of a block, moved a little, as a file with six digits has them."""
+    rng = np.random.default_rng(seed)
+    xyz = np.array(list(itertools.product(*(np.arange(n) for n in SHAPE)))) * [0.03, 0.02, 0.025]
+    return np.round(xyz + rng.uniform(-0.003, 0.003, xyz.shape) + [0.4, 0.1, -0.2], 6)
+
+
+def number(*at: int) -> int:
+    return int(np.ravel_multi_index(at, SHAPE))
+
+
+def table(xyz: np.ndarray, labels: tuple[str, ...]) -> DofTable:
+    n = len(xyz)
+    return DofTable(np.repeat(np.arange(1, n + 1), len(labels)), np.tile(labels, n), np.repeat(xyz, len(labels), axis=0))
+
+
+def block(xyz: np.ndarray) -> sp.csc_array:
+    """Trilinear bricks."""
+    n, nu = len(xyz), 0.3
+    lame, shear = STEEL * nu / ((1 + nu) * (1 - 2 * nu)), STEEL / (2 * (1 + nu))
+    D = np.diag([2 * shear] * 3 + [shear] * 3)
+    D[:3, :3] += lame
+    K = np.zeros((3 * n, 3 * n))
+    signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+    for cell in itertools.product(*(range(k - 1) for k in SHAPE)):
+        nodes = [number(*(c + (s > 0) for c, s in zip(cell, sign, strict=True))) for sign in signs]
+        at = np.concatenate([[3 * k, 3 * k + 1, 3 * k + 2] for k in nodes])
+        for point in signs / np.sqrt(3.0):
+            terms = 1 + signs * point
+            slope = np.stack([signs[:, k] * np.delete(terms, k, axis=1).prod(axis=1) for k in range(3)]) / 8
+            jacobian = slope @ xyz[nodes]
+            g = np.linalg.solve(jacobian, slope)
+            B = np.zeros((6, 24))
+            for k in range(3):
+                B[k, k::3] = g[k]
+            for row, (a, b) in enumerate(((0, 1), (1, 2), (0, 2)), start=3):
+                B[row, a::3], B[row, b::3] = g[b], g[a]
+            K[np.ix_(at, at)] += B.T @ D @ B * np.linalg.det(jacobian)
+    return sp.csc_array(K)
+
+
+def frame(xyz: np.ndarray) -> sp.csc_array:
+    """Beams in space along the edges of the cells."""
+    K = np.zeros((6 * len(xyz),) * 2)
+    EA, EI, GJ = 1e7, (2e3, 5e3), 1e3
+    for at in itertools.product(*(range(k) for k in SHAPE)):
+        for axis in range(3):
+            end = [c + (k == axis) for k, c in enumerate(at)]
+            if end[axis] >= SHAPE[axis]:
+                continue
+            a, b = number(*at), number(*end)
+            x = xyz[b] - xyz[a]
+            length = float(np.linalg.norm(x))
+            x /= length
+            y = np.cross([0.3, 0.5, 0.8], x)
+            y /= np.linalg.norm(y)
+            R = np.kron(np.eye(4), np.array([x, y, np.cross(x, y)]))
+            k = np.zeros((12, 12))
+            for i, j, value in ((0, 6, EA / length), (3, 9, GJ / length)):
+                k[np.ix_((i, j), (i, j))] += value * np.array([[1, -1], [-1, 1]])
+            for stiff, at_dofs, sign in ((EI[0], (1, 5, 7, 11), 1), (EI[1], (2, 4, 8, 10), -1)):
+                h = sign * length
+                bend = np.array(
+                    [
+                        [12, 6 * h, -12, 6 * h],
+                        [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+                        [-12, -6 * h, 12, -6 * h],
+                        [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+                    ]
+                )
+                k[np.ix_(at_dofs, at_dofs)] += stiff / length**3 * bend
+            rows = [*range(6 * a, 6 * a + 6), *range(6 * b, 6 * b + 6)]
+            K[np.ix_(rows, rows)] += R.T @ k @ R
+    return sp.csc_array(K)
+
+
+MODELS = {"bricks": (block, COMPONENTS[:3]), "beams": (frame, COMPONENTS[:6])}
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_models_that_are_right_are_not_doubted(kind):
+    build, labels = MODELS[kind]
+    xyz = places()
+    K, dofs = build(xyz), table(xyz, labels)
+    assert places_doubt(K, dofs) is None
+    assert digits_doubt(K, K.data, dofs.component) is None
+    # Nor where some nodes are held, by springs in all directions, or fixed.
+    held = sp.csc_array(sp.diags_array(np.where(np.arange(dofs.size) < 40, K.diagonal().max(), 0.0)))
+    assert places_doubt(sp.csc_array(K + held), dofs) is None
+    kept = np.arange(30, dofs.size)
+    assert places_doubt(K[:, kept][kept], table(xyz[30 // len(labels) :], labels)) is None
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_coordinates_of_another_model_are_told(kind):
+    build, labels = MODELS[kind]
+    xyz = places()
+    K = build(xyz)
+    for other, says in (
+        (xyz * [1.0, 1.1, 1.0], "give the nodes"),
+        (xyz * [1.0, -1.0, 1.0], "with y mirrored"),
+        (xyz[:, [1, 0, 2]], "with x and y exchanged"),
+        (places(1), "give the nodes"),
+        (np.roll(xyz, 1, axis=0), "give the nodes"),
+    ):
+        text = places_doubt(K, table(other, labels))
+        assert text is not None
+        assert says in text
+
+
+def test_axes_of_each_node_tell_nothing():
+    """In cylindrical ones a translation of all nodes is no rigid motion."""
+    xyz = places()
+    K, dofs = block(xyz), table(xyz, COMPONENTS[:3])
+    angle = np.arctan2(xyz[:, 1], xyz[:, 0])
+    turns = [np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]]) for a in angle]
+    R = sp.block_diag(turns, format="csc")
+    assert places_doubt(sp.csc_array(R @ K @ R.T), dofs) is None
+
+
+def test_rounded_numbers_are_told_and_simple_ones_are_not():
+    xyz = places()
+    K, dofs = block(xyz), table(xyz, COMPONENTS[:3])
+    coarse = K.copy()
+    coarse.data = np.array([float(f"{value:.3e}") for value in K.data])
+    assert "5 digits or fewer" in (digits_doubt(coarse, coarse.data, dofs.component) or "")
+    chain = sp.csc_array(sp.diags_array([np.full(299, -1e5), np.full(300, 2e5), np.full(299, -1e5)], offsets=[-1, 0, 1]))
+    assert digits_doubt(chain, chain.data, np.full(300, "UX")) is None
