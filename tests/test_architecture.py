@@ -207,7 +207,12 @@ def test_sub_rooms_have_no_circle():
 def test_the_writer_of_results_only_writes():
     """What identifies, judges and compares stands before it, in steps of its own."""
     known = imports_of(ROOT / "campaign" / "jobs" / "results.py")
-    computing = ("lrbc_cli.updating", "lrbc_cli.campaign.identification", "lrbc_cli.campaign.jobs.judging", "lrbc_cli.campaign.jobs.shapes")
+    computing = (
+        "lrbc_cli.updating",
+        "lrbc_cli.campaign.identification",
+        "lrbc_cli.campaign.jobs.judging",
+        "lrbc_cli.campaign.updated.shapes",
+    )
     assert not [name for name in known if name.startswith(computing)]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import shutil
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,12 @@ def started(workers: int) -> LocalCluster:
 def address() -> Iterator[str]:
     with started(1) as found:
         yield found.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def workers(address: str) -> Iterator[Cluster]:
+    with cluster(address) as found:
+        yield found
 
 
 def numbers(folder: Folder, job: str) -> Any:
@@ -74,6 +79,15 @@ def test_a_lost_scheduler_costs_time_only(frame: Folder, caplog: pytest.LogCaptu
     assert "job tight: identified on this machine, the worker was lost" in caplog.text
 
 
+def test_jobs_of_a_campaign(frame: Folder, workers: Cluster) -> None:
+    """As many at a time as the workers have threads; the model is sent once."""
+    study = lrbc.load(frame.config, cache=frame.cache)
+    assert workers.slots == 1
+    assert workers._there(study.source) is workers._there(study.source)
+    found = workers.identify(study.inputs, study.source, "tight", None)
+    np.testing.assert_array_equal(found.solution.theta, study.identify("tight").identification.solution.theta)
+
+
 def test_what_is_given_up_is_not_begun_here(frame: Folder, address: str) -> None:
     study = lrbc.load(frame.config, cache=frame.cache)
     with cluster(address) as found:
@@ -103,21 +117,9 @@ class TestRefused:
         monkeypatch.setattr(remote, "IDENTIFICATION_VERSION", 0)
         with pytest.raises(ConfigError, match="cannot identify as this machine does") as told, cluster(address):
             pass
-        assert "identification 0" in told.value.message
+        assert "identification 0-" in told.value.message
 
     def test_workers_of_this_machine_beside_it(self, frame: Folder, address: str) -> None:
         outcome = frame.run("update", "--workers", "2", "--scheduler", address)
         assert outcome.code == 2
         assert "--workers" in outcome.stderr
-
-
-def test_slots(address: str) -> None:
-    with cluster(address) as found:
-        assert isinstance(found, Cluster)
-        assert found.slots == 1
-
-
-def test_a_model_is_sent_once(frame: Folder, address: str, tmp_path: Path) -> None:
-    study = lrbc.load(frame.config, cache=frame.cache)
-    with cluster(address) as found:
-        assert found._there(study.source) is found._there(study.source)

@@ -11,10 +11,10 @@ import pytest
 from campaigns import Folder, finished
 
 from lrbc_cli.campaign.identification.identify import identify
-from lrbc_cli.campaign.jobs.shapes import displacements, shapes_of
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction, with_rows
 from lrbc_cli.campaign.structure import drawn_dofs, structure_of
+from lrbc_cli.campaign.updated.shapes import displacements, shapes_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import read, write_json

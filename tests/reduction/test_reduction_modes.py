@@ -11,7 +11,7 @@ from samples import reduced_sample, sample
 from systems import duct, fe_model, unit, whole
 
 from lrbc_cli.campaign.identification.unknowns import layout
-from lrbc_cli.campaign.jobs.modes import polynomial
+from lrbc_cli.campaign.updated.modes import polynomial
 from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
 from lrbc_cli.reduction.reduced import ReducedModel
 

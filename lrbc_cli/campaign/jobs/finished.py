@@ -16,11 +16,11 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, beside_baselines, effective, evidence_of
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged
-from lrbc_cli.campaign.jobs.modes import modes_tree
-from lrbc_cli.campaign.jobs.shapes import shapes_of
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
+from lrbc_cli.campaign.updated.modes import modes_tree
+from lrbc_cli.campaign.updated.shapes import shapes_of
 from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.shapes import ShapesRecord
