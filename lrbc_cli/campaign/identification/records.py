@@ -110,8 +110,8 @@ def read_measurement(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
             )
     found = _mean_of([first, *further])
     strange = [
-        f"{called(job)}: its repeat {files[0].name} lies {away:.1f} dB from it, constants taken out: of another state, it seems; take it out "
-        f"of jobs.{name}.repeats, or write the file that was measured"
+        f"{called(job)}: its repeat {files[0].name} lies {away:.1f} dB from it, constants taken out: of another state, it seems; take it "
+        f"out of jobs.{name}.repeats, or write the file that was measured"
         for files, other in zip(job.measurements[1:], further, strict=True)
         if (away := float(np.median(apart(other.values, first.values)[inputs.used]))) > LEAST_DIFFERENCE
     ]
