@@ -364,6 +364,7 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "density of steel for aluminium",
     "stiffness with four digits",
     "nodes mirrored",
     "nodes of an older design",
@@ -1116,6 +1117,14 @@ MISTAKES = [
         0,
         "update.lines: {every: 100} leaves no line at most of the resonances, where changes show most: tight (7 of 7), ",
         "write lines: resonances",
+    ),
+    Mistake(
+        "density of steel for aluminium",
+        "frame",
+        matrix_times("mass.mtx.gz", 2.9),
+        0,
+        "measured and computed FRFs have little in common",
+        "it is too soft or too heavy (density, modulus, thickness, supports)",
     ),
 ]
 

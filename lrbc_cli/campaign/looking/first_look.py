@@ -26,7 +26,7 @@ from lrbc_cli.campaign.identification.likeness import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
-from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text
+from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import structural_share
 from lrbc_cli.campaign.reading.places import POWERS as POWERS_OF_UNITS
@@ -269,6 +269,7 @@ def _unlike(
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
             "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
             "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
+            f"{softness_text(measured, model)}"
             f"{_looser(inputs, measured, states, loosened, parameters, typical)}"
         )
     return told | _alone(inputs, every, "the model")

@@ -52,7 +52,7 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
     before : float
         How far levels are apart as it is, constants taken out, in the median over the responses [dB].
     """
-    seen, here = _resonances(measured), _resonances(computed)
+    seen, here = resonances(measured), resonances(computed)
     if max(seen, here) < MORE * min(seen, here):
         return None
     found: list[tuple[float, str, float, float]] = []
@@ -91,7 +91,7 @@ def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed:
     most : float
         How far levels may be apart then, constants taken out, in the median over the responses [dB].
     """
-    if _resonances(measured) < MORE * _resonances(computed):
+    if resonances(measured) < MORE * resonances(computed):
         return None
     plain, settings = inputs.model, inputs.campaign.reduction
     # Beside resonances damping changes little.
@@ -132,9 +132,18 @@ def _peaks(values: Complexes) -> Integers:
     return peaks_of(known.mean(axis=1), prominence=PROMINENCE) if known.size else np.zeros(0, dtype=np.int64)
 
 
-def _resonances(values: Complexes) -> int:
+def resonances(values: Complexes) -> int:
     """How many stand out of the mean level of the responses; one where none does."""
     return max(_peaks(values).size, 1)
+
+
+def softness_text(measured: Complexes, computed: Complexes) -> str:
+    """That the model has many more or fewer resonances than were measured, in a clause; empty where the numbers are alike."""
+    seen, here = resonances(measured), resonances(computed)
+    if max(seen, here) < MORE * min(seen, here):
+        return ""
+    wrong = "soft or too heavy" if here > seen else "stiff or too light"
+    return f"; {here} resonances of the model stand beside {seen} measured ones: it is too {wrong} (density, modulus, thickness, supports)"
 
 
 def _cases(inputs: Inputs, factor: float, s: Complexes, dynamic: Complexes) -> Iterator[tuple[str, float, Complexes, float]]:
