@@ -47,7 +47,7 @@ def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, 
     """What drifted, with standard deviations, as in ``result.json``."""
     tree: dict[str, Any] = {}
     stds = knowledge.std[knowledge.z.size :]
-    for nuisance, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
+    for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
         if nuisance.kind == "gain":
             tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
         elif nuisance.kind == "shift":

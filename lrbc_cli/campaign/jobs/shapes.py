@@ -58,13 +58,13 @@ def shapes_of(inputs: Inputs, stage: ReductionStage | None, result: Identificati
 def displacements(inputs: Inputs, stage: ReductionStage, result: Identification, s: Complexes, load: int) -> Complexes:
     """(F, k) displacements at the rows of the basis for a unit force at one load, with what drifted."""
     assert stage.rows is not None
-    extras = list(zip(result.posterior.extras, result.posterior.values, strict=True))
+    nuisances = list(zip(result.posterior.nuisances, result.posterior.values, strict=True))
     affine = AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts)
-    factors = {extra.name: float(np.exp(value)) for extra, value in extras if extra.kind == "factor"}
+    factors = {nuisance.name: float(np.exp(value)) for nuisance, value in nuisances if nuisance.kind == "factor"}
     offset = None if inputs.shifts is None else np.zeros(inputs.shifts.shape)
-    for extra, value in extras:
-        if extra.kind == "shift" and offset is not None:
-            offset[divmod(extra.index, 2)] = value
+    for nuisance, value in nuisances:
+        if nuisance.kind == "shift" and offset is not None:
+            offset[divmod(nuisance.index, 2)] = value
     one: Integers = np.zeros(len(stage.rows), dtype=np.int64)
     model = replace(
         affine.at(factors) if factors else affine.base,
