@@ -197,7 +197,7 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
     few = [e for e in nuisances(system) if e.kind != "gain"] + [
-        Nuisance(kind="gain", name="r2", index=1, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
+        Nuisance(kind="gain", name="r2", index=2, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
     ]
     model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
     theta = point(model)

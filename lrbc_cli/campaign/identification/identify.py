@@ -14,7 +14,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
+from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
@@ -243,14 +243,14 @@ class _Job:
 
     def _nuisances(self) -> tuple[Nuisance, ...]:
         """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
-        found = nuisances_of(self.inputs, self.inputs.campaign.update.nuisances)
+        update = self.inputs.campaign.update
         if self.against_reference:
-            return found
-        return tuple(one for one in found if one.kind == "shift") if self.name == self.inputs.campaign.update.reference else ()
+            return nuisances_of(self.inputs, update.nuisances)
+        return hits_of(self.inputs, update.nuisances) if self.name == update.reference else ()
 
     def _tight_frf(self) -> Complexes:
         """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
-        nuisances = tuple(one for one in nuisances_of(self.inputs, self.inputs.campaign.update.nuisances) if one.kind == "shift")
+        nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
         if not nuisances or self.source.stage is None or not self.tight_offsets:
             return self.model.frf(self.prior)
         affine = affine_model(self.inputs, self.source.stage)
@@ -350,17 +350,11 @@ class _Job:
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
-        drifted = [] if knowledge is None else list(zip(knowledge.nuisances, knowledge.values, strict=True))
-        shared = [(nuisance, value) for nuisance, value in drifted if nuisance.kind != "gain"]
-        if not shared or self.source.stage is None:
+        if knowledge is None or self.source.stage is None or all(one.kind == "gain" for one in knowledge.nuisances):
             return self.source.model(self.s, self.parameters).frf(theta)
         every = np.arange(len(self.inputs.responses))
-        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, [e for e, _ in shared], every)
-        y = model.frf(np.concatenate([theta, [v for _, v in shared]]))
-        for nuisance, value in drifted:
-            if nuisance.kind == "gain":
-                y[:, self.inputs.used[nuisance.index]] *= 10.0 ** (value / 20.0)
-        return y
+        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, knowledge.nuisances, every)
+        return model.frf(np.concatenate([theta, knowledge.values]))
 
 
 def identify(
