@@ -1,4 +1,4 @@
-"""Errors that a user can act on: what is wrong, where, what was expected and found, and how to mend it."""
+"""Errors that a user can act on: what is wrong, where, what was expected and found, and how to fix it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def on_one_line(error: Exception) -> str:
 
 
 def unwritten(error: BaseException | None) -> OSError | None:
-    """The failure of the file system behind an error, which time or space may mend; None where it is another."""
+    """The failure of the file system behind an error, which time or space may fix; None where it is another."""
     while error is not None and not isinstance(error, OSError):
         error = error.__cause__ or error.__context__
     return error
 
 
 def disk_is_full(error: OSError) -> bool:
-    """Whether more space would mend it."""
+    """Whether more space would fix it."""
     return error.errno in {errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG}
 
 
@@ -50,7 +50,7 @@ class LrbcError(Exception):
     expected, found
         What should have stood there, and what did.
     hint
-        How to mend it.
+        How to fix it.
     """
 
     exit_code, kind = 1, "internal"

@@ -416,7 +416,7 @@ def load(
     Raises
     ------
     ConfigError, DataError
-        Where the file or an input is wrong: one message with file, place, expected, found and how to mend it.
+        Where the file or an input is wrong: one message with file, place, expected, found and how to fix it.
 
     Examples
     --------

@@ -105,7 +105,7 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
 JUDGING = ("updating/decide.py", "updating/clearance.py", "campaign/jobs/judging.py")
 STAGES = {
     "reduction": ("model", "reduction"),
-    "identification": ("updating", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),
+    "identification": ("updating", "campaign/reading", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),
     "judgement": JUDGING,
 }
 

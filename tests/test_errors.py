@@ -8,8 +8,8 @@ from lrbc_cli.errors import LONGEST, ConfigError, DataError
 
 
 def test_all_parts() -> None:
-    error = DataError("wrong", file=Path("a") / "b", place="line 3", expected=3, found=[1, 2], hint="mend it")
-    assert str(error) == f"{Path('a') / 'b'}, line 3: wrong\n  expected: 3\n  found:    [1, 2]\n  fix:      mend it"
+    error = DataError("wrong", file=Path("a") / "b", place="line 3", expected=3, found=[1, 2], hint="put it right")
+    assert str(error) == f"{Path('a') / 'b'}, line 3: wrong\n  expected: 3\n  found:    [1, 2]\n  fix:      put it right"
     assert str(DataError("wrong")) == "wrong"
     assert ConfigError("wrong", place="--job").message == "--job: wrong"
 

@@ -14,7 +14,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import FILE, fitting, key_of, key_parts
 from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
-from lrbc_cli.campaign.identification.nuisances import nuisances_of
+from lrbc_cli.campaign.identification.nuisances import hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
@@ -30,7 +30,6 @@ from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
-from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import mean_misfit
 
 log = logging.getLogger(__name__)
@@ -199,7 +198,8 @@ def calibrate(
         now = replace(inputs, model=model, recipe=recipe)
         stage = obtain_reduction(now, folder, accept=accept, progress=progress)
         watch.lap("reduction")
-        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=_hammer(now))
+        hits = hits_of(now, now.campaign.update.nuisances)
+        problem = replace(problem, model=affine_model(now, stage), base=fit.factors, nuisances=hits)
         theta = fit.moved(problem)
     fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
@@ -255,15 +255,10 @@ def _first_problem(
         selected=selected,
         options=inputs.method.residual,
         sigma=sigma,
-        nuisances=_hammer(inputs),
+        nuisances=hits_of(inputs, inputs.campaign.update.nuisances),
         statistics=inputs.statistics,
     )
     return problem, tuple(notes)
-
-
-def _hammer(inputs: Inputs) -> tuple[Nuisance, ...]:
-    """Where the hammer hit, where that may be sought beside the factors."""
-    return tuple(nuisance for nuisance in nuisances_of(inputs, inputs.campaign.update.nuisances) if nuisance.kind == "shift")
 
 
 def _misfit(inputs: Inputs, measurement: Measurement, y: Complexes) -> float:

@@ -78,5 +78,5 @@ def _without_model(campaign: Campaign, first: LrbcError, as_json: bool) -> int:
     for message in errors:
         complain(message)
     if len(errors) > 1 and not as_json:
-        say(f"{len(errors)} things to mend; all other files can be read by themselves")
+        say(f"{len(errors)} things to fix; all other files can be read by themselves")
     return first.exit_code

@@ -47,7 +47,7 @@ PIPE_CLOSED = 141
 KINDS = {2: "usage", 3: "data", 4: "numerical", INTERRUPTED: "interrupted"}
 #: How long an interrupted run waits for what it is about to finish.
 GRACE_SECONDS = 5.0
-#: Errors of writing that more space or another place mends.
+#: Errors of writing that more space or another place fixes.
 NO_SPACE = {code for name in ("ENOSPC", "EDQUOT", "EFBIG") if (code := getattr(errno, name, None)) is not None}
 
 

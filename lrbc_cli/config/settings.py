@@ -201,7 +201,7 @@ class UpdateConfig(Strict):
         "what a mixture says.",
     )
     confidence: Annotated[float, Field(gt=0.5, lt=1)] = Field(
-        default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is undecided."
+        default=0.95, description="Probability that a verdict, loose or tight, needs; otherwise it is inconclusive."
     )
     largest_misfit: Positive = Field(
         default=3.0,

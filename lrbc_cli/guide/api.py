@@ -12,7 +12,7 @@ _INTRODUCTION = """# The interface for Python
 
 `import lrbc_cli as lrbc`. What stands here is what `lrbc_cli.__all__` exports, with the docstrings of the installed version; all else may
 change. The commands do the same through the same functions. `data_samples/notebooks` of the source shows a campaign, and bare matrices.
-Errors are `LrbcError`s: one message with file, place, what was expected and found, and how to mend it.
+Errors are `LrbcError`s: one message with file, place, what was expected and found, and how to fix it.
 """
 
 

@@ -24,7 +24,7 @@ EXPLICIT = 1e-9
 #: The same for the descriptor form; beyond it there is no usable state space.
 USABLE = 1e-6
 
-#: What is said of a complex matrix, and what mends it.
+#: What is said of a complex matrix, and what fixes it.
 HYSTERETIC = "a complex {} (hysteretic damping) has no real first-order form: it holds for harmonic motion only"
 VISCOUS = "export without --state-space, or give the model viscous damping (model.damping)"
 

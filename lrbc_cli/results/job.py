@@ -150,7 +150,7 @@ class ValidityRecord(Record):
 
 
 class NoiseRecord(Record):
-    """What the confidence rests on: scatter of the residuals [dB], and how many lines are worth one."""
+    """What the confidence rests on: scatter of the residuals [dB], and lines over their effective sample size."""
 
     sigma_db: float
     correlation_factor: float

@@ -118,7 +118,7 @@ class FactorProblem:
         """Rows of the penalty in standard deviations of the prior.
 
         The boundary is that of a state which is compared with nothing: its level is unknown, and neighbours or joints are alike. Where each
-        value was free for itself, those that the FRFs hardly feel took up what the model lacks elsewhere, and the factors followed.
+        value was free for itself, those that the FRFs hardly feel took up the model discrepancy elsewhere, and the factors followed.
         """
         P, values = self.parameters, self.statistics.values
         alike = penalty_rows(P, values.level_std**-2, values.std**-2)

@@ -381,7 +381,7 @@ def _by_role(
         return LOOSE if bolt.difference <= rule.loose_change else TIGHT, None, bolt.difference, None, None, None
     # Without a tight state nothing says that a bolt is tight: all may be loose.
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
-    note = "no tight state to compare with: loose by contrast with the other bolts, or undecided"
+    note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
     return LOOSE if loose else UNDECIDED, note, None, None, None, None
 
 

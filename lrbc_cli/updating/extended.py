@@ -24,7 +24,7 @@ class Nuisance:
     name : str
         Factor, response or load.
     index : int
-        Response among those compared, or ``2 load + direction``; 0 for factors.
+        Of the response among all, or ``2 load + direction``; 0 for factors.
     mean, std : float
         Gaussian prior.
     bounds : (float, float)
@@ -58,7 +58,8 @@ class ExtendedFrf:
     ) -> None:
         self.model, self.s, self.parameters, self.nuisances = model.restricted(responses), s, parameters, tuple(nuisances)
         self._factors = [(parameters.size + i, e.name) for i, e in enumerate(nuisances) if e.kind == "factor"]
-        self._gains = [(parameters.size + i, e.index) for i, e in enumerate(nuisances) if e.kind == "gain"]
+        at = responses.tolist()
+        self._gains = [(parameters.size + i, at.index(e.index)) for i, e in enumerate(nuisances) if e.kind == "gain"]
         self._shifts = [(parameters.size + i, e.index) for i, e in enumerate(nuisances) if e.kind == "shift"]
 
     @property

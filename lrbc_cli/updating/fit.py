@@ -27,8 +27,8 @@ class Posterior:
     Attributes
     ----------
     shapes : Shapes
-        The boundary unknowns z come first, ``extras`` after them.
-    extras : tuple of Nuisance
+        The boundary unknowns z come first, ``nuisances`` after them.
+    nuisances : tuple of Nuisance
     z, values : float arrays
         Optimum of both.
     covariance : (m + k, m + k) float array
@@ -46,7 +46,7 @@ class Posterior:
     """
 
     shapes: Shapes
-    extras: tuple[Nuisance, ...]
+    nuisances: tuple[Nuisance, ...]
     z: Floats
     values: Floats
     covariance: Floats
@@ -97,7 +97,7 @@ class Posterior:
 
     @property
     def std(self) -> Floats:
-        """(m + k,) standard deviations of z and of the extras."""
+        """(m + k,) standard deviations of z and of the nuisances."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
@@ -259,38 +259,38 @@ def follow_noise(
     return misfit, best, noise if best.theta is solution.theta else noise_of(misfit, best.evaluation, selected)
 
 
-def extended_misfit(misfit: Misfit, model: Sensitive, extras: Sequence[Nuisance], variance: float) -> Misfit:
+def extended_misfit(misfit: Misfit, model: Sensitive, nuisances: Sequence[Nuisance], variance: float) -> Misfit:
     """The same cost with further unknowns, each with its Gaussian prior.
 
     Parameters
     ----------
     misfit : Misfit
     model : ExtendedFrf
-    extras : sequence of Nuisance
+    nuisances : sequence of Nuisance
     variance : float
-        Of the noise: a standard deviation of an extra costs as much as one of the data.
+        Of the noise: a standard deviation of a nuisance costs as much as one of the data.
     """
-    # Without a prior of the boundary the rows of the extras still need a weight.
+    # Without a prior of the boundary the rows of the nuisances still need a weight.
     eta = misfit.eta or LEAST_ETA
-    rows = np.zeros((misfit.rows.shape[0] + len(extras), misfit.rows.shape[1] + len(extras)))
+    rows = np.zeros((misfit.rows.shape[0] + len(nuisances), misfit.rows.shape[1] + len(nuisances)))
     rows[: misfit.rows.shape[0], : misfit.rows.shape[1]] = misfit.rows
-    for i, extra in enumerate(extras):
-        rows[misfit.rows.shape[0] + i, misfit.rows.shape[1] + i] = np.sqrt(variance / eta) / extra.std
-    prior = np.concatenate([misfit.prior, [extra.mean for extra in extras]])
+    for i, nuisance in enumerate(nuisances):
+        rows[misfit.rows.shape[0] + i, misfit.rows.shape[1] + i] = np.sqrt(variance / eta) / nuisance.std
+    prior = np.concatenate([misfit.prior, [nuisance.mean for nuisance in nuisances]])
     return misfit.with_model(model, prior, rows, eta)
 
 
-def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequence[Nuisance], noise: Noise, prior: Floats) -> Posterior:
+def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, nuisances: Sequence[Nuisance], noise: Noise, prior: Floats) -> Posterior:
     """Covariance at the optimum.
 
     Parameters
     ----------
     misfit : Misfit
-        As it was minimised, extras included.
+        As it was minimised, nuisances included.
     solution : Solution
-        Theta with the extras behind it; its Jacobian is to z and the extras.
+        Theta with the nuisances behind it; its Jacobian is to z and the nuisances.
     shapes : Shapes
-    extras : sequence of Nuisance
+    nuisances : sequence of Nuisance
     noise : Noise
     prior : (size,) float array
         Of theta.
@@ -317,5 +317,5 @@ def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, extras: Sequen
     spread[held] = shapes.std[held] * np.sqrt(noise.variance / (misfit.eta or 1.0))
     values, covariance = solution.theta[size:], np.asarray(noise.variance * inverse)
     return Posterior(
-        shapes=shapes, extras=tuple(extras), z=z, values=values, covariance=covariance, noise=noise, prior_std=spread, told=told
+        shapes=shapes, nuisances=tuple(nuisances), z=z, values=values, covariance=covariance, noise=noise, prior_std=spread, told=told
     )

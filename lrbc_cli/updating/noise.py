@@ -1,4 +1,4 @@
-"""How far the residuals scatter, and how many of them are worth one: most of what is left is model error, which neighbours share."""
+"""How far the residuals scatter, and their effective sample size: most of what is left is model error, which neighbours share."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Noise:
 def validation_ratio(validation_db: float | None, used_db: float | None) -> float:
     """How many times larger than the residuals the errors of the model are, by responses that were not fitted; at least 1.
 
-    Unknowns take up part of what the model lacks, so that the residuals of the channels used tell less than that. Where the two misfits
+    Unknowns take up part of the model discrepancy, so that the residuals of the channels used tell less than that. Where the two misfits
     agree, they tell it. On virtual rigs the errors of identified changes grow with this ratio as the residuals do not.
 
     Parameters

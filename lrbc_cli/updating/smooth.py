@@ -97,7 +97,7 @@ def smoothed_costs(
     frequency_hz : (F,) float array
     measured : (F, R) complex array
     tight : (F, R) complex array or None
-        Measurement of the state that is the prior: what the model lacks there, it mostly lacks in other states too.
+        Measurement of the state that is the prior: its model discrepancy is mostly that of other states too.
     prior : CalibrationPrior
         Its widths.
 

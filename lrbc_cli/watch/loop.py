@@ -94,7 +94,7 @@ class Watch:
     failed : set
         Jobs without a verdict, though they were measured.
     unusable : dict
-        Of these what is wrong with their files, for the page, until they are mended or taken away.
+        Of these what is wrong with their files, for the page, until they are fixed or taken away.
     """
 
     session: Session
@@ -251,8 +251,8 @@ class Watch:
         new = [other for other in (*outcome.results, *outcome.failed) if other not in outcome.kept]
         self.findings |= {other: record.finding for other, record in outcome.results.items()}
         self.failed -= set(outcome.results)
-        mended = [other for other in (name, *outcome.results) if self.unusable.pop(other, None) is not None]
-        if new or mended:
+        fixed = [other for other in (name, *outcome.results) if self.unusable.pop(other, None) is not None]
+        if new or fixed:
             self._page(figures=False)
         for other in new:
             record = outcome.results.get(other) or read_job(session.output, other)
@@ -284,7 +284,7 @@ class Watch:
         assert cause is not None
         what = "the disk is full" if disk_is_full(cause) else f"the results cannot be written ({cause.strerror or cause})"
         if self.arrivals.later(name, time.monotonic(), self.pace.retry):
-            do = f"make room on the disk of {self.session.output}" if disk_is_full(cause) else f"mend that in {self.session.output}"
+            do = f"make room on the disk of {self.session.output}" if disk_is_full(cause) else f"fix that in {self.session.output}"
             self.say(f"{name}: {what}; the measurement is kept where it is, and judged as soon as it can be: {do}")
             self._outdate(f"{name} is measured and not judged, {what}: {do}, and it catches up by itself while lrbc watch runs")
         if once:
@@ -310,7 +310,7 @@ class Watch:
             self._undrawn, self._page_again = True, time.monotonic() + self.pace.retry
             self._once(f"the page is not written: {error}")
             problem = error.problem if isinstance(error, LrbcError) else str(error)
-            self._outdate(f"{problem}; it is written anew as soon as that is mended, while lrbc watch runs")
+            self._outdate(f"{problem}; it is written anew as soon as that is fixed, while lrbc watch runs")
 
     def _outdate(self, why: str) -> None:
         outdate(self.session.output / "report.html", why)

@@ -58,7 +58,7 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
 
 def unusable(job: str, error: Exception) -> Verdict:
     """Of a job whose files cannot be read."""
-    return Verdict(job, "unusable", 3, f"{job}: no verdict, measure again or mend the file: {error}")
+    return Verdict(job, "unusable", 3, f"{job}: no verdict, measure again or fix the file: {error}")
 
 
 class Hook:

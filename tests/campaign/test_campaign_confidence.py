@@ -123,12 +123,12 @@ NUISANCES = ("update.nuisances.temperature=2.0", "update.nuisances.gain=0.3", "u
 def drifted(made: Made, theta: np.ndarray, kelvin: float, gains: np.ndarray, offset: float) -> np.ndarray:
     """FRFs with warmer air, gains [dB] and a hammer beside its node."""
     every = np.arange(len(made.study.responses))
-    extras = [
+    nuisances = [
         Nuisance(kind="factor", name="sound_speed", index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)),
         Nuisance(kind="shift", name="hammer", index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)),
     ]
     affine = affine_model(made.study.inputs, made.study.stage)
-    model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, extras, every)
+    model = ExtendedFrf(affine, 2j * np.pi * made.hz, made.parameters, nuisances, every)
     speed = 0.5 * np.log1p(kelvin / 293.15)
     return model.frf(np.concatenate([theta, [speed, offset]])) * 10.0 ** (gains / 20.0)
 

@@ -354,7 +354,7 @@ def test_places_to_fill_in_are_refused_until_they_are(tmp_path: Path) -> None:
     assert refused.code == 2
     for text in (".near: places that are not filled in yet", "excitation hammer", "responses acc1, acc2, acc3, acc4", "fix:"):
         assert text in refused.stderr
-    # All that is to be mended, in the files too.
+    # All that is to be fixed, in the files too.
     (files / "tight.csv").write_text("nothing\n")
     told = folder.run("check")
     assert told.code == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,6 +27,12 @@ def test_every_topic_of_the_list_is_a_page(topic: str) -> None:
     text = shown(topic)
     assert text.startswith("# ")
     assert text.endswith("\n")
+
+
+def test_the_readme_lists_every_topic() -> None:
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    table = text.split("## The guide")[1].split("##")[0]
+    assert set(re.findall(r"`([a-z]+)`", table.split("| --- | --- |")[1])) == set(guide.TOPICS)
 
 
 def properties(node: Any) -> set[str]:

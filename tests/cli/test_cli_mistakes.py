@@ -1165,7 +1165,7 @@ def test_every_wrong_response_and_group_is_told_at_once(tmp_path: Path) -> None:
     assert result.code == 2
     for part in ("node 9001", "node 9002", "responses.acc4.row", "left_edge.select.box"):
         assert result.stderr.count(part + " ") or result.stderr.count(part + ":"), result.stderr
-    assert "4 things to mend" in result.stdout
+    assert "4 things to fix" in result.stdout
 
 
 def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:

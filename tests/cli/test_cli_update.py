@@ -412,7 +412,7 @@ def test_one_failing_job_leaves_the_others(tmp_path: Path) -> None:
     assert rows["loose-2"]["finding"] == "no verdict: failed"
     assert folder.run("report", "--job", "loose-2").code == 0
     assert "loose-2.csv" in (folder.out / "report.html").read_text()
-    # 5 comes before 6, and stays until the file is mended.
+    # 5 comes before 6, and stays until the file is fixed.
     assert folder.run("update", "--fail-on-loose").code == 5
     told = folder.run("update", "--json")
     assert told.code == told.json["exit_code"] == 5

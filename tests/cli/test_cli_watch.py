@@ -187,7 +187,7 @@ def test_a_full_disk_loses_nothing(begun: Folder, tmp_path: Path) -> None:
         run.until(lambda: b"loose-2: " in (folder.out / "report.html").read_bytes() and not outdated(folder.out / "report.html"))
 
 
-def test_what_cannot_be_used_is_on_the_page_until_it_is_mended(begun: Folder, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_on_the_page_until_it_is_fixed(begun: Folder, tmp_path: Path) -> None:
     folder = begun.copy(tmp_path / "frame")
     frf, waiting, said = folder.data / "frf", folder.path / "waiting", list[str]()
     watch = Watch(
@@ -217,7 +217,7 @@ def test_what_cannot_be_used_is_on_the_page_until_it_is_mended(begun: Folder, tm
     assert "third.csv" in found["third"][1]
     assert "other.dat" in found["beside"][0]
     assert "other.dat" in folder.run("status").stdout
-    # One is mended, one taken away, and so is the other file.
+    # One is fixed, one taken away, and so is the other file.
     shutil.copy(waiting / "loose-2.csv", frf)
     (frf / "third.csv").unlink()
     (frf / "other.dat").unlink()
@@ -253,7 +253,7 @@ def test_files_that_stay_unusable_are_told(begun: Folder, tmp_path: Path) -> Non
     assert found.stderr.count("second.dat") == 1
     assert "add '*.dat' there" in found.stderr
     assert found.code == 5
-    assert "half: no verdict, measure again or mend the file" in found.stdout
+    assert "half: no verdict, measure again or fix the file" in found.stdout
     assert "loose-all: B1 to B6 loose" in found.stdout
     assert folder.result("loose-all")["removed"] == ["B1"]
     assert not (folder.out / "half").exists()

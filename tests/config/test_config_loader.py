@@ -1,4 +1,4 @@
-"""A campaign is loaded as written, or refused with one message that says where and how to mend it."""
+"""A campaign is loaded as written, or refused with one message that says where and how to fix it."""
 
 from __future__ import annotations
 

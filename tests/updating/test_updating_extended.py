@@ -94,7 +94,7 @@ class System:
         return direct_frf(model, S, self.parameters.dynamic(theta, S), self.input_of)
 
 
-def extras(system: System) -> list[Nuisance]:
+def nuisances(system: System) -> list[Nuisance]:
     found = [Nuisance(kind="factor", name=name, index=0, mean=0.0, std=0.1, bounds=(-1.0, 1.0)) for name in system.recipe.names]
     found += [Nuisance(kind="gain", name=f"r{i}", index=i, mean=0.0, std=0.3, bounds=(-5.0, 5.0)) for i in range(system.input_of.size)]
     found += [Nuisance(kind="shift", name=f"h{k // 2}", index=k, mean=0.0, std=0.003, bounds=(-1.0, 1.0)) for k in range(4)]
@@ -127,7 +127,7 @@ def point(model: ExtendedFrf, seed: int = 1) -> np.ndarray:
 
 def build(system: System, responses: np.ndarray | None = None) -> ExtendedFrf:
     every = np.arange(system.input_of.size)
-    return ExtendedFrf(system.affine, S, system.parameters, extras(system), every if responses is None else responses)
+    return ExtendedFrf(system.affine, S, system.parameters, nuisances(system), every if responses is None else responses)
 
 
 def test_factors_cover_every_kind() -> None:
@@ -149,7 +149,7 @@ def test_it_is_the_full_model(system: System) -> None:
     np.testing.assert_allclose(model.frf(theta), expected, rtol=1e-8)
 
 
-def test_without_extras_it_is_the_model_as_it_is(system: System) -> None:
+def test_without_nuisances_it_is_the_model_as_it_is(system: System) -> None:
     model = ExtendedFrf(system.affine, S, system.parameters, [], np.arange(system.input_of.size))
     expected = direct_frf(system.model, S, system.parameters.dynamic(system.own, S), system.input_of)
     np.testing.assert_allclose(model.frf(system.own), expected, rtol=1e-8)
@@ -196,8 +196,8 @@ def test_logarithmic_derivatives(system: System, phase: bool) -> None:
 
 def test_some_of_the_responses(system: System) -> None:
     chosen = np.array([0, 2])
-    few = [e for e in extras(system) if e.kind != "gain"] + [
-        Nuisance(kind="gain", name="r2", index=1, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
+    few = [e for e in nuisances(system) if e.kind != "gain"] + [
+        Nuisance(kind="gain", name="r2", index=2, mean=0.0, std=0.3, bounds=(-5.0, 5.0))
     ]
     model = ExtendedFrf(system.affine, S, system.parameters, few, chosen)
     theta = point(model)
@@ -232,7 +232,7 @@ def test_unsymmetric_models_have_the_same_derivatives() -> None:
     base = system.affine.base
     right = np.roll(base.right, 1, axis=0)
     affine = AffineModel(ReducedModel(**{**vars(base), "right": right}), system.recipe, system.affine.shifts)
-    model = ExtendedFrf(affine, S, system.parameters, extras(system), np.arange(3))
+    model = ExtendedFrf(affine, S, system.parameters, nuisances(system), np.arange(3))
     theta = point(model)
     _, J = model.derivatives(theta)
     scale = 1.0 / np.abs(model.frf(theta)).mean(axis=0)
@@ -247,7 +247,7 @@ def test_the_air_is_condensed_beside_a_lossy_structure() -> None:
         turned = system.affine.diagonalised()
         base = turned.base
         assert air_is_diagonal(base.K, base.C, base.M, base.structure, base.left, base.right)
-        found = [ExtendedFrf(model, S, system.parameters, extras(system), np.arange(4)) for model in (turned, system.affine)]
+        found = [ExtendedFrf(model, S, system.parameters, nuisances(system), np.arange(4)) for model in (turned, system.affine)]
         theta = point(found[0])
         for a, b in zip(*(model.derivatives(theta) for model in found), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9 * np.abs(b).max())

@@ -178,11 +178,11 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     case = Case(8, strength=0.2)
     misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1])).with_eta(eta)
     variance = SIGMA**2
-    extras = tuple(
+    nuisances = tuple(
         Nuisance(kind="gain", name=f"r{i}", index=i, mean=mean, std=0.3, bounds=(-9.0, 9.0)) for i, mean in enumerate((0.0, 0.2))
     )
     model = _WithGain(case.model, (0, 1))
-    extended = extended_misfit(misfit, model, extras, variance)
+    extended = extended_misfit(misfit, model, nuisances, variance)
     size, m = case.parameters.size, case.shapes.T.shape[1]
     T = np.zeros((size + 2, m + 2))
     T[:size, :m], T[size:, m:] = case.shapes.T, np.eye(2)
@@ -194,7 +194,7 @@ def test_further_unknowns_have_their_priors(eta: float) -> None:
     mean = np.linalg.solve(precision, J.T @ data / variance)
     np.testing.assert_allclose(found.theta, mean, rtol=1e-5, atol=1e-7)
     end = replace(found, theta=level.theta(found.theta))
-    known = posterior(extended, end, case.shapes, extras, Noise(SIGMA, 1.0), case.prior)
+    known = posterior(extended, end, case.shapes, nuisances, Noise(SIGMA, 1.0), case.prior)
     np.testing.assert_allclose(known.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(known.values, mean[m:] + np.array([0.0, 0.2]), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(known.z, mean[:m], rtol=1e-5, atol=1e-6)

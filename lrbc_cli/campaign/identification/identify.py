@@ -14,7 +14,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import nuisances_of, stored_offsets
+from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of, stored_offsets
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
@@ -90,8 +90,8 @@ class _Job:
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
         # A change is the difference of two states, each as wrong as the reference state.
-        lacks = max(reference.noise.sigma_db, reference.misfit_db.final)
-        most = float(np.sqrt(2.0)) * lacks
+        discrepancy = max(reference.noise.sigma_db, reference.misfit_db.final)
+        most = float(np.sqrt(2.0)) * discrepancy
         lines = self.measurement.frequency_hz[self.selected]
         here, size, errors = self.model.frf, self.parameters.size, self.statistics.errors
         return ChangeError(most=most, here=here, nearby=nearby.frf, frequency_hz=lines, step_hz=step, size=size, errors=errors)
@@ -124,7 +124,7 @@ class _Job:
     def corrected(self) -> Complexes | None:
         """The same times what the model at the reference state has over the reference measurement, where both are known.
 
-        What the model lacks in the tight state it mostly lacks in the others too; a small change then shows above it.
+        The model discrepancy of the tight state is mostly that of the others too; a small change then shows above it.
         """
         reference = self.inputs.campaign.update.reference
         if not self.against_reference or reference is None:
@@ -238,21 +238,21 @@ class _Job:
             return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
         return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
 
-    def _extras(self) -> tuple[Nuisance, ...]:
+    def _nuisances(self) -> tuple[Nuisance, ...]:
         """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
-        found = nuisances_of(self.inputs, self.inputs.campaign.update.nuisances)
+        update = self.inputs.campaign.update
         if self.against_reference:
-            return found
-        return tuple(extra for extra in found if extra.kind == "shift") if self.name == self.inputs.campaign.update.reference else ()
+            return nuisances_of(self.inputs, update.nuisances)
+        return hits_of(self.inputs, update.nuisances) if self.name == update.reference else ()
 
     def _tight_frf(self) -> Complexes:
         """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
-        extras = tuple(extra for extra in nuisances_of(self.inputs, self.inputs.campaign.update.nuisances) if extra.kind == "shift")
-        if not extras or self.source.stage is None or not self.tight_offsets:
+        nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
+        if not nuisances or self.source.stage is None or not self.tight_offsets:
             return self.model.frf(self.prior)
         affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
-        return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(extra.name, 0.0) for extra in extras]]))
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
+        return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
 
     def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
         """The same with what may have drifted since the reference job, from here and from the reference state.
@@ -260,18 +260,18 @@ class _Job:
         Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
         the noise variance that needs no further round.
         """
-        extras = self._extras()
-        if not extras:
+        nuisances = self._nuisances()
+        if not nuisances:
             return fit
         # The campaign file is refused where it asks for drift of the full model.
         assert self.source.stage is not None
         affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, extras, self.inputs.used)
+        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
         noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
-        T = np.zeros((model.size, self.shapes.T.shape[1] + len(extras)))
+        T = np.zeros((model.size, self.shapes.T.shape[1] + len(nuisances)))
         T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
-        T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(extras))
-        misfit = extended_misfit(fit.misfit, model, extras, noise.variance)
+        T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(nuisances))
+        misfit = extended_misfit(fit.misfit, model, nuisances, noise.variance)
         level = Level(misfit, misfit.prior, T)
         box = level.bounds(model.bounds)
 
@@ -280,7 +280,7 @@ class _Job:
             return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
 
         # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
-        first = np.concatenate([fit.knowledge.z, np.zeros(len(extras))])
+        first = np.concatenate([fit.knowledge.z, np.zeros(len(nuisances))])
         begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
         evaluations = fit.evaluations + sum(found.evaluations for found in begun)
         found = min(begun, key=lambda end: end.evaluation.total)
@@ -293,13 +293,13 @@ class _Job:
                 break
             base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
             noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
-            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, extras, noise.variance)
+            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, nuisances, noise.variance)
             level = Level(misfit, misfit.prior, T)
         best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, steps))
         evaluations += best.evaluations - found.evaluations
         found = replace(best, theta=level.theta(best.theta))
         noise = noise_of(misfit, found.evaluation, self.selected)
-        knowledge = posterior(misfit, found, self.shapes, extras, noise, self.prior)
+        knowledge = posterior(misfit, found, self.shapes, nuisances, noise, self.prior)
         history = fit.solution.history
         solution = replace(
             found,
@@ -347,17 +347,11 @@ class _Job:
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
-        shared = [] if knowledge is None else [(e, v) for e, v in zip(knowledge.extras, knowledge.values, strict=True) if e.kind != "gain"]
-        if not shared or self.source.stage is None:
+        if knowledge is None or self.source.stage is None or all(one.kind == "gain" for one in knowledge.nuisances):
             return self.source.model(self.s, self.parameters).frf(theta)
         every = np.arange(len(self.inputs.responses))
-        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, [e for e, _ in shared], every)
-        y = model.frf(np.concatenate([theta, [v for _, v in shared]]))
-        assert knowledge is not None
-        for extra, value in zip(knowledge.extras, knowledge.values, strict=True):
-            if extra.kind == "gain":
-                y[:, self.inputs.used[extra.index]] *= 10.0 ** (value / 20.0)
-        return y
+        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, knowledge.nuisances, every)
+        return model.frf(np.concatenate([theta, knowledge.values]))
 
 
 def identify(

@@ -19,23 +19,28 @@ from lrbc_cli.updating.fit import Posterior
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
     """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
     found: list[Nuisance] = []
-    reach = inputs.statistics.values.nuisance_reach
-
-    def add(kind: str, name: str, index: int, std: float) -> None:
-        found.append(Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-reach * std, reach * std)))
-
     speed = speed_std(nuisances)
     if speed is not None and SOUND_SPEED in inputs.recipe.names:
-        add("factor", SOUND_SPEED, 0, speed)
+        found.append(_nuisance(inputs, "factor", SOUND_SPEED, 0, speed))
     if nuisances.gain is not None:
-        for i, response in enumerate(inputs.used if responses is None else responses):
-            add("gain", inputs.responses[response].name, i, nuisances.gain)
+        chosen = (inputs.used if responses is None else responses).tolist()
+        found += [_nuisance(inputs, "gain", inputs.responses[i].name, i, nuisances.gain) for i in chosen]
+    return (*found, *hits_of(inputs, nuisances))
+
+
+def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
+    """Those of them that say where the hammer hit."""
+    found: list[Nuisance] = []
     if nuisances.hammer is not None and inputs.shifts is not None:
         for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
             along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
-            for direction in range(2):
-                add("shift", f"{name} {along[direction]}", 2 * load + direction, nuisances.hammer)
+            found += [_nuisance(inputs, "shift", f"{name} {along[k]}", 2 * load + k, nuisances.hammer) for k in range(2)]
     return tuple(found)
+
+
+def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> Nuisance:
+    bound = inputs.statistics.values.nuisance_reach * std
+    return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
 
 
 def stored_offsets(record: JobRecord | None) -> dict[str, float]:
@@ -47,7 +52,7 @@ def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, 
     """What drifted, with standard deviations, as in ``result.json``."""
     tree: dict[str, Any] = {}
     stds = knowledge.std[knowledge.z.size :]
-    for nuisance, value, std in zip(knowledge.extras, knowledge.values, stds, strict=True):
+    for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
         if nuisance.kind == "gain":
             tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
         elif nuisance.kind == "shift":

@@ -63,8 +63,8 @@ def changes_of(
     value = plain(prior + shapes.T @ knowledge.z)
     rows = value.residual.size - plain.penalty.shape[0]
     # What drifted was taken out at its estimate: its prior lies that far from zero.
-    columns, std = [jacobian[:rows, count:]], [extra.std for extra in knowledge.extras]
-    mean = [extra.mean - float(at) for extra, at in zip(knowledge.extras, knowledge.values, strict=True)]
+    columns, std = [jacobian[:rows, count:]], [nuisance.std for nuisance in knowledge.nuisances]
+    mean = [nuisance.mean - float(at) for nuisance, at in zip(knowledge.nuisances, knowledge.values, strict=True)]
     if state is not None:
         variances, directions = np.linalg.eigh(state)
         kept = variances > least * max(float(variances.max(initial=0.0)), np.finfo(float).tiny)

@@ -182,9 +182,9 @@ def _taken_as_tight(inputs: Inputs) -> set[str]:
 
 
 def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
-    """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by what the model lacks.
+    """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by the model discrepancy.
 
-    A response that it lacks is the model's, ``model`` (F, R).
+    A response that was not measured there is the model's, ``model`` (F, R).
     """
     axis = measurement.frequency_hz
     if tight is None or axis.shape != tight.frequency_hz.shape or not np.allclose(axis, tight.frequency_hz, rtol=1e-6):

@@ -344,7 +344,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         record, source = read_job(campaign.output, reference), reference
     noise, origin = Noise(SIGMA_DB, FACTOR), "assumed"
     if isinstance(record, JobRecord) and record.noise.sigma_db and record.noise.correlation_factor:
-        # What the model lacks is what validation channels show of it, not what a fit leaves of it.
+        # The model discrepancy is what validation channels show of it, not what a fit leaves of it.
         sigma = record.noise.sigma_db * record.noise.validation_ratio
         noise, origin = Noise(sigma, record.noise.correlation_factor), f"job {source}"
     if request.noise is not None and not (np.isfinite(request.noise) and request.noise > 0):

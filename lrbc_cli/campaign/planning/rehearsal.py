@@ -118,7 +118,7 @@ class Setting:
     structure : Structure
         In the tight state.
     noise : Noise
-        What the model lacks in that state: its resonances lie beside the true ones, see ``Rehearsal.detuned``.
+        Model discrepancy in that state: its resonances lie beside the true ones, see ``Rehearsal.detuned``.
     joint : (n,) bool array
         Bolts that own their terms.
     measured : Measurement or None
@@ -224,13 +224,13 @@ class Rehearsal:
         used = self.inputs.used
         lines = resonance_lines(self.frequency, self._tight[:, used], self.inputs.statistics.resonances)
 
-        def lacks(share: float) -> float:
+        def missing(share: float) -> float:
             with np.errstate(divide="ignore", invalid="ignore"):
                 apart = decibel(self._true(self.theta, share)[:, used][lines]) - decibel(self._tight[:, used][lines])
             known = np.square(apart[np.isfinite(apart)])
             return float(np.sqrt(known.mean())) - self.setting.noise.sigma if known.size else -np.inf
 
-        return MOST_DETUNED if lacks(MOST_DETUNED) <= 0.0 else float(brentq(lacks, 0.0, MOST_DETUNED, xtol=LEAST_DETUNED))
+        return MOST_DETUNED if missing(MOST_DETUNED) <= 0.0 else float(brentq(missing, 0.0, MOST_DETUNED, xtol=LEAST_DETUNED))
 
     def _measure(self, y: Complexes, rng: np.random.Generator) -> Measurement:
         """With the noise of the measuring chain, which the coherence tells."""

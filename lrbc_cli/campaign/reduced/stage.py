@@ -164,7 +164,7 @@ def require_baselines(inputs: Inputs, model: ReducedModel, *, share: float = 1e-
         file=inputs.campaign.path,
         expected="a matrix that was exported with these springs in it, and their stiffness as the baseline",
         found=f"a motion whose stiffness in the matrix is {_share(1.0 - lacking / float(each.sum()))} of what baselines take from it",
-        hint=hint if not inputs.warnings else f"mend first what is warned of: {'; '.join(inputs.warnings)}",
+        hint=hint if not inputs.warnings else f"fix first what is warned of: {'; '.join(inputs.warnings)}",
     )
 
 

@@ -14,6 +14,7 @@ from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.updating.correlation import fdac, mean_spectrum, measured_values, quantity_weights, spectrum_peaks
+from lrbc_cli.updating.extended import ExtendedFrf
 
 #: Shapes of a job at most, and their digits.
 MOST, DIGITS = 6, 3
@@ -58,17 +59,14 @@ def shapes_of(inputs: Inputs, stage: ReductionStage | None, result: Identificati
 def displacements(inputs: Inputs, stage: ReductionStage, result: Identification, s: Complexes, load: int) -> Complexes:
     """(F, k) displacements at the rows of the basis for a unit force at one load, with what drifted."""
     assert stage.rows is not None
-    extras = list(zip(result.posterior.extras, result.posterior.values, strict=True))
     affine = AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts)
-    factors = {extra.name: float(np.exp(value)) for extra, value in extras if extra.kind == "factor"}
-    offset = None if inputs.shifts is None else np.zeros(inputs.shifts.shape)
-    for extra, value in extras:
-        if extra.kind == "shift" and offset is not None:
-            offset[divmod(extra.index, 2)] = value
+    drifted = ExtendedFrf(affine, s, result.parameters, result.posterior.nuisances, np.arange(len(inputs.responses)))
+    theta = np.concatenate([result.solution.theta, result.posterior.values])
+    factors = drifted.factors(theta)
     one: Integers = np.zeros(len(stage.rows), dtype=np.int64)
     model = replace(
         affine.at(factors) if factors else affine.base,
-        B=affine.loads(offset)[:, [load]],
+        B=affine.loads(drifted.offset(theta))[:, [load]],
         L=stage.rows,
         output_power=one,
         input_of=one,

@@ -262,7 +262,7 @@ def _rows(
                 place=f"line {before + index + 1}",
                 expected=f"{width} numbers",
                 found=_misfit(line, delimiter, decimal, width),
-                hint="mend the line, or say under 'format: {skip: ...}' how many lines stand before the table",
+                hint="fix the line, or say under 'format: {skip: ...}' how many lines stand before the table",
             )
         cells += _split(line, delimiter)[:width]
         numbers.append(before + index + 1)

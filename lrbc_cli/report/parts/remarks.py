@@ -52,7 +52,7 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
         Cell("Validation", tag("br"), "channels [dB]"),
         "Limit [dB]",
         Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
-        Cell("Lines per independent value", title="residuals of neighbouring lines are alike; so many count as one independent value"),
+        Cell("Correlation factor", title="lines over their effective sample size: neighbouring lines are alike, so many count as one"),
         Cell(
             "Validation over used",
             title="misfit of the validation channels over that of the channels used, at least 1: errors are so many times the scatter",
