@@ -34,10 +34,6 @@ from lrbc_cli.reduction.vectors import certificate_vectors
 
 log = logging.getLogger(__name__)
 
-
-#: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 11
-
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
 
