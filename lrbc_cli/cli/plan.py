@@ -10,7 +10,7 @@ from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say
-from lrbc_cli.report import draw_plan, plan_text
+from lrbc_cli.report.parts.plan import draw_plan, plan_text
 
 
 @click.command()

@@ -14,7 +14,9 @@ from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.config import load_campaign
-from lrbc_cli.report import NO_RESULT, VECTORS, missing_jobs, summary_text, write_report
+from lrbc_cli.report.sections.top import NO_RESULT
+from lrbc_cli.report.summary import summary_text
+from lrbc_cli.report.write import VECTORS, missing_jobs, write_report
 
 
 def _kinds(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str, ...]:

@@ -18,7 +18,8 @@ from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.report import outdating, write_report
+from lrbc_cli.report.old import outdating
+from lrbc_cli.report.write import write_report
 from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.results.store import read_job
 

@@ -13,7 +13,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say
-from lrbc_cli.report import outdated
+from lrbc_cli.report.old import outdated
 
 
 @click.command()

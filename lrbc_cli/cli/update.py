@@ -17,7 +17,8 @@ from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
-from lrbc_cli.report import outdating, summary_text
+from lrbc_cli.report.old import outdating
+from lrbc_cli.report.summary import summary_text
 from lrbc_cli.updating.clearance import once_more, sentence
 
 FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged

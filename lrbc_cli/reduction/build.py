@@ -31,9 +31,6 @@ from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
 from lrbc_cli.reduction.vectors import certificate_vectors
 
-#: Increased whenever the same input would give another basis; that numbers and operators changed is told by ``campaign.numbers``.
-ALGORITHM_VERSION = 11
-
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.errors import NumericalError
@@ -117,6 +116,9 @@ def paired(likeness: Floats) -> list[tuple[int | None, int | None]]:
     -------
     list of pairs of int or None
     """
+    # Loaded here: most commands do without.
+    from scipy.optimize import linear_sum_assignment
+
     rows, columns = linear_sum_assignment(-likeness)
     pairs: list[tuple[int | None, int | None]] = [(int(a), int(b)) for a, b in zip(rows, columns, strict=True) if likeness[a, b] >= ALIKE]
     first, second = {a for a, _ in pairs}, {b for _, b in pairs}

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced import ReducedModel
 
+#: Increased whenever the same input would give another basis.
+ALGORITHM_VERSION = 11
+
 
 @dataclass(frozen=True)
 class ReductionOptions:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from lrbc_cli.report.write import read_results
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.updating.clearance import sentence
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import logging
 import multiprocessing
 import signal
@@ -14,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, MappingProxyType
 
-from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.errors import DataError
 from lrbc_cli.report.content import Content, FrfFigure
 from lrbc_cli.report.drawing.chart import Chart
 from lrbc_cli.report.drawing.shapes import fits, shapes_chart
@@ -28,12 +27,13 @@ from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.report.parts.plan import plan_chart
 from lrbc_cli.report.parts.strip import map_chart, strip_chart
 from lrbc_cli.report.parts.structure import structure_chart, structure_page
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections.top import unsealed_text
-from lrbc_cli.results.job import Job, JobRecord
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read, read_job, write_sealed
+from lrbc_cli.results.store import read, write_sealed
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.results.tables import Frf, read_fdac, read_frf, require_files
 
@@ -262,47 +262,6 @@ def missing_jobs(output: Path, jobs: Sequence[str] | None, expected: Sequence[st
     campaign, results = read_results(output, jobs)
     shown = {job.job for job in results}
     return [] if jobs else [name for name in dict.fromkeys((*campaign.jobs, *expected)) if name not in shown]
-
-
-def read_results(output: Path, jobs: Sequence[str] | None = None) -> tuple[CampaignRecord, list[Job]]:
-    """Read the campaign and its jobs, in the campaign's order.
-
-    Parameters
-    ----------
-    output
-        The campaign's output folder.
-    jobs
-        Names of the jobs wanted; all that have results where None.
-
-    Raises
-    ------
-    ConfigError
-        Where a job is named that the campaign does not have.
-    DataError
-        Where a file is missing or damaged, or no job has results.
-    """
-    campaign = read(output / "campaign.json", CampaignRecord)
-    if campaign is None:
-        raise DataError(
-            "there are no results here", file=output / "campaign.json", hint="run `lrbc update` first; the report only shows what it wrote"
-        )
-    for name in jobs or ():
-        if name not in campaign.jobs:
-            near = difflib.get_close_matches(name, campaign.jobs, n=1)
-            hint = f"did you mean {near[0]}?" if near else "name one of the campaign's jobs"
-            raise ConfigError(
-                "no such job in the results", file=output / "campaign.json", expected=", ".join(campaign.jobs), found=name, hint=hint
-            )
-    wanted = [job for job in campaign.jobs if not jobs or job in jobs]
-    # A job that has not run yet is no error, unless it was asked for.
-    present = [job for job in wanted if jobs or (output / job / "result.json").exists()]
-    if not present:
-        raise DataError("no job has results yet", file=output, hint="run `lrbc update` first; the report only shows what it wrote")
-    results = [read_job(output, job) for job in present]
-    for name, job in zip(present, results, strict=True):
-        if job is None:
-            raise DataError("this result file is missing", file=output / name / "result.json", hint=JobRecord.HINT)
-    return campaign, [job for job in results if job is not None]
 
 
 def _draw_all(tasks: Sequence[_Task], workers: int, halt: Callable[[], bool], say: Callable[[str], None]) -> None:

@@ -81,8 +81,14 @@ _AS_THEY_ARE = {str, int, bool, type(None)}
 
 def plain(value: Any) -> Any:
     """JSON-able copy; numbers that are not finite become null."""
-    if type(value) in _AS_THEY_ARE:
+    kind = type(value)
+    if kind in _AS_THEY_ARE:
         return value
+    # Most are numbers in lists: asking whether they are mappings takes longer than all else.
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if kind is list:
+        return [plain(item) for item in value]
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

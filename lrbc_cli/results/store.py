@@ -6,7 +6,8 @@ import hashlib
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,7 +15,7 @@ from pydantic import ValidationError
 from pydantic.json_schema import models_json_schema
 
 from lrbc_cli import __version__
-from lrbc_cli.errors import ConfigError, DataError, room_or
+from lrbc_cli.errors import ConfigError, DataError, LrbcError, room_or
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.remembered import Remembered
@@ -146,6 +147,17 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
     if job.job != name:
         raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
     return job
+
+
+def read_before(output: Path, jobs: Iterable[str]) -> list[str]:
+    """SHA-256 of the files that the first finished job was made from with the HDF5 library that there is; none without one."""
+    for name in jobs:
+        with suppress(LrbcError):
+            job = read_job(output, name)
+            if isinstance(job, JobRecord):
+                same = job.sealed and job.provenance.versions.get("h5py") == versions()["h5py"]
+                return list(job.provenance.inputs.values()) if same else []
+    return []
 
 
 def _record(path: Path, kind: type[R], tree: dict[str, Any]) -> R:

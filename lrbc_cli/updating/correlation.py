@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
@@ -196,6 +195,9 @@ def match_peaks(measured_hz: Floats, model_hz: Floats, similarity: Floats | None
     allowed = (distance <= 1.0) & (alike >= SIMILARITY)
     # An allowed pair costs at most 1.5; a refused one more than all allowed pairs together.
     cost = np.where(allowed, distance + 1.0 - alike, 2.0 * (min(distance.shape) + 1))
+    # Loaded here: most commands do without.
+    from scipy.optimize import linear_sum_assignment
+
     rows, columns = linear_sum_assignment(cost)
     kept = allowed[rows, columns]
     found[rows[kept]] = columns[kept]

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.sparse import csr_array
 
 from lrbc_cli.errors import DataError
@@ -296,6 +295,9 @@ class DataResidual:
         low, high = np.log(least), np.log(most)
         if excess(low) <= 0.0:
             return least
+        # Loaded here: most commands do without.
+        from scipy.optimize import brentq
+
         return most if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
 
     def _whiten(self, columns: Floats) -> Floats:

@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 from scipy.special import expit, logsumexp
 
 from lrbc_cli.reduction.threads import side_by_side
@@ -153,6 +152,9 @@ def profile(
             held = settle(problem, prior, state.kinds, z, stop, held=(i, float(at[k])), rounds=1)
             evidence[k], z = held.evidence, held.z
     t = np.linspace(at[0], at[-1], fine)
+    # Loaded here: most commands do without.
+    from scipy.interpolate import PchipInterpolator
+
     log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
-from lrbc_cli.report import outdate
+from lrbc_cli.report.old import outdate
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature

@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduct
 from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
-from lrbc_cli.report import write_report
+from lrbc_cli.report.write import write_report
 from lrbc_cli.updating.misfit import SLOPE_STEP
 
 #: What is read of the end of a text file, to see whether its last line has one [bytes].

@@ -15,9 +15,12 @@ from campaigns import Folder
 from foreign_files import write_abaqus, write_dmig, write_harwell_boeing
 from systems import csc
 
+from lrbc_cli.campaign.reading import dof_source
+from lrbc_cli.campaign.reading.dof_source import order_doubt
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.units import parse_system
 
 DATA = Path(__file__).parents[1] / "data"
@@ -488,3 +491,15 @@ def test_models_of_others_need_a_campaign_file_only(tmp_path: Path, name: str) -
         # A spring consumes energy.
         assert inputs.model.K.diagonal().imag.min() > 0.0
     assert inputs.model.size == {"speaker_box": 107, "foundation": 3627, "superelement": 90, "punch": 15, "full": 900}[name]
+
+
+@pytest.mark.parametrize("entries", [200, 10**6])
+def test_a_table_in_another_order_is_seen_in_some_entries(monkeypatch: pytest.MonkeyPatch, entries: int) -> None:
+    """Of very many entries of a matrix some tell as much as all."""
+    monkeypatch.setattr(dof_source, "ENTRIES", entries)
+    n, rng = 600, np.random.default_rng(1)
+    K = sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n) + 1e-3, -np.ones(n - 1)], offsets=[-1, 0, 1], format="csc")
+    xyz = np.column_stack([np.linspace(0.0, 6.0, n), np.zeros((n, 2))])
+    assert order_doubt(K, DofTable(np.arange(n), np.full(n, "UZ"), xyz)) is None
+    anew = DofTable(np.arange(n), np.full(n, "UZ"), rng.permutation(xyz))
+    assert "sorted by x, it seems, the DOF table is not" in str(order_doubt(K, anew))

@@ -15,7 +15,7 @@ from campaigns import Folder, environment, finished, two_jobs
 
 from lrbc_cli.campaign.jobs.standing import changes_of, other_baselines, other_reference, state_of
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.results.store import digest_of, read_job
+from lrbc_cli.results.store import digest_of, read_before, read_job
 
 OTHERS = ["loose-2"]
 
@@ -255,6 +255,24 @@ def test_another_rule_judges_anew(frame: Folder, tmp_path: Path) -> None:
     for name, tree in frame.results().items():
         assert tree["bolts"] == before[name]["bolts"]
     assert frame.run("update", "--json").json["kept"] == ["tight", *OTHERS]
+
+
+def test_judging_anew_loads_no_more_than_it_needs() -> None:
+    """It takes seconds of waiting otherwise: what identifies, draws and optimises is imported where it is used."""
+    code = "import sys, lrbc_cli.cli.update; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    idle = {"matplotlib", "scipy.optimize", "scipy.interpolate", "scipy.signal", "lrbc_cli.reduction.build", "lrbc_cli.report.write"}
+    assert not (idle | {"lrbc_cli.campaign.identification.identify"}) & set(done.stdout.split())
+
+
+def test_files_that_a_finished_job_was_made_from(frame_once: Folder, frame: Folder) -> None:
+    """They are known to the HDF5 library that there is, which read them whole."""
+    known = read_before(frame_once.out, ["none", "loose-2", "tight"])
+    assert set(known) == set(frame_once.result("loose-2")["provenance"]["inputs"].values())
+    change(frame.out / "loose-2" / "result.json", lambda tree: tree["provenance"]["versions"].update(h5py="0.1"))
+    assert read_before(frame.out, ["loose-2", "tight"]) == []
+    (frame.out / "loose-2" / "result.json").write_text("{")
+    assert set(read_before(frame.out, ["loose-2", "tight"])) == set(frame.result("tight")["provenance"]["inputs"].values())
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import psutil
 import pytest
 from campaigns import Folder, command, environment, frame, lrbc, measure_again
 
-from lrbc_cli.report import outdated
+from lrbc_cli.report.old import outdated
 from lrbc_cli.watch.loop import Pace, Watch
 from lrbc_cli.watch.session import Session, WatchSettings
 

@@ -17,6 +17,8 @@ from matrix_files import write_matrix_hdf5
 from scipy.sparse import coo_array, csc_array, csr_array, random_array, save_npz
 
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.io.hdf5 import tools
 from lrbc_cli.io.hdf5.tools import SEAL
 from lrbc_cli.io.matrices import columns
 from lrbc_cli.io.matrices.read import FORMATS, detect_format, read_matrix, read_vectors
@@ -492,3 +494,21 @@ def test_damage_gives_a_data_error_or_a_matrix(tmp_path, small_files, data):
             result = read_vectors(path, group, selected)
             assert_canonical(result.matrix)
             assert np.all(np.isfinite(result.matrix.data))
+
+
+def test_hdf5_files_that_were_read_before_are_read_at_once(tmp_path, monkeypatch):
+    """Bytes that the library came through do not hang it; others go to the process apart, as ever."""
+    path, matrix = tmp_path / "m.h5", example()
+    write_mat73(path, "K", matrix)
+    apart = []
+    monkeypatch.setattr(tools, "read_apart", lambda reader, *arguments: apart.append(arguments[0]) or reader(*arguments))
+    monkeypatch.setattr(tools, "_KNOWN", set())
+    tools.came_through(["0" * 64])
+    assert (read_matrix(path, group="K").matrix != matrix).nnz == 0
+    assert apart == [path]
+    tools.came_through([file_hash(path)])
+    assert (read_matrix(path, group="K").matrix != matrix).nnz == 0
+    assert apart == [path]
+    path.write_bytes(path.read_bytes() + b"\0")
+    read_matrix(path, group="K")
+    assert apart == [path, path]

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from fake_campaign import write_campaign
 
-from lrbc_cli.report import write_report
+from lrbc_cli.report.write import write_report
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from test_report_page import parsed
 from test_report_reading import spoil
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import summary_text, write_report
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing import style
 from lrbc_cli.report.drawing.chart import Area, Curve, Marks, Span, Tiles, Word
@@ -21,6 +20,8 @@ from lrbc_cli.report.parts.calibration import calibration_charts
 from lrbc_cli.report.parts.correlation import fdac_chart
 from lrbc_cli.report.parts.strip import level_of, map_chart, strip_chart
 from lrbc_cli.report.places import along_the_edges
+from lrbc_cli.report.summary import summary_text
+from lrbc_cli.report.write import write_report
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord, ReductionRecord
 from lrbc_cli.results.sentence import job_sentence

@@ -13,12 +13,15 @@ from fake_campaign import reduction_of, write_campaign, write_frf
 
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.report import page, summary_text, write, write_report
+from lrbc_cli.report import page, write
 from lrbc_cli.report.content import Content
 from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.html import Markup, tag
 from lrbc_cli.report.parts import tables
+from lrbc_cli.report.reading import read_results
 from lrbc_cli.report.sections import jobs
+from lrbc_cli.report.summary import summary_text
+from lrbc_cli.report.write import write_report
 from lrbc_cli.results.store import read_job
 
 VOID = {"meta", "br", "hr", "img", "input", "link", "col"}
@@ -299,7 +302,7 @@ def test_only_markup_escapes_escaping():
 
 
 def test_the_time_can_be_given(output):
-    campaign, found = write.read_results(output)
+    campaign, found = read_results(output)
     text = page.render(
         Content(campaign=campaign, jobs=found, reduction=None, profiles={}, frfs=[]), datetime(2026, 3, 1, 12, 30, tzinfo=UTC)
     )

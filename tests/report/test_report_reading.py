@@ -9,7 +9,9 @@ import pytest
 from fake_campaign import campaign_of, reduction_of
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import NO_RESULT, missing_jobs, outdate, outdated, write_report
+from lrbc_cli.report.old import outdate, outdated
+from lrbc_cli.report.sections.top import NO_RESULT
+from lrbc_cli.report.write import missing_jobs, write_report
 from lrbc_cli.results.job import FailedJob
 from lrbc_cli.results.store import digest_of, read_job
 from lrbc_cli.results.tables import read_frf

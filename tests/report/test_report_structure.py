@@ -15,10 +15,9 @@ import pytest
 from fake_campaign import campaign_of
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.report import write_report
 from lrbc_cli.report.drawing.structure import Camera, scene_of
 from lrbc_cli.report.parts.structure import script, structure_chart, structure_page, structure_parts
-from lrbc_cli.report.write import write_structure
+from lrbc_cli.report.write import write_report, write_structure
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import read_job, write, write_json

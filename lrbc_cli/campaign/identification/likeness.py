@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -130,6 +129,9 @@ def exchanged(inputs: Inputs, measured: Complexes, states: Sequence[Complexes] |
     table = np.array([[spread(level[:, [i]] - levels(state), 0, limits.exchanged_lines) for i in range(count)] for state in states])
     table[:, np.isnan(level).all(axis=0)] = 0.0
     table[:, other] = 1e3
+    # Loaded here: most commands do without.
+    from scipy.optimize import linear_sum_assignment
+
     orders = [linear_sum_assignment(each)[1] for each in table]
     order = min(zip(orders, table, strict=True), key=lambda pair: float(pair[1][np.arange(count), pair[0]].sum()))[0]
     found = []

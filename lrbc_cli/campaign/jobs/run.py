@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 from lrbc_cli.campaign.files import passed_over, unnamed
-from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
 from lrbc_cli.campaign.jobs.finished import finish, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
@@ -230,6 +229,9 @@ class _Run:
         return False
 
     def _identified(self, source: FrfSource, name: str) -> JobRecord:
+        # Loaded here: what is judged anew needs none of it.
+        from lrbc_cli.campaign.identification.identify import identify
+
         before, baselines = self._tight_states(name)
         p = self.plans[name]
         result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, before)

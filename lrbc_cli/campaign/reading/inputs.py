@@ -42,6 +42,7 @@ from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, ResponseConfig
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.hdf5.tools import came_through
 from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.method import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable, PointTable
@@ -51,6 +52,7 @@ from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import LowRankTerms
+from lrbc_cli.results.store import read_before
 from lrbc_cli.updating.statistics import StatisticalModel
 
 Floats = NDArray[np.float64]
@@ -373,6 +375,7 @@ def _require_whole(campaign: Campaign, stiffness: MatrixFile, mass: MatrixFile) 
 def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, NDArray[np.bool_]]:
     """With the mask of the pressures; fixed DOFs are left out."""
     source = reader.campaign.model
+    came_through(read_before(reader.campaign.output, reader.campaign.jobs))
     first, second = reader.load(source.stiffness), reader.load(source.mass)
     _require_whole(reader.campaign, first, second)
     numbered = numbering(source.dofs, first)

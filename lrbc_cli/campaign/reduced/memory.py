@@ -9,7 +9,7 @@ import psutil
 
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.reduction.build import ReductionOptions
+from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.predict import Cost, memory_bound, predict
 
 GB = 1e9

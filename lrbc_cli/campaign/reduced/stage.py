@@ -23,7 +23,7 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.method import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.reduction.build import Reduction, full_ports, reduce_model
+from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
 from lrbc_cli.updating.misfit import FrfModel, port_model, reduced_model
@@ -174,6 +174,9 @@ def _share(value: float) -> str:
 
 
 def _built_and_kept(inputs: Inputs, decision: cache.CacheDecision, parts: dict[str, str], progress: Callable[[str], None]) -> Reduction:
+    # Loaded here: most calls find the model in the cache.
+    from lrbc_cli.reduction.build import reduce_model
+
     settings = inputs.campaign.reduction
     cache.require_writable(decision)
     require_memory(inputs)
@@ -286,6 +289,8 @@ class FrfSource:
         if found is not None:
             return found
         if self.kind == "full":
+            from lrbc_cli.reduction.full import full_ports
+
             settings = self.inputs.campaign.reduction
 
             def tell(done: int, count: int) -> None:
