@@ -14,7 +14,6 @@ from typing import Any
 
 import lrbc_cli
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.jobs.identity import IDENTIFICATION_VERSION
 from lrbc_cli.campaign.numbers import NUMBERS
@@ -70,7 +69,7 @@ class Cluster:
                 raise
             log.warning("job %s: identified on this machine, the worker was lost (%s)", name, on_one_line(error))
             with self._here:
-                return identify(inputs, source, name, reference, measured)
+                return _identified(source, name, reference, measured)
         assert isinstance(found, Identification)
         return found
 
@@ -83,6 +82,9 @@ class Cluster:
 
 
 def _identified(source: FrfSource, name: str, reference: JobRecord | None, measured: dict[str, Measurement]) -> Identification:
+    # Loaded here: whoever judges anew needs none of it.
+    from lrbc_cli.campaign.identification.identify import identify
+
     return identify(source.inputs, source, name, reference, measured)
 
 
