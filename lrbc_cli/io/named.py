@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
 from lrbc_cli.io.frf_common import (
@@ -33,8 +34,6 @@ _AXES = {"frequency_hz", "frequency", "freq", "f", "fhz", "f_hz", "freq_hz", "fr
 _COHERENCES = {"coherence", "coh", "gamma2", "cxy", "coherences", "mscohere", "kohaerenz"}
 _NAMES = {"names", "name", "labels", "label", "channels", "channel_names", "channelnames", "responses", "response_names", "sensors"}
 _UNITS = {"units", "unit", "y_unit", "yunit", "y_units"}
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

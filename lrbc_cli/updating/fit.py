@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.extended import Nuisance
 from lrbc_cli.updating.misfit import ChangeError, Evaluation, Misfit, Sensitive
 from lrbc_cli.updating.noise import Noise, estimate_noise, widened
 from lrbc_cli.updating.optimise import HistoryEntry, Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
-
-Floats = NDArray[np.float64]
 
 #: Weight that stands for none where the rows of something else share it.
 LEAST_ETA = 1e-30

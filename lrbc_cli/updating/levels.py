@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, Misfit
@@ -29,8 +29,6 @@ from lrbc_cli.updating.starts import (
     uniform_values,
     zoom,
 )
-
-Floats = NDArray[np.float64]
 
 #: Totals, bounds and spans are told apart down to this share: round-off of their sums.
 ROUND_OFF = 1e-9

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.ports import PortFrf
 from lrbc_cli.reduction.reduced import ReducedModel
@@ -17,10 +18,6 @@ from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.noise import spent
 from lrbc_cli.updating.residuals import DB, DataResidual, ResidualOptions, decibel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-Integers = NDArray[np.intp]
 
 
 class Sensitive(Protocol):

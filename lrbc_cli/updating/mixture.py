@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation
 from lrbc_cli.updating.optimise import Solution, gauss_newton
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 #: Precision of a change that is held, far above what data say of one [per decade²].
 HELD = 1e10

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.linalg as la
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.misfit import Evaluation
 
-Floats = NDArray[np.float64]
 Objective = Callable[[Floats], Evaluation]
 
 

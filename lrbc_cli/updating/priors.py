@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from lrbc_cli.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)

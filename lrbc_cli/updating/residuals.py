@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.error_model import ERRORS, ErrorModel
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
-Integers = NDArray[np.intp]
 
 #: d(20 log10 x)/d ln x.
 DB = 20.0 / float(np.log(10.0))

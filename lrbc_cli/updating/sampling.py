@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
 from lrbc_cli.updating.noise import widened
 from lrbc_cli.updating.priors import BOLT_PRIOR, BoltPrior
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import FrfModel, Misfit, one_by_one
 from lrbc_cli.updating.shapes import Shapes
 from lrbc_cli.updating.starts import LEVELS
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: A change of each column that is not zero [decades].
 Changes = tuple[tuple[int, float], ...]

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.places import Edge, places
 from lrbc_cli.updating.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
-
-Floats = NDArray[np.float64]
 
 #: Distances are told apart down to this share.
 ROUND_OFF = 1e-9

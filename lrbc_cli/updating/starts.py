@@ -8,13 +8,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit import Evaluation, FrfModel, Misfit
 from lrbc_cli.updating.optimise import Objective, Solution
 from lrbc_cli.updating.shapes import Shapes
-
-Floats = NDArray[np.float64]
 
 #: For two columns of joints those that are exchanged with them, see ``Shapes.mirrored``.
 Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]

@@ -172,6 +172,19 @@ def test_drift_is_told_from_bolts(tmp_path: Path) -> None:
     assert np.abs(changes[True]).max() < 0.5 * np.abs(changes[False]).max()
 
 
+def test_gains_alone_are_part_of_the_updated_frfs(tmp_path: Path) -> None:
+    """Without temperature and hammer, too: else what was found would not explain the measurement."""
+    folder, gains = box(tmp_path / "box"), np.array([0.3, -0.3, 0.3, -0.3])
+    made = Made(folder, "update.nuisances.gain=0.3", relative=False)
+    y = made.frf(BOX_TRUTH["tight"])
+    reference = made.study.identify(made.tight, made.measured(y, 0.0))
+    found = made.study.identify(made.other, made.measured(y * 10.0 ** (gains / 20.0), 0.0), reference=reference)
+    used = made.study.inputs.used
+    level = 20.0 * np.log10(np.abs(found.identification.updated / y)).mean(axis=0)
+    np.testing.assert_allclose(level[used], gains[used], atol=0.03)
+    assert found.misfit_db < 0.05
+
+
 @pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("loose", [None, 2])
 def test_a_mixture_tells_drift_from_bolts(loose: int | None, relative: bool, tmp_path: Path) -> None:

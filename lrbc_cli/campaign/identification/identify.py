@@ -347,7 +347,7 @@ class _Job:
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted."""
-        if knowledge is None or self.source.stage is None or all(one.kind == "gain" for one in knowledge.nuisances):
+        if knowledge is None or self.source.stage is None or not knowledge.nuisances:
             return self.source.model(self.s, self.parameters).frf(theta)
         every = np.arange(len(self.inputs.responses))
         model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, knowledge.nuisances, every)

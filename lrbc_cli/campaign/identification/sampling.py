@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.fit import Posterior
 from lrbc_cli.updating.levels import Level
@@ -14,8 +14,6 @@ from lrbc_cli.updating.misfit import ChangeError, Misfit
 from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem
 from lrbc_cli.updating.sampling import sample_changes
 from lrbc_cli.updating.shapes import neighbours
-
-Floats = NDArray[np.float64]
 
 
 def changes_of(

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.copies import copied_text
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.doubts import doubts
@@ -30,9 +30,6 @@ from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, E
 from lrbc_cli.updating.levels import near_tie
 from lrbc_cli.updating.lines import interpolated, too_wide
 from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complexfloating[Any, Any]]
 
 #: What is stored of an identification so that it can be judged by another rule.
 FILE = "evidence.json"

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
 from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
@@ -20,8 +21,6 @@ from lrbc_cli.io.text.tables import Positions, read_points, read_positions
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import arc_length, edges_of, is_line, unit_columns
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

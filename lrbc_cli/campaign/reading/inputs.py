@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt
@@ -54,8 +55,6 @@ from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.results.store import read_before
 from lrbc_cli.updating.statistics import StatisticalModel
-
-Floats = NDArray[np.float64]
 
 UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 

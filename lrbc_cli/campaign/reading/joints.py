@@ -8,15 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.text.bushings import COMPONENTS, BushingTable
 from lrbc_cli.model.dofs import DofTable, PointTable, numbers_text
 from lrbc_cli.model.selection import at_node
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Direction cosines below this are rounding of an axis.
 ROUNDING = 1e-9
