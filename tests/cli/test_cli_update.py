@@ -432,16 +432,16 @@ def test_failures_with_several_workers(tmp_path: Path) -> None:
 
 
 def test_a_defect_in_one_job_is_its_failure(box: Folder, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    from lrbc_cli.campaign.jobs import run
+    from lrbc_cli.campaign.identification import identify as step
 
-    original = run.identify
+    original = step.identify
 
     def identify(inputs: Any, source: Any, name: str, *more: Any) -> Any:
         if name == "loose":
             raise ZeroDivisionError("division by zero")
         return original(inputs, source, name, *more)
 
-    monkeypatch.setattr(run, "identify", identify)
+    monkeypatch.setattr(step, "identify", identify)
     result = box.run("update", "--force")
     assert result.code == 5
     assert "ZeroDivisionError: division by zero" in result.stderr
@@ -461,13 +461,13 @@ def test_all_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.stderr.count("does not exist") == 2
     assert [row["status"] for row in table(folder).values()] == ["failed", "failed"]
 
-    from lrbc_cli.campaign.jobs import run
+    from lrbc_cli.campaign.identification import identify as step
     from lrbc_cli.errors import NumericalError
 
     def identify(*_: Any) -> Any:
         raise NumericalError("no step reduces the cost")
 
-    monkeypatch.setattr(run, "identify", identify)
+    monkeypatch.setattr(step, "identify", identify)
     assert folder.run("update").code == 4
     assert folder.result("loose")["reason"] == "no step reduces the cost"
 
