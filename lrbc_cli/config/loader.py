@@ -1,9 +1,10 @@
-"""Loads a campaign file, overrides applied, or says what is wrong with it."""
+"""Loads a campaign file, overrides and the jobs of a watched folder applied, or says what is wrong with it."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,12 @@ from lrbc_cli.config.campaign import Campaign
 from lrbc_cli.config.checks import check_references
 from lrbc_cli.config.document import MAX_DEPTH, Document, Node, parse, read_document
 from lrbc_cli.config.explain import explain, refuse_gone, refuse_unfilled, without_unfilled
-from lrbc_cli.config.watch import with_folder
+from lrbc_cli.config.fields import FrozenDict, job_name, plain_name
+from lrbc_cli.config.settings import JobConfig, MeasuredFile
 from lrbc_cli.errors import ConfigError
+
+#: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
+OWN = {"frf", "coherence", "repeats", "removed"}
 
 DEFAULT_OUTPUT = "output"
 
@@ -137,3 +142,50 @@ def _replace(document: Document, node: Node, keys: list[str], depth: int, value:
     entries[key] = _replace(document, entries.get(key) or Node(None, node.line, path), keys, depth + used, value, path)
     origin = path if node.value is None else node.origin
     return Node(entries, node.line, origin)
+
+
+def with_folder(campaign: Campaign) -> Campaign:
+    """Add a job for each file of the watched folder that no job names, and for tight states that are still to be measured.
+
+    A file of the name of a job whose own file is missing is that job's. No file is passed over: one that was not judged would be missed.
+    """
+    watch, jobs = campaign.watch, dict(campaign.jobs)
+    if watch is None:
+        return campaign
+    update, calibration = campaign.update, campaign.calibration
+    like = jobs.get(watch.like or update.reference or "")
+
+    def job(path: Path, settings: JobConfig | None, without: set[str]) -> JobConfig:
+        given = {} if settings is None else settings.model_dump(by_alias=True, exclude_unset=True, exclude=without)
+        if settings is not None and isinstance(settings.frf, MeasuredFile) and (own := settings.format_of(settings.frf.file)) is not None:
+            given["format"] = own.model_dump(exclude_unset=True)
+        return JobConfig.model_validate(_texts(given | {"frf": path}), context={"folder": campaign.path.parent})
+
+    named = {path for config in jobs.values() for path in config.all_files}
+    taken = {name.lower(): name for name in jobs}
+    for path in watch.files():
+        if path in named or path.resolve() in named:
+            continue
+        known = taken.get(path.stem.lower())
+        if known is not None and any(file.exists() for file in jobs[known].all_files):
+            known = None
+        with suppress(ValidationError):  # it has just gone
+            stem = plain_name(path.stem) or "job"
+            name = known or job_name([stem, f"{stem}-{path.suffix.lstrip('.')}"], taken, path.name)
+            jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
+            taken[name.lower()] = name
+    suffix = Path(watch.patterns[0]).suffix
+    for tight in (update.reference, *update.baselines, None if calibration is None else calibration.job):
+        if tight is not None and tight.lower() not in taken and "*" not in suffix:
+            jobs[tight] = job(watch.folder / f"{tight}{suffix}", like, OWN)
+            taken[tight.lower()] = tight
+    return campaign.model_copy(update={"jobs": FrozenDict(jobs)})
+
+
+def _texts(value: Any) -> Any:
+    """Paths as text, as the file has them."""
+    if isinstance(value, dict):
+        return {key: _texts(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_texts, value))
+    return str(value) if isinstance(value, Path) else value

@@ -1,21 +1,16 @@
-"""Jobs that a folder of measurements adds to those of the file: one a file, in ``lrbc watch`` and every other command alike."""
+"""The watched folder of measurements: its settings and files."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from lrbc_cli.config.fields import FilePath, FrozenDict, Name, Strict, check_unique, job_name, plain_name, problem
-from lrbc_cli.config.settings import JobConfig, MeasuredFile
-
-if TYPE_CHECKING:
-    from lrbc_cli.config.campaign import Campaign
+from lrbc_cli.config.fields import FilePath, Name, Strict, check_unique, problem
 
 #: Endings of files that analysers write.
 MEASURED = {
@@ -25,9 +20,6 @@ MEASURED = {
 
 #: Hidden files, and those by which editors and office programs mark a file as open.
 HIDDEN = (".", "~$")
-
-#: What of another job holds for a file that says nothing of itself; a measurement of its own is no setting.
-OWN = {"frf", "coherence", "repeats", "removed"}
 
 
 def _check_pattern(value: str) -> str:
@@ -130,50 +122,3 @@ def _below(folder: Path, output: Path) -> Iterator[Path]:
             continue
         folders[:] = sorted(name for name in folders if not name.startswith(HIDDEN))
         yield from (Path(at, name) for name in sorted(names) if not name.startswith(HIDDEN))
-
-
-def with_folder(campaign: Campaign) -> Campaign:
-    """Add a job for each file of the watched folder that no job names, and for tight states that are still to be measured.
-
-    A file of the name of a job whose own file is missing is that job's. No file is passed over: one that was not judged would be missed.
-    """
-    watch, jobs = campaign.watch, dict(campaign.jobs)
-    if watch is None:
-        return campaign
-    update, calibration = campaign.update, campaign.calibration
-    like = jobs.get(watch.like or update.reference or "")
-
-    def job(path: Path, settings: JobConfig | None, without: set[str]) -> JobConfig:
-        given = {} if settings is None else settings.model_dump(by_alias=True, exclude_unset=True, exclude=without)
-        if settings is not None and isinstance(settings.frf, MeasuredFile) and (own := settings.format_of(settings.frf.file)) is not None:
-            given["format"] = own.model_dump(exclude_unset=True)
-        return JobConfig.model_validate(_texts(given | {"frf": path}), context={"folder": campaign.path.parent})
-
-    named = {path for config in jobs.values() for path in config.all_files}
-    taken = {name.lower(): name for name in jobs}
-    for path in watch.files():
-        if path in named or path.resolve() in named:
-            continue
-        known = taken.get(path.stem.lower())
-        if known is not None and any(file.exists() for file in jobs[known].all_files):
-            known = None
-        with suppress(ValidationError):  # it has just gone
-            stem = plain_name(path.stem) or "job"
-            name = known or job_name([stem, f"{stem}-{path.suffix.lstrip('.')}"], taken, path.name)
-            jobs[name] = job(path, jobs.get(name, like), {"frf"} if known else OWN)
-            taken[name.lower()] = name
-    suffix = Path(watch.patterns[0]).suffix
-    for tight in (update.reference, *update.baselines, None if calibration is None else calibration.job):
-        if tight is not None and tight.lower() not in taken and "*" not in suffix:
-            jobs[tight] = job(watch.folder / f"{tight}{suffix}", like, OWN)
-            taken[tight.lower()] = tight
-    return campaign.model_copy(update={"jobs": FrozenDict(jobs)})
-
-
-def _texts(value: Any) -> Any:
-    """Paths as text, as the file has them."""
-    if isinstance(value, dict):
-        return {key: _texts(item) for key, item in value.items()}
-    if isinstance(value, tuple):
-        return tuple(map(_texts, value))
-    return str(value) if isinstance(value, Path) else value

@@ -585,9 +585,7 @@ def test_an_increment_at_the_end_of_the_numbers_stays_as_it_is(printed: str) -> 
 def test_a_coherence_on_other_lines_is_told_by_the_number_of_its_record() -> None:
     """Whatever the place of the record reads like."""
     two, three = np.array([1.0, 2.0]), np.array([1.0, 2.0, 3.0])
-    record = FrfRecord(
-        name="mic01", frequency_hz=two, values=two + 0j, response_node=7, response_direction=3, place="somewhere", number=4
-    )
+    record = FrfRecord(name="mic01", frequency_hz=two, values=two + 0j, response_node=7, response_direction=3, place="somewhere", number=4)
     notes = Notes()
     assert _attach([record], [Coherence("mic01", (7, 3, 0, 0), three, three / 3, 5)], notes)[0].coherence is None
     assert "record 4: the coherence has other lines; left out" in notes.lines()
