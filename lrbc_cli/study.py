@@ -27,7 +27,6 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.config.explain import suggestion
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.method import rule_of
 from lrbc_cli.model.fem import FeModel
@@ -360,12 +359,9 @@ class Study:
     def _with_job(self, job: str, measured: bool) -> Inputs:
         """The inputs with a job of that name, which need not have a file where its measurement is at hand."""
         campaign = self.inputs.campaign
-        if job in campaign.jobs:
-            return self.inputs
         if not measured:
-            hint, known = suggestion(job, campaign.jobs), ", ".join(campaign.jobs)
-            raise ConfigError(f"no job '{job}' in this campaign", file=campaign.path, expected=known, found=job, hint=hint)
-        return with_job(self.inputs, job)
+            campaign.require_job(job)
+        return self.inputs if job in campaign.jobs else with_job(self.inputs, job)
 
     def _theta(self, parameters: Parameterisation, given: ArrayLike | None, log10: Mapping[str, ArrayLike]) -> Floats:
         theta = parameters.initial

@@ -14,7 +14,6 @@ from lrbc_cli.campaign.identification.unknowns import layout, start_parameters, 
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
-from lrbc_cli.config.explain import suggestion
 from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
@@ -131,15 +130,7 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
         Where the job is unknown, has no usable result, or belongs to other groups.
     """
     campaign = inputs.campaign
-    if name not in campaign.jobs:
-        raise ConfigError(
-            f"no job '{name}' in this campaign",
-            file=campaign.path,
-            place="--job",
-            expected=", ".join(campaign.jobs) or "a job",
-            found=name,
-            hint=suggestion(name, campaign.jobs),
-        )
+    campaign.require_job(name, "--job")
     path = campaign.output / name / "result.json"
     job = read_job(campaign.output, name)
     if not isinstance(job, JobRecord):

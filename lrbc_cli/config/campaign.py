@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, PrivateAttr
 
 from lrbc_cli.config.calibration import CalibrationConfig
 from lrbc_cli.config.document import Document
+from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.fields import FilePath, NameMap, Strict, problem
 from lrbc_cli.config.settings import JobConfig, ReductionConfig, UpdateConfig
 from lrbc_cli.config.structure import GroupConfig, ModelConfig, PointConfig, ResponseConfig
@@ -113,6 +114,12 @@ class Campaign(Strict):
     def error(self, problem: str, *keys: str | int, expected: object = None, found: object = None, hint: str | None = None) -> ConfigError:
         """Make (not raise) a ConfigError about what stands at `keys`."""
         return self._document.error(problem, *keys, expected=expected, found=found, hint=hint)
+
+    def require_job(self, name: str, place: str | None = None) -> None:
+        """Refuse the name of a job that this campaign has not, given at a place such as ``--job``."""
+        if name not in self.jobs:
+            known, hint = ", ".join(self.jobs) or "a job", suggestion(name, self.jobs)
+            raise ConfigError(f"no job '{name}' in this campaign", file=self.path, place=place, expected=known, found=name, hint=hint)
 
     def resolved(self) -> dict[str, Any]:
         """Give the campaign as JSON-able values, all defaults filled in, overrides applied, paths as written."""

@@ -10,8 +10,7 @@ from lrbc_cli.campaign.jobs.evidence import read_evidence
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.config.explain import suggestion
-from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.evidence import Evidence
@@ -178,15 +177,7 @@ def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
     """
     campaign = inputs.campaign
     for name in wanted:
-        if name not in campaign.jobs:
-            raise ConfigError(
-                f"no job '{name}' in this campaign",
-                file=campaign.path,
-                place="--job",
-                expected=", ".join(campaign.jobs) or "a job",
-                found=name,
-                hint=suggestion(name, campaign.jobs),
-            )
+        campaign.require_job(name, "--job")
     if not campaign.jobs:
         raise campaign.error("this campaign has no jobs", "jobs", expected="at least one measurement", hint="add a job: NAME: {frf: file}")
     names = [name for name in campaign.jobs if not wanted or name in wanted]
