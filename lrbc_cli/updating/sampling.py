@@ -7,7 +7,7 @@ evidence of doubtful joints comes from descents with the other kind, and a chang
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -76,34 +76,37 @@ def beyond(
         doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
         widths = np.where((stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide), stds[:, 1], np.nan)
         joints = [(i, float(means[i, 1]), float(widths[i])) for i in doubted]
-        others = side_by_side(partial(_other_kind, problem, prior, state, (stop, held)), joints)
+        # Where errors follow the state, a descent moves the evidence by a nat though nothing changes: both kinds go the same way.
+        own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
+        others = side_by_side(partial(_other_kind, problem, prior, state, own, (stop, held)), joints)
         for i, (_, evidence, loose) in zip(doubted, others, strict=True):
             found.further[i] = evidence - (gains[i] if not state.kinds[i] else -gains[i])
             found.loose[i] = loose
-        best = max([state, *(other for other, _, _ in others)], key=lambda one: one.evidence)
-        if best.evidence <= state.evidence + gain or turn == rounds - 1:
+        best = max([own, *(other for other, _, _ in others)], key=lambda one: one.evidence)
+        if best.evidence <= own.evidence + gain or turn == rounds - 1:
             break
         state = best
     return state, found
 
 
 def _other_kind(
-    problem: MixtureProblem, prior: BoltPrior, state: State, stops: tuple[Stop, Stop], joint: tuple[int, float, float]
+    problem: MixtureProblem, prior: BoltPrior, state: State, own: State, stops: tuple[Stop, Stop], joint: tuple[int, float, float]
 ) -> tuple[State, float, tuple[float, float]]:
     """A joint's state of the other kind, log evidence for loose over tight, and mean and standard deviation of its change if loose.
 
-    Of the joint its index, where its change begins, and the width of its profile; NaN where the linear problem holds.
+    Of the joint its index, where its change begins, and the width of its profile; NaN where the linear problem holds. ``own`` is where the
+    kinds of the state itself lead from there, as those of the other do.
     """
     i, change, width = joint
     z, kinds = state.z.copy(), state.kinds.copy()
     kinds[i] = not kinds[i]
     z[problem.bolts[i]] = change if kinds[i] else 0.0
     other = settle(problem, prior, kinds, z, stops[0])
-    tight, loose = (state, other) if kinds[i] else (other, state)
+    tight, loose = (own, other) if kinds[i] else (other, own)
     if np.isnan(width):
         return other, loose.evidence - tight.evidence, (np.nan, np.nan)
-    evidence, mean, std = profile(problem, prior, loose, i, stops[1], width)
-    return other, evidence - tight.evidence, (mean, std)
+    more, mean, std = profile(problem, prior, loose, i, stops, width)
+    return other, loose.evidence + more - tight.evidence, (mean, std)
 
 
 def profile(
@@ -111,14 +114,16 @@ def profile(
     prior: BoltPrior,
     state: State,
     i: int,
-    stop: Stop,
+    stops: tuple[Stop, Stop],
     width: float,
     *,
     points: int = 8,
     reach: float = 3.0,
     fine: int = 400,
 ) -> tuple[float, float, float]:
-    """Log evidence of a loose joint, and mean and standard deviation of its change, from descents with that change held.
+    """Log evidence of a loose joint beyond that of its state, mean and standard deviation of its change, from descents with it held.
+
+    The covariance of the residuals is that of the state throughout: of a change that the data do not feel the profile is then flat.
 
     Parameters
     ----------
@@ -126,8 +131,8 @@ def profile(
         A state in which it is loose.
     i : int
         Which of the bolts.
-    stop : (float, int)
-        Of the descents.
+    stops : pair of (float, int)
+        Of the descent from the state, and of those with the change held.
     width : float
         Standard deviation of the change by the linear problem [decades]: values are held there on both sides, too.
     points, reach : int, float
@@ -140,14 +145,17 @@ def profile(
     low = min(low, own)
     at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
     evidence = np.zeros(at.size)
+    if problem.about is not None:
+        problem = replace(problem, data=problem.about(state.z)[0], about=None)
+    base = settle(problem, prior, state.kinds, state.z, stops[0])
     # From the state outwards, each from the one before.
     begin = int(np.argmin(np.abs(at - own)))
     for order in (range(begin, at.size), range(begin - 1, -1, -1)):
-        z = state.z
+        z = base.z
         for k in order:
             z = z.copy()
             z[problem.bolts[i]] = at[k]
-            held = settle(problem, prior, state.kinds, z, stop, held=(i, float(at[k])), rounds=1)
+            held = settle(problem, prior, state.kinds, z, stops[1], held=(i, float(at[k])))
             evidence[k], z = held.evidence, held.z
     t = np.linspace(at[0], at[-1], fine)
     # Loaded here: most commands do without.
@@ -156,7 +164,7 @@ def profile(
     log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
-    return float(logsumexp(log) + np.log(t[1] - t[0])), mean, float(np.sqrt(weight @ (t - mean) ** 2))
+    return float(logsumexp(log) + np.log(t[1] - t[0])) - base.evidence, mean, float(np.sqrt(weight @ (t - mean) ** 2))
 
 
 def _log_normal(t: Floats, mean: float, std: float) -> Floats:

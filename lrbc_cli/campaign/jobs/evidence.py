@@ -216,7 +216,10 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
         return True, at_bolts(groups, names, xyz)
 
     def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:
-        return _change(result, bolt, [(*where[i], at) for i, at in spot], difference, reference)
+        parts = [(*where[i], at) for i, at in spot]
+        found = _change(result, bolt, parts, difference, reference)
+        unfelt = all(bool(result.opens[0][values][chosen].all()) for _, values, chosen in parts)
+        return None if found is None else replace(found, unfelt=unfelt)
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:

@@ -169,7 +169,7 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     spread = np.ptp(points, axis=0)
     # The coordinates in which they lie apart; the lower one to the right.
     across, up = sorted(np.argsort(-spread, kind="stable")[:2].tolist())
-    flat = bool(min(spread[across], spread[up]) < 0.12 * max(spread[across], spread[up]))
+    flat = bool(min(spread[across], spread[up]) <= 0.12 * max(spread[across], spread[up]))
     if flat:
         across, up = (across, up) if spread[across] >= spread[up] else (up, across)
     width, margin = 430.0, 16.0

@@ -155,7 +155,7 @@ def _unit_text(campaign: Campaign, group: TermGroup, held: Sequence[tuple[bool, 
     others = [SI] if stated != SI else [parse_system(name) for name in USUAL_SYSTEMS]
     for unit in others:
         ratios = [(turns, share, _stiffness(unit, turns) / _stiffness(stated, turns)) for turns, share in known]
-        if not ratios or any(abs(share / ratio - 1.0) > HELD for _, share, ratio in ratios) or all(r == 1.0 for *_, r in ratios):
+        if not ratios or any(abs(share / ratio - 1.0) > HELD for _, share, ratio in ratios) or all(abs(r - 1.0) < HELD for *_, r in ratios):
             continue
         kinds = [
             f"{'rotational springs' if turns else 'translational springs'} are in {_name(unit, turns)}, it seems, not in "
