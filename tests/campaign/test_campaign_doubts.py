@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
+import lrbc_cli as lrbc
 from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.reading.doubts import springs
+from lrbc_cli.model.units import SI
 from lrbc_cli.updating.scale import Offset
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
@@ -189,3 +192,12 @@ def test_noise_by_coherence(frame: Folder) -> None:
     assert noise_level(measurement, job.model_copy(update={"averages": 1}), inputs.used) is None
     object.__setattr__(measurement, "coherence", np.full(measurement.values.shape, np.nan))
     assert noise_level(measurement, job, inputs.used) is None
+
+
+def test_rotational_springs_as_the_table_says_are_in_no_other_unit(frame: Folder) -> None:
+    """Kilonewton millimetres per radian are newton metres, but for rounding."""
+    study = lrbc.load(frame.config, cache=frame.cache)
+    campaign, group = study.inputs.campaign, study.inputs.groups[0]
+    assert campaign.unit_system == SI
+    assert springs._unit_text(campaign, group, [(True, np.ones(3))]) is None
+    assert "translational springs are in N/mm" in str(springs._unit_text(campaign, group, [(False, np.full(3, 1e3))]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg as la
@@ -139,10 +141,9 @@ class TestCompression:
             for field, basis, count in zip(R.basis.fields, bases, counts, strict=True):
                 V[field.dofs, start : start + count] = basis[:, :count]
                 start += count
-            small = reduction.model.__class__(
-                *(V.T @ (A @ V) for A in (model.K, model.C, model.M)), V.T @ model.B, model.L @ V, V.T @ model.terms.left,
-                V.T @ model.terms.right, model.output_power, one_input(model), R.problem.reference, counts[0],
-            )  # fmt: skip
+            K, C, M = (V.T @ (A @ V) for A in (model.K, model.C, model.M))
+            B, L, left, right = V.T @ model.B, model.L @ V, V.T @ model.terms.left, V.T @ model.terms.right
+            small = replace(reduction.model, K=K, C=C, M=M, B=B, L=L, left=left, right=right, structure=counts[0])
             return float(distance(exact, small.ports(s[::2]), vectors, R.problem.quantities).max())
 
         found = reduction.sizes

@@ -410,6 +410,16 @@ def test_the_map_keeps_all_names_inside_and_apart(rich, sides):
         assert (right - left) / (x.high - x.low) == pytest.approx((bottom - top) / (y.high - y.low), rel=0.02)
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_map_of_bolts_at_one_place(rich, count):
+    """A structure on one bolt, or on two springs there."""
+    job = read_job(rich, "bolts-04")
+    chart = map_chart(replace(job, bolts=tuple(replace(bolt, position=np.ones(3)) for bolt in job.bolts[:count]), parameters={}))
+    drawing = lay_out(chart, header=False)
+    assert drawing.width > drawing.height > 0
+    assert all(np.isfinite([axis.low, axis.high]).all() and axis.low < axis.high for axis in (chart.panels[0].x, chart.panels[0].y))
+
+
 def test_the_map_marks_what_is_known_and_what_is_open(rich):
     job = read_job(rich, "bolts-04")
     items = [item for item in map_chart(job).panels[0].items if isinstance(item, Marks) and item.x.size]

@@ -94,8 +94,8 @@ def test_sample_is_measured_again(tmp_path: Path) -> None:
     Laboratory(SOUNDBOX, exact=True).campaign(2018, {"bolts-00": []}, tmp_path, tmp_path / "truth.json")
     stored, again = (read_frf(folder / "bolts-00.uff").records for folder in (SAMPLE / "frf", tmp_path))
     for a, b in zip(stored, again, strict=True):
-        # Other kernels of OpenBLAS differ by 3e-5.
-        np.testing.assert_allclose(b.values, a.values, rtol=0, atol=1e-4 * np.abs(a.values).max())
+        # Other kernels of OpenBLAS differ by up to 1.7e-4, at a peak.
+        np.testing.assert_allclose(b.values, a.values, rtol=0, atol=3e-4 * np.abs(a.values).max())
     assert (
         json.loads((tmp_path / "truth.json").read_text())["perturbations"]
         == json.loads((SAMPLE / "frf" / "truth.json").read_text())["perturbations"]

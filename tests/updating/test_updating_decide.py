@@ -155,6 +155,14 @@ class TestSampled:
         own = replace(PLACE, change=Change(mean=-0.5, std=0.5, excess=0.5, sampled=sampled))
         assert one(own).probability_loose == pytest.approx(norm.cdf((-0.35 - 0.5 + 1.0) / np.hypot(0.1, 0.5)))
 
+    @pytest.mark.parametrize(("mean", "expected"), [(0.0, ("tight", "undecided")), (-2.0, ("loose", "loose"))])
+    def test_what_no_response_feels_is_not_tight(self, mean: float, expected: tuple[str, str]) -> None:
+        """By its prior alone it would be, where many joints are and confidence is low."""
+        own = Change(mean=mean, std=0.1, sampled=SampledChange(count=(1.0,), loose=(0.0,), means=((mean,), (mean,)), stds=((0.1,), (0.1,))))
+        felt, unfelt = (one(replace(PLACE, change=replace(own, unfelt=unfelt))) for unfelt in (False, True))
+        assert (felt.verdict, unfelt.verdict) == expected
+        assert unfelt.verdict == "loose" or "do not object to it being free" in str(unfelt.note)
+
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""
         for n in range(1, 120):

@@ -109,3 +109,23 @@ def test_errors_beyond_the_residuals_widen_what_the_data_tell_and_not_the_prior(
     data, wider = (sample_changes(replace(untold, ratio=r), starts, PRIOR, sweeps=50) for r in (1.0, 3.0))
     # A profile that ends at no change is a little narrower than its prior.
     np.testing.assert_allclose(wider.std, data.std, rtol=0.12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_joint_that_no_data_feel_keeps_its_prior(seed: int) -> None:
+    """Though the evidence moves by nats with each descent, as it does where the covariance follows the state: that tells of no joint."""
+    rng = np.random.default_rng(seed)
+    J = np.column_stack([np.zeros(ROWS), 5.0 * rng.normal(size=ROWS)])
+    r0 = rng.normal(size=ROWS) - J @ np.array([0.0, -0.2])
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return r0 + J @ z, J
+
+    def about(z: np.ndarray):
+        return data, 3.0 * float(np.sin(1e9 * z[1]))
+
+    problem = replace(Saturating((0.0, 0.0), 1.0).problem(), data=data, about=about)
+    found = sample_changes(problem, [np.array([0.0, -0.2])], PRIOR, sweeps=50)
+    # The profile ends at no change, a little above which its prior reaches.
+    assert found.inclusion[0] == pytest.approx(PRIOR.loose_share, abs=0.005)
+    assert found.inclusion[1] < 0.3
