@@ -370,8 +370,8 @@ def _by_role(
         excused = _excused(posterior, own, rule) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior says tight, but the stiffness identified lies below the threshold"
-        if word == TIGHT and posterior.unfelt:
-            excused = "the data do not object to it being free: no response feels it"
+        if word == TIGHT and posterior.may_be_free:
+            excused = "the data do not object to it being free: no response feels it as it is"
         if excused is not None:
             word, note = UNDECIDED, excused
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)

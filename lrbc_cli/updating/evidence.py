@@ -74,9 +74,8 @@ class Change:
         Change that a tight bolt would show of its neighbours' (negative): a loose bolt changes more than that.
     sampled : SampledChange or None
         Its distribution without ``excess``; None: Gaussian.
-    unfelt : bool
-        The data do not object to each of its values, all else as identified, being free: they do not see it, and what is said of it is its
-        prior.
+    may_be_free : bool
+        The data do not object to each of its values being free, all else as identified: of a bolt that seems tight they say nothing then.
     """
 
     mean: float
@@ -85,7 +84,7 @@ class Change:
     excess: float = 0.0
     leakage: float = 0.0
     sampled: SampledChange | None = None
-    unfelt: bool = False
+    may_be_free: bool = False
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Posterior probability of a change below a limit, where tight states scatter so much; given that it is loose, if asked."""

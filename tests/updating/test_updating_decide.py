@@ -159,9 +159,9 @@ class TestSampled:
     def test_what_no_response_feels_is_not_tight(self, mean: float, expected: tuple[str, str]) -> None:
         """By its prior alone it would be, where many joints are and confidence is low."""
         own = Change(mean=mean, std=0.1, sampled=SampledChange(count=(1.0,), loose=(0.0,), means=((mean,), (mean,)), stds=((0.1,), (0.1,))))
-        felt, unfelt = (one(replace(PLACE, change=replace(own, unfelt=unfelt))) for unfelt in (False, True))
-        assert (felt.verdict, unfelt.verdict) == expected
-        assert unfelt.verdict == "loose" or "do not object to it being free" in str(unfelt.note)
+        felt, may_be_free = (one(replace(PLACE, change=replace(own, may_be_free=may_be_free))) for may_be_free in (False, True))
+        assert (felt.verdict, may_be_free.verdict) == expected
+        assert may_be_free.verdict == "loose" or "do not object to it being free" in str(may_be_free.note)
 
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""
