@@ -374,6 +374,8 @@ def _by_role(
             excused = "the data do not object to it being free: no response feels it as it is"
         if excused is not None:
             word, note = UNDECIDED, excused
+        elif word == TIGHT and posterior.unfelt:
+            note = f"judged by its other springs: no response feels those of {', '.join(posterior.unfelt)}"
         change = posterior.mean if posterior.ceiling is None else min(posterior.mean, posterior.ceiling)
         return word, note, change, float(np.hypot(posterior.std, between)), probability, limit
     if evidence.missing_reference is not None:

@@ -76,6 +76,8 @@ class Change:
         Its distribution without ``excess``; None: Gaussian.
     may_be_free : bool
         The data do not object to each of its values being free, all else as identified: of a bolt that seems tight they say nothing then.
+    unfelt : tuple of str
+        Groups of which that is true where others of the bolt are felt: of these springs the change is told by the others alone.
     """
 
     mean: float
@@ -85,6 +87,7 @@ class Change:
     leakage: float = 0.0
     sampled: SampledChange | None = None
     may_be_free: bool = False
+    unfelt: tuple[str, ...] = ()
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Posterior probability of a change below a limit, where tight states scatter so much; given that it is loose, if asked."""

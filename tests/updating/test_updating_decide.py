@@ -163,6 +163,14 @@ class TestSampled:
         assert (felt.verdict, may_be_free.verdict) == expected
         assert may_be_free.verdict == "loose" or "do not object to it being free" in str(may_be_free.note)
 
+    def test_springs_that_no_response_feels_are_named(self) -> None:
+        """A bolt whose axial spring is felt is judged by it, and its rocking spring is told."""
+        part = replace(PLACE, change=Change(mean=0.0, std=0.1, unfelt=("rocking",)))
+        assert one(part).verdict == "tight"
+        assert "feels those of rocking" in str(one(part).note)
+        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, unfelt=("rocking",))))
+        assert (loose.verdict, loose.note) == ("loose", None)
+
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""
         for n in range(1, 120):

@@ -59,8 +59,8 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
             limits = saturation(values, D[lines], group.terms, typical, limits=inputs.statistics.limits)
-            if not limits.found and group.config.start is not None:
-                # The local stiffness of solid elements lies decades above that of a spring: it must have room to loosen.
+            if group.config.start is not None:
+                # It must have room to loosen: the FRFs may feel no loss of a weak spring, but the bolt's other springs lose as much.
                 limits = replace(limits, lower=min(limits.lower, group.config.start + inputs.statistics.limits.fallback[0]))
             found[group.name] = limits
         groups.append(_group(group, limits))

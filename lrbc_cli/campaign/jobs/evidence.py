@@ -218,8 +218,9 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
     def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:
         parts = [(*where[i], at) for i, at in spot]
         found = _change(result, bolt, parts, difference, reference)
-        may_be_free = all(bool(result.opens[0][values][chosen].all()) for _, values, chosen in parts)
-        return None if found is None else replace(found, may_be_free=may_be_free)
+        free = tuple(dict.fromkeys(group.name for group, values, chosen in parts if result.opens[0][values][chosen].all()))
+        felt = any(group.name not in free for group, _, _ in parts)
+        return None if found is None else replace(found, may_be_free=not felt, unfelt=free if felt else ())
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:
