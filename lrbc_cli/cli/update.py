@@ -19,7 +19,7 @@ from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_text
-from lrbc_cli.updating.clearance import once_more, sentence
+from lrbc_cli.updating.judging.clearance import once_more, sentence
 
 FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
 tight in every job, or nothing was compared; so 0 is an all-clear."""

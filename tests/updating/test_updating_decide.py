@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.decide import (
+from lrbc_cli.updating.judging.decide import (
     BASELINE,
     JOB,
     NO_SCATTER,
@@ -23,9 +23,9 @@ from lrbc_cli.updating.decide import (
     scatter_of,
     validity,
 )
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
-from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.priors import BoltPrior
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
+from lrbc_cli.updating.posterior.mixture import ChangeSamples
+from lrbc_cli.updating.statistics.priors import BoltPrior
 
 RULE = DecisionRule()
 PLACE = BoltEvidence(name="B1", position=(0.0, 0.0, 0.0), log10_stiffness=4.0, felt=4.0)

@@ -14,12 +14,12 @@ from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.grid import band_lines
-from lrbc_cli.reduction.vectors import band_omega, local_scale
+from lrbc_cli.reduction.problem.vectors import band_omega, local_scale
+from lrbc_cli.reduction.steps.grid import band_lines
 from lrbc_cli.results.job import JobRecord, Parameter
 from lrbc_cli.results.model import Boundary
-from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.saturation import Saturation, saturation
+from lrbc_cli.updating.statistics.lines import resonance_lines
+from lrbc_cli.updating.statistics.saturation import Saturation, saturation
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:

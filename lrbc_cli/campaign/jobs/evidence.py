@@ -25,11 +25,11 @@ from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read, write
-from lrbc_cli.updating.confidence import Band, band
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
-from lrbc_cli.updating.levels import near_tie
-from lrbc_cli.updating.lines import interpolated, too_wide
-from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts, carried
+from lrbc_cli.updating.posterior.confidence import Band, band
+from lrbc_cli.updating.search.levels import near_tie
+from lrbc_cli.updating.statistics.lines import interpolated, too_wide
+from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 #: What is stored of an identification so that it can be judged by another rule.
 FILE = "evidence.json"

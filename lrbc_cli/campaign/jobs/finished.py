@@ -25,9 +25,9 @@ from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
-from lrbc_cli.updating.evidence import Evidence
-from lrbc_cli.updating.lcurve import LCurve
-from lrbc_cli.updating.residuals import decibel
+from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.search.lcurve import LCurve
+from lrbc_cli.updating.statistics.residuals import decibel
 
 #: What of a result judging writes.
 JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")

@@ -13,7 +13,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.evidence import Evidence
+from lrbc_cli.updating.judging.evidence import Evidence
 
 NOTHING = "nothing changed"
 

@@ -25,7 +25,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job, write_sealed
-from lrbc_cli.updating.clearance import JobFinding, not_clear
+from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
 
 log = logging.getLogger(__name__)
 

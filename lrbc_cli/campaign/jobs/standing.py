@@ -12,7 +12,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.updating.clearance import JobFinding
+from lrbc_cli.updating.judging.clearance import JobFinding
 
 #: Tables beside ``result.json``, which vouches for them by their hashes; ``shapes.json`` is there where shapes can be drawn.
 FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")
