@@ -23,7 +23,7 @@ from lrbc_cli.updating.judging.decide import (
     scatter_of,
     validity,
 )
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
@@ -39,7 +39,6 @@ def evidence(*bolts: BoltEvidence, **kwargs: Any) -> Evidence:
         "along_edges": True,
         "bolts": bolts,
         "missing_reference": None,
-        "prior_std": 0.35,
         "compared": VALIDATION,
         "misfit_db": 0.5,
         "unvalidated": "",
@@ -290,17 +289,72 @@ class TestValidity:
 
 
 def test_tighter_than_tight_is_implausible() -> None:
-    limit = RULE.implausible_rise * 0.35
-    found = judge(evidence(changed(1.01 * limit, 0.1), replace(changed(0.99 * limit, 0.1), name="B2")), RULE)
+    """As surely as a loose bolt is looser: with the confidence of the verdicts, whatever the prior."""
+    limit = -float(one(changed(0.0, 0.1)).threshold or 0.0)
+    sure = limit + norm.ppf(RULE.confidence) * 0.1
+    found = judge(evidence(changed(1.01 * sure, 0.1), replace(changed(0.99 * sure, 0.1), name="B2")), RULE)
     assert found.implausible == ("B1",)
     # Was all tight in the reference job? Such a job clears nothing, unless a bolt is loose anyway.
     assert found.validity.passed is None
     assert found.validity.explained
     assert "B1 tighter than in the reference job" in found.validity.unvalidated
-    beside = judge(evidence(changed(1.01 * limit, 0.1), replace(changed(-2.0, 0.1), name="B2")), RULE)
+    beside = judge(evidence(changed(1.01 * sure, 0.1), replace(changed(-2.0, 0.1), name="B2")), RULE)
     assert beside.implausible == ("B1",)
     assert beside.validity.passed
-    assert judge(evidence(changed(1.01 * limit, 0.1)), RULE, BASELINE).validity.passed
+    assert judge(evidence(changed(1.01 * sure, 0.1)), RULE, BASELINE).validity.passed
+    assert not judge(evidence(changed(1.5 * sure, 0.5)), RULE).implausible
+
+
+def partial(*means: float, std: float = 0.02, mean: float | None = None) -> BoltEvidence:
+    """A joint with springs in several groups, that changed by so much each."""
+    parts = tuple(PartialChange(group=f"g{k}", mean=each, std=std, deviation=0.15) for k, each in enumerate(means))
+    return replace(PLACE, joint=True, change=Change(mean=float(np.mean(means)) if mean is None else mean, std=0.05, parts=parts))
+
+
+class TestSpringsOfAJoint:
+    @pytest.mark.parametrize(
+        ("means", "verdict"),
+        [
+            ((0.0, 0.0, 0.0), "tight"),
+            ((0.1, -0.2, -0.1), "tight"),
+            # Their mean alone is that of a tight joint: no all-clear.
+            ((0.0, 0.0, -0.78), "undecided"),
+            ((0.0, 0.0, -1.2), "loose"),
+            ((-1.5, -1.6, -1.4), "loose"),
+        ],
+    )
+    def test_a_joint_is_no_tighter_than_its_loosest_spring(self, means: tuple[float, ...], verdict: str) -> None:
+        found = one(partial(*means))
+        assert found.verdict == verdict
+        alone = verdict != "tight" and min(means) < 3 * np.mean(means) + 1e-9
+        assert ("g2 alone changed by" in str(found.note)) == bool(alone)
+        probability = found.probability_loose or 0.0
+        assert RULE.word(probability) == verdict
+
+    def test_what_the_data_do_not_tell_of_one_group_decides_nothing(self) -> None:
+        assert one(replace(partial(0.0, 0.0), change=Change(mean=0.0, std=0.05))).verdict == "tight"
+
+    @given(st.lists(st.floats(-3.0, 1.0), min_size=2, max_size=4))
+    def test_no_group_makes_a_joint_tighter(self, means: list[float]) -> None:
+        found = one(partial(*means))
+        whole = one(replace(partial(*means), change=replace(partial(*means).change, parts=())))  # type: ignore[type-var]
+        assert (found.probability_loose or 0.0) >= (whole.probability_loose or 0.0)
+
+
+def test_a_joint_that_took_up_an_error_of_the_model_is_neither_loose_nor_tight() -> None:
+    """Far stiffer than the others in the tight state; where it is not in another job, it seems to have lost a decade."""
+
+    def states(level: float, change: float) -> list[BoltEvidence]:
+        others = [replace(bolt, joint=True) for bolt in row(0.0, 0.1, -0.1, 0.05)]
+        return [
+            *others,
+            replace(changed(change, 0.08), name="S4", joint=True, felt=level + change, difference=change, tight_std=0.08, groups=(0,)),
+        ]
+
+    for level, change, expected in ((1.12, -1.1, "undecided"), (1.12, 0.0, "undecided"), (0.06, -1.1, "loose"), (0.06, 0.0, "tight")):
+        found = judge(evidence(*states(level, change)), RULE).bolts[-1]
+        assert found.verdict == expected
+        assert ("far stiffer than the other bolts" in str(found.note)) == (level > 1.0)
 
 
 def row(*tight: float, difference: float = 0.0, std: float = 0.1, groups: tuple[int, ...] = (0,)) -> list[BoltEvidence]:

@@ -47,8 +47,16 @@ def test_lines_end_15_db_below_the_peak():
 
 
 def test_wide_resonances_are_cut():
-    chosen = F[resonance_lines(F, modal([200.0], [[1.0]], loss=0.3))]
+    chosen = F[resonance_lines(F, modal([200.0], [[1.0]], loss=0.1))]
     assert np.abs(chosen - 200).max() <= RESONANCES.half_width * 210 + 2
+
+
+def test_a_resonance_reaches_over_its_half_power_bandwidth():
+    """Heavily damped: a few lines at the top would be fewer than the unknowns, and a loose bolt was called tight by them."""
+    H = modal([200.0], [[1.0]], loss=0.3)
+    chosen, level = resonance_lines(F, H), 20 * np.log10(np.abs(H[:, 0]))
+    np.testing.assert_array_equal(chosen, np.flatnonzero(level >= level.max() - 10 * np.log10(2)))
+    assert np.ptp(F[chosen]) == pytest.approx(0.3 * 200, rel=0.1)
 
 
 def test_flat_frfs_give_all_lines():

@@ -42,7 +42,6 @@ def judge(edges, bolts, loose_change, is_reference):
         along_edges=True,
         bolts=at_bolts(edges, [str(i) for i in range(len(bolts))], np.asarray(bolts)),
         missing_reference=None,
-        prior_std=0.35,
         compared="validation channels",
         misfit_db=0.1,
         unvalidated="",

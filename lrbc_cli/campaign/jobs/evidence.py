@@ -25,7 +25,17 @@ from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read, write
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts, carried
+from lrbc_cli.updating.judging.evidence import (
+    USED,
+    VALIDATION,
+    BoltEvidence,
+    Change,
+    Evidence,
+    PartialChange,
+    SampledChange,
+    at_bolts,
+    carried,
+)
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.levels import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
@@ -75,7 +85,6 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         along_edges=edges,
         bolts=bolts,
         missing_reference=update.reference if wanted and reference is None else None,
-        prior_std=inputs.statistics.values.std,
         compared=compared,
         misfit_db=misfit,
         reference_misfit_db=_reference_misfit(result, reference, compared),
@@ -220,7 +229,10 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
         found = _change(result, bolt, parts, difference, reference)
         free = tuple(dict.fromkeys(group.name for group, values, chosen in parts if result.opens[0][values][chosen].all()))
         felt = any(group.name not in free for group, _, _ in parts)
-        return None if found is None else replace(found, may_be_free=not felt, unfelt=free if felt else ())
+        if found is None:
+            return None
+        own = _partial_changes(inputs, result, parts, reference) if result.posterior.shapes.by_bolt else ()
+        return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own)
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:
@@ -283,6 +295,28 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
     if not result.against_reference:
         variance += _tight_std(parts, reference) ** 2
     return Change(mean=difference, std=float(np.sqrt(max(variance, 0.0))))
+
+
+def _partial_changes(
+    inputs: Inputs, result: Identification, parts: Sequence[Part], reference: JobRecord | None
+) -> tuple[PartialChange, ...]:
+    """Changes of a joint's springs by group, of those that the data tell better than the prior of their deviation does."""
+    knowledge, prior = result.posterior, inputs.statistics.bolts
+    if len({group.name for group, _, _ in parts}) < 2:
+        return ()
+    m = knowledge.z.size
+    found = []
+    for group, values, chosen in parts:
+        rows = knowledge.shapes.T[values][chosen].mean(axis=0)
+        mean = float(rows @ knowledge.z)
+        told = float(np.sqrt(max(float(rows @ knowledge.covariance[:m, :m] @ rows), 0.0)))
+        if told > prior.deviation_std:
+            continue
+        # The errors that widen the change of the whole joint.
+        tight = _tight_std([(group, values, chosen)], reference) if result.relative else 0.0
+        std = float(np.sqrt(told**2 + float(carried(mean, tight)) ** 2 + (inputs.statistics.errors.shift_error * mean) ** 2))
+        found.append(PartialChange(group=group.name, mean=mean, std=std, deviation=prior.deviation_std))
+    return tuple(found)
 
 
 def _tight_std(parts: Sequence[Part], reference: JobRecord | None) -> float:

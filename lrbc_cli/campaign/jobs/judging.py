@@ -16,7 +16,6 @@ from lrbc_cli.updating.judging.decide import (
     REFERENCE,
     TIGHT,
     BoltVerdict,
-    DecisionRule,
     Judgement,
     TightScatter,
     judge,
@@ -77,7 +76,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
             *unvalidated,
             *states,
             *evidence.notes,
-            *implausible(inputs.method.rule, evidence, judgement),
+            *implausible(judgement),
         ],
     }
 
@@ -151,13 +150,13 @@ def contradicted(inputs: Inputs, name: str, judgement: Judgement) -> list[str]:
     ]
 
 
-def implausible(rule: DecisionRule, evidence: Evidence, judgement: Judgement) -> list[str]:
-    """A warning where bolts seem tighter than in the reference state by more than the prior allows: nothing but errors does that."""
+def implausible(judgement: Judgement) -> list[str]:
+    """A note where bolts come out tighter than in the reference job: they were loose there, or the model errs."""
     if not judgement.implausible:
         return []
-    limit = rule.implausible_rise * evidence.prior_std
+    many = len(judgement.implausible) > 1
     names = ", ".join(judgement.implausible)
-    return [f"{names}: tighter than in the reference job by more than {limit:.2g} decades, which errors of the model explain"]
+    return [f"{names}: tighter than in the reference job; {'they were' if many else 'it was'} loose there, or the model errs"]
 
 
 def scatter_of_records(baselines: Iterable[JobRecord]) -> TightScatter:

@@ -10,13 +10,16 @@ import numpy as np
 from scipy.special import ndtr
 
 from lrbc_cli.updating.comparison.scale import DEVIATION
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange
 
 #: Words of a verdict; that on a bolt that no term reaches: the FRFs say nothing of it, so it has no numbers.
 TIGHT, LOOSE, UNDECIDED, OUTSIDE = "tight", "loose", "undecided", "outside"
 
 #: What is said of a bolt that cannot well have been tight in the tight state.
 FALLEN = "far looser than the other bolts"
+
+#: What is said of a joint that is undecided because it lay far above the others in the tight state.
+RISEN = "in the reference job far stiffer than the other bolts, as an error of the model makes it: its change may be one as well"
 
 
 #: What a job is in its campaign: the tight state itself, a further tight state, or one of unknown state.
@@ -83,9 +86,6 @@ class DecisionRule:
         change. A choice.
     contrast_quantile : float
         Without a tight state bolts are compared with this quantile of them. A choice: some of a row may be loose.
-    implausible_rise : float
-        A bolt tighter than in the tight state by this many standard deviations of its prior is an error of the model: of a normal
-        distribution 1 in 160 lies beyond 2.5.
     copied_db : float
         Jobs hold one measurement, written with other digits, where all figures of its levels differ by no more [dB]: no two blows of a
         hammer give the same means over hundreds of lines.
@@ -103,7 +103,6 @@ class DecisionRule:
     joint_assumed: float = 2.0
     joint_spread: float = 0.5
     contrast_quantile: float = 0.75
-    implausible_rise: float = 2.5
     copied_db: float = 2e-4
 
     def scatter(self, measured: TightScatter, joint: bool) -> float:
@@ -200,7 +199,7 @@ class Judgement:
     bolts : tuple of BoltVerdict
         In the order of the evidence.
     implausible : tuple of str
-        Bolts that come out tighter than in the tight state by more than their prior allows.
+        Bolts that come out tighter than in the tight state, by as much and as surely as a loose one looser.
     alternatives : tuple of (tuple of str, float)
         Bolts below their threshold in each of several states of nearly equal posterior probability; empty where these agree.
     fallen : dict
@@ -275,12 +274,16 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Tigh
     valid = validity(evidence, rule)
     felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
     level = float(np.quantile(felt, rule.contrast_quantile)) if felt else 0.0
-    fallen = fallen_bolts(evidence.bolts, rule) if role != BASELINE else {}
-    found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in evidence.bolts)
+    far = _far_from_others(evidence.bolts, rule)
+    fallen = {name: below for name, below in far.items() if below < 0.0 and role != BASELINE}
+    risen = {bolt.name: _beside_risen(bolt, rise) for bolt in evidence.bolts if (rise := far.get(bolt.name, 0.0)) > 0.0 and bolt.joint}
+    known = [risen.get(bolt.name, bolt) for bolt in evidence.bolts]
+    found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in known)
+    if valid.explained:
+        found = tuple(replace(v, note=RISEN) if v.name in risen and v.verdict == UNDECIDED else v for v in found)
     if role == REFERENCE and valid.explained:
         found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
-    limit = rule.implausible_rise * evidence.prior_std
-    rises = tuple(v.name for v in found if v.change_std is not None and v.change is not None and v.change > limit)
+    rises = tuple(v.name for v in found if _risen(v, rule))
     if role == JOB and valid.explained and (rises or fallen) and not any(v.verdict == LOOSE for v in found):
         # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
         why = f"{', '.join(rises)} tighter than in the reference job" if rises else f"{', '.join(fallen)} {FALLEN} in the reference job"
@@ -291,8 +294,28 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Tigh
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)
 
 
-def fallen_bolts(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str, float]:
-    """Bolts that in the tight state lie below the others by more than these scatter, and how far [decades].
+def _risen(verdict: BoltVerdict, rule: DecisionRule) -> bool:
+    """Whether a bolt is tighter than in the tight state, as surely as a loose one is looser."""
+    change, std, threshold = verdict.change, verdict.change_std, verdict.threshold
+    if change is None or std is None or threshold is None:
+        return False
+    return float(ndtr((change + threshold) / max(std, 1e-12))) >= rule.confidence
+
+
+def _beside_risen(bolt: BoltEvidence, rise: float) -> BoltEvidence:
+    """The same of a joint that in the tight state lies far above the others, by an error of the model, which its change may be as well.
+
+    A spring that is hardly felt takes up what the model lacks; where it does not in another job, it seems to have loosened.
+    """
+    change = bolt.change
+    if change is None:
+        return bolt
+    std = float(np.hypot(change.std, rise))
+    return replace(bolt, change=replace(change, mean=change.mean + rise, std=std, excess=change.excess + rise, parts=()))
+
+
+def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str, float]:
+    """How far bolts lie from the others in the tight state [decades], those that do by more than these scatter.
 
     Bolts of the same groups are compared, with their median. Their scatter is taken from the median of the departures, which those that
     are loose do not move as long as they are the fewer, and is no less than that of tight joints.
@@ -308,7 +331,7 @@ def fallen_bolts(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[str,
         middle = float(np.median(peers))
         scatter = max(DEVIATION * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
         limit = rule.limit(rule.loose_change, scatter)
-        if float(ndtr((limit - (value - middle)) / max(std, 1e-12))) >= rule.confidence:
+        if float(ndtr((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle
     return found
 
@@ -361,12 +384,17 @@ def _by_role(
         posterior = bolt.change
         # Beside a gap a tight bolt takes part of it: what is below the threshold for that says nothing.
         own = rule.loose_change if posterior.sampled is None else min(rule.mixture_change, posterior.leakage)
-        between = rule.scatter(scatter, bolt.joint)
+        between = scattered = rule.scatter(scatter, bolt.joint)
         limit = rule.limit(own, between, bolt.joint)
         between *= rule.joint_spread if bolt.joint else 1.0
-        probability = posterior.below(limit, between)
+        probability, note = posterior.below(limit, between), None
+        part, alone = _most_changed(posterior, own, scattered, rule)
+        if rule.word(max(probability, alone)) != rule.word(probability):
+            assert part is not None
+            probability, note = alone, f"its springs of {part.group} alone changed by {part.mean:.2g} ± {part.std:.2g} decades"
         word = rule.word(probability)
-        note = "the data do not decide: the interval of its change holds the threshold" if word == UNDECIDED else None
+        if word == UNDECIDED and note is None:
+            note = "the data do not decide: the interval of its change holds the threshold"
         excused = _excused(posterior, own, rule) if word == TIGHT else None
         if word == TIGHT and excused is None and bolt.joint and bolt.difference is not None and bolt.difference <= limit:
             excused = "its posterior says tight, but the stiffness identified lies below the threshold"
@@ -387,6 +415,21 @@ def _by_role(
     loose = bolt.felt is not None and bolt.felt - level <= rule.loose_change
     note = "no tight state to compare with: loose by contrast with the other bolts, or inconclusive"
     return LOOSE if loose else UNDECIDED, note, None, None, None, None
+
+
+def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionRule) -> tuple[PartialChange | None, float]:
+    """The group of a joint's springs that is most probably loose by itself, and how probably: a joint is no tighter than that.
+
+    By the rule for the whole joint, with the scatter of the springs of one group, which is that of the joint and their own about it.
+    """
+    found: tuple[PartialChange | None, float] = (None, 0.0)
+    for part in posterior.parts:
+        between = float(np.hypot(scatter, part.deviation))
+        limit = rule.limit(own, between, joint=True)
+        probability = float(ndtr((limit - part.mean) / max(float(np.hypot(part.std, rule.joint_spread * between)), 1e-12)))
+        if probability > found[1]:
+            found = part, probability
+    return found
 
 
 def _excused(posterior: Change, own: float, rule: DecisionRule) -> str | None:

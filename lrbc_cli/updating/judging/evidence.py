@@ -62,6 +62,25 @@ class SampledChange:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartialChange:
+    """Posterior of the change of a joint's springs in one of its groups.
+
+    Attributes
+    ----------
+    group : str
+    mean, std : float
+        Against the tight state [decades].
+    deviation : float
+        Standard deviation of such changes about that of the whole joint between tight states [decades].
+    """
+
+    group: str
+    mean: float
+    std: float
+    deviation: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Change:
     """Posterior of a bolt's change against the tight state [decades].
 
@@ -80,6 +99,8 @@ class Change:
         The data do not object to each of its values being free, all else as identified: of a bolt that seems tight they say nothing then.
     unfelt : tuple of str
         Groups of which that is true where others of the bolt are felt: of these springs the change is told by the others alone.
+    parts : tuple of PartialChange
+        Of a joint with springs in several groups, those that the data tell better than the prior does: one may lose what the others hold.
     """
 
     mean: float
@@ -90,6 +111,7 @@ class Change:
     sampled: SampledChange | None = None
     may_be_free: bool = False
     unfelt: tuple[str, ...] = ()
+    parts: tuple[PartialChange, ...] = ()
 
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Posterior probability of a change below a limit, where tight states scatter so much; given that it is loose, if asked."""
@@ -154,8 +176,6 @@ class Evidence:
     bolts : tuple of BoltEvidence
     missing_reference : str or None
         The job that changes were wanted against, and which had no result.
-    prior_std : float
-        Of the changes [decades].
     compared : str or None
         The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
     misfit_db : float or None
@@ -182,7 +202,6 @@ class Evidence:
     along_edges: bool
     bolts: tuple[BoltEvidence, ...]
     missing_reference: str | None
-    prior_std: float
     compared: str | None
     misfit_db: float | None
     unvalidated: str

@@ -22,13 +22,16 @@ class Resonances:
     depth_db : float
         Lines within this of the peak belong to it [dB] ... By trial on virtual rigs.
     half_width : float
-        ... as long as they are within this fraction of its frequency, or two lines. By trial on virtual rigs.
+        ... as long as they are within this fraction of its frequency, or two lines, or its half-power bandwidth. By trial on virtual rigs.
     """
 
     prominence_db: float = 2.0
     depth_db: float = 15.0
     half_width: float = 0.06
 
+
+#: A peak falls so far at the ends of its half-power bandwidth [dB].
+HALF_POWER_DB = 10.0 * np.log10(2.0)
 
 #: The default, for those who call a part alone.
 RESONANCES = Resonances()
@@ -76,7 +79,9 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
                 at = peak
                 while 0 <= at < filled.size and filled[at] > filled[peak] - rule.depth_db:
                     near = abs(frequency_hz[at] - frequency_hz[peak]) <= rule.half_width * frequency_hz[peak] or abs(at - peak) <= 2
-                    if not near:
+                    # Where damping is heavy a few lines at the top of a peak tell less than there are unknowns.
+                    half = filled[peak] - HALF_POWER_DB <= filled[at] <= filled[peak]
+                    if not (near or half):
                         break
                     keep[at] = True
                     at += direction
