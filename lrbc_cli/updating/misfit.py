@@ -119,8 +119,9 @@ class FrfModel:
     def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
         y, relative = self.linearised(P.dynamic(theta, self.s))
-        # Re(conj(H) dH)/|H|² = Re(dH/H)
-        relative *= (DB / y)[:, :, None]
+        # Re(conj(H) dH)/|H|² = Re(dH/H); what is rounding, at a zero of an undamped model, has no logarithm to follow.
+        size = np.abs(y)
+        relative *= np.where(size > np.finfo(float).eps * size.max(axis=0, initial=0.0), DB / y, 0.0)[:, :, None]
         kappa, chain = P.scales(theta), P.scale_jacobian(theta)
         damped = {at: (relative[:, :, terms] @ kappa[terms]) * slope[:, None] for at, terms, slope in P.damping_spectra(theta, self.s)}
         relative *= P.spectra(theta, self.s)[:, None, :]
@@ -288,6 +289,8 @@ class Misfit:
     sigma : (F, R) float array or None
         Standard deviation of the measured magnitude [dB], by which lines are weighted.
     errors : ErrorModel
+    sharp : bool
+        Whether the lines do not resolve the peaks: then squares in dB have a valley between any two lines, see ``on_sphere``.
 
     Raises
     ------
@@ -306,8 +309,9 @@ class Misfit:
         options: ResidualOptions | None = None,
         sigma: Floats | None = None,
         errors: ErrorModel = ERRORS,
+        sharp: bool = False,
     ) -> None:
-        self.model, self.errors = model, errors
+        self.model, self.errors, self.sharp = model, errors, sharp
         self._data = DataResidual(measured, options, sigma, errors)
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
@@ -399,6 +403,12 @@ class Misfit:
         found = copy(self)
         found._data, found.evaluations = self._data.weighted_as(other._data), 0
         return found
+
+    def on_sphere(self) -> Misfit:
+        """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.on_sphere(), 0
+        return other
 
     def without(self, theta: Floats, share: float) -> Misfit:
         """The same cost without the share of the measured values that lie furthest from the model at theta."""

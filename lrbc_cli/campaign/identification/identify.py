@@ -29,6 +29,7 @@ from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.lcurve import curve_notes, l_curve
 from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, other_ends
+from lrbc_cli.updating.lines import too_wide
 from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.places import pitch_of
@@ -63,6 +64,8 @@ class _Job:
         self.shapes = self._shapes()
         self.selected = select_lines(inputs, self.measurement, name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
+        lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
+        self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
         self.error = self._change_error(reference)
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
@@ -222,7 +225,8 @@ class _Job:
             unknown = np.all([np.isnan(part) for part in parts], axis=0)
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
         options, errors = self.method.residual, self.statistics.errors
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), options=options, sigma=sigma, errors=errors)
+        model, rows = self.model, self._rows()
+        return Misfit(model, measured, self.prior, eta, rows, options=options, sigma=sigma, errors=errors, sharp=self.sharp)
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""
