@@ -17,6 +17,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.basis import check_orthonormal, new_directions
 from lrbc_cli.reduction.certify import port_errors, random_vectors, residual_errors
@@ -117,7 +118,7 @@ class Reducer:
     def is_small(self) -> bool:
         """Whether the first points give as many directions as the model has: a solution is two, its real and its imaginary part."""
         limit, directions = self.options.max_size, 2 * FIRST_POINTS * (self.problem.inputs.shape[1] + self.problem.dual.shape[1])
-        return self.problem.model.size <= (directions if limit is None else min(directions, limit))
+        return bool(self.problem.model.size <= (directions if limit is None else min(directions, limit)))
 
     def reduced(self) -> ReducedModel:
         """The reduced model on the basis so far."""
@@ -175,9 +176,13 @@ class Reducer:
     def _whole(self, progress: Callable[[str], None]) -> Sweep:
         """Every direction there is: no state of the terms is missed, not even on a resonance between the lines that are looked at."""
         self.basis.extend([np.eye(part.dofs.size) for part in self.basis.fields])
+        self.clock.lap("projection")
         self._record(float("nan"), 0, self.basis.size, None, lambda _: None)
         progress(f"   kept whole  r = {self.basis.size:4d}")
-        return self._sweep(seen=True)
+        try:
+            return self._sweep(seen=True)
+        except np.linalg.LinAlgError:
+            raise NumericalError("the dynamic stiffness is singular in the band", hint="add damping, or choose another band") from None
 
     def enrich(self, line: FullLine) -> tuple[int, int]:
         """Add the moments at a factorised line to the basis; returns (order, added directions)."""
