@@ -17,6 +17,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.problem.basis import check_orthonormal, new_directions
@@ -113,6 +114,12 @@ class Reducer:
         """What is asked for."""
         return self.problem.options
 
+    @property
+    def is_small(self) -> bool:
+        """Whether the first points give as many directions as the model has: a solution is two, its real and its imaginary part."""
+        limit, directions = self.options.max_size, 2 * FIRST_POINTS * (self.problem.inputs.shape[1] + self.problem.dual.shape[1])
+        return bool(self.problem.model.size <= (directions if limit is None else min(directions, limit)))
+
     def reduced(self) -> ReducedModel:
         """The reduced model on the basis so far."""
         return self.problem.reduced(self.basis)
@@ -139,6 +146,8 @@ class Reducer:
 
     def expand(self, progress: Callable[[str], None] = lambda _: None) -> Sweep:
         """Expand at the first lines, the outer ones first, until the estimate is good."""
+        if self.is_small:
+            return self._whole(progress)
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
         frequencies_hz = self.estimator.grid.frequency(0.5 - 0.5 * np.cos(angles))
         rest = [float(frequency) for frequency in (*frequencies_hz[::2], *frequencies_hz[1::2])]
@@ -164,6 +173,17 @@ class Reducer:
                 if not rest or self._is_good(sweep.estimate, 1.0):
                     return sweep
 
+    def _whole(self, progress: Callable[[str], None]) -> Sweep:
+        """Every direction there is: no state of the terms is missed, not even on a resonance between the lines that are looked at."""
+        self.basis.extend([np.eye(part.dofs.size) for part in self.basis.fields])
+        self.clock.lap("projection")
+        self._record(float("nan"), 0, self.basis.size, None, lambda _: None)
+        progress(f"   kept whole  r = {self.basis.size:4d}")
+        try:
+            return self._sweep(seen=True)
+        except np.linalg.LinAlgError:
+            raise NumericalError("the dynamic stiffness is singular in the band", hint="add damping, or choose another band") from None
+
     def enrich(self, line: FullLine) -> tuple[int, int]:
         """Add the moments at a factorised line to the basis; returns (order, added directions)."""
         line = self.lines.expanded(line)
@@ -185,7 +205,7 @@ class Reducer:
         """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
         full, limit, size = self.reduced(), self.options.max_size, self.basis.size
         # With very many terms it would save little, and each comparison costs as much as several full lines.
-        if self.problem.many and limit is None:
+        if limit is None and (self.problem.many or self.is_small):
             return _Candidate(rich, rich, full)
         compressor = Compressor(self.problem, self.basis, rich, self.estimator, self.loss)
         counts = compressor.search(self.options.tolerance)

@@ -34,6 +34,7 @@ from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import alone, prior_draws
+from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbours, node_shapes
 
@@ -63,6 +64,8 @@ class _Job:
         self.shapes = self._shapes()
         self.selected = select_lines(inputs, self.measurement, name)
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
+        lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
+        self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
         self.error = self._change_error(reference)
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
@@ -222,7 +225,8 @@ class _Job:
             unknown = np.all([np.isnan(part) for part in parts], axis=0)
             sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
         options, errors = self.method.residual, self.statistics.errors
-        return Misfit(self.model, measured, self.prior, eta, self._rows(), options=options, sigma=sigma, errors=errors)
+        model, rows = self.model, self._rows()
+        return Misfit(model, measured, self.prior, eta, rows, options=options, sigma=sigma, errors=errors, sharp=self.sharp)
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""

@@ -17,7 +17,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 
 #: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 28, 8
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 29, 8
 
 #: The parts of an identification in words.
 PARTS = {

@@ -158,6 +158,8 @@ class Misfit:
     sigma : (F, R) float array or None
         Standard deviation of the measured magnitude [dB], by which lines are weighted.
     errors : ErrorModel
+    sharp : bool
+        Whether the lines do not resolve the peaks: then squares in dB have a valley between any two lines, see ``on_sphere``.
 
     Raises
     ------
@@ -176,8 +178,9 @@ class Misfit:
         options: ResidualOptions | None = None,
         sigma: Floats | None = None,
         errors: ErrorModel = ERRORS,
+        sharp: bool = False,
     ) -> None:
-        self.model, self.errors = model, errors
+        self.model, self.errors, self.sharp = model, errors, sharp
         self._data = DataResidual(measured, options, sigma, errors)
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
@@ -269,6 +272,12 @@ class Misfit:
         found = copy(self)
         found._data, found.evaluations = self._data.weighted_as(other._data), 0
         return found
+
+    def on_sphere(self) -> Misfit:
+        """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.on_sphere(), 0
+        return other
 
     def without(self, theta: Floats, share: float) -> Misfit:
         """The same cost without the share of the measured values that lie furthest from the model at theta."""

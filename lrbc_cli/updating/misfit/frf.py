@@ -116,8 +116,9 @@ class FrfModel:
     def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
         P = self.parameters
         y, relative = self.linearised(P.dynamic(theta, self.s))
-        # Re(conj(H) dH)/|H|² = Re(dH/H)
-        relative *= (DB / y)[:, :, None]
+        # Re(conj(H) dH)/|H|² = Re(dH/H); what is rounding, at a zero of an undamped model, has no logarithm to follow.
+        size = np.abs(y)
+        relative *= np.where(size > np.finfo(float).eps * size.max(axis=0, initial=0.0), DB / y, 0.0)[:, :, None]
         kappa, chain = P.scales(theta), P.scale_jacobian(theta)
         damped = {at: (relative[:, :, terms] @ kappa[terms]) * slope[:, None] for at, terms, slope in P.damping_spectra(theta, self.s)}
         relative *= P.spectra(theta, self.s)[:, None, :]

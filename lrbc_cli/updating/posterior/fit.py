@@ -236,7 +236,7 @@ def follow_noise(
     """
     places, errors = [*starts], misfit.errors
     noise = noise_of(misfit, solution.evaluation, selected)
-    history, iterations = list(solution.history), solution.iterations
+    history, iterations, evaluations = list(solution.history), solution.iterations, solution.evaluations
     for round_ in range(rounds):
         kept = misfit, solution, noise
         places.append(solution.theta)
@@ -245,13 +245,13 @@ def follow_noise(
         found = again(misfit, solution.theta)
         first = len(history)
         history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
-        iterations += found.iterations
-        solution = replace(found, iterations=iterations, evaluations=len(history), history=tuple(history), starts=solution.starts)
+        iterations, evaluations = iterations + found.iterations, evaluations + found.evaluations
+        solution = replace(found, iterations=iterations, evaluations=evaluations, history=tuple(history), starts=solution.starts)
         noise = noise_of(misfit, solution.evaluation, selected)
         if misfit.weighted and solution.evaluation.misfit_db > errors.runaway * kept[1].evaluation.misfit_db + errors.least_runaway_db:
             # Weights of a loosened state forgive the tight one: from there the noise would only grow.
             misfit, solution, noise = kept
-            solution = replace(solution, iterations=iterations, evaluations=len(history), history=tuple(history))
+            solution = replace(solution, iterations=iterations, evaluations=evaluations, history=tuple(history))
             break
         if round_ and abs(noise.variance - before) < change * max(before, errors.least_variance):
             break

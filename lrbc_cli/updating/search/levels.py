@@ -119,13 +119,15 @@ class Race:
     history : list of HistoryEntry
         All evaluations.
     iterations : int
+    elsewhere : int
+        Evaluations of another cost, see ``descend``.
     """
 
     def __init__(self, misfit: Misfit, bounds: Floats, span: Floats | None, tolerance: float, max_iterations: int) -> None:
         self.seen = Best(misfit, _admissible(misfit, bounds, span))
         self.ends: list[tuple[str, Solution]] = []
         self.history: list[HistoryEntry] = []
-        self.iterations = 0
+        self.iterations = self.elsewhere = 0
         self._misfit, self._bounds, self._span = misfit, bounds, span
         self._tolerance, self._most = tolerance, max_iterations
 
@@ -170,6 +172,7 @@ class Race:
         ends = side_by_side(one, begun)
         for end in ends:
             self.note(end.history)
+            self.elsewhere += end.evaluations - len(end.history)
             self.iterations += end.iterations
         return ends
 
@@ -253,7 +256,8 @@ class Race:
         kept = self.best
         led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(self.ends))
         history = tuple(self.history)
-        return replace(self.ends[kept][1], iterations=self.iterations, evaluations=len(history), history=history, starts=led)
+        count = len(history) + self.elsewhere
+        return replace(self.ends[kept][1], iterations=self.iterations, evaluations=count, history=history, starts=led)
 
 
 def gauss_newton_by_levels(
@@ -374,9 +378,30 @@ def _admissible(misfit: Misfit, bounds: Floats, span: Floats | None) -> Callable
 
 
 def descend(
-    misfit: Misfit, start: Floats, bounds: Floats, span: Floats | None = None, *, tolerance: float = 1e-4, max_iterations: int = 100
+    misfit: Misfit,
+    start: Floats,
+    bounds: Floats,
+    span: Floats | None = None,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 100,
+    most_led: int = 50,
 ) -> Solution:
-    """Gauss-Newton on all values, or on the unknowns z of ``prior + span z``; the Jacobian of its evaluation is to those."""
+    """Gauss-Newton on all values, or on the unknowns z of ``prior + span z``; the Jacobian of its evaluation is to those.
+
+    Where lines do not resolve the peaks, the lower one of this end and of that from where differences on Riemann's sphere lead, in
+    ``most_led`` iterations at the most whatever the limit: it is there that poles have to pass many lines.
+    """
+    if not misfit.sharp:
+        return _one_descent(misfit, start, bounds, span, tolerance, max_iterations)
+    led = _one_descent(misfit.on_sphere(), start, bounds, span, tolerance, most_led)
+    ends = [_one_descent(misfit, place, bounds, span, tolerance, max_iterations) for place in (start, led.theta)]
+    best = min(ends, key=lambda end: end.evaluation.total if np.isfinite(end.evaluation.total) else np.inf)
+    history = tuple(entry for end in ends for entry in end.history)
+    return replace(best, evaluations=led.evaluations + len(history), history=history)
+
+
+def _one_descent(misfit: Misfit, start: Floats, bounds: Floats, span: Floats | None, tolerance: float, max_iterations: int) -> Solution:
     if span is None:
         return gauss_newton(misfit, start, bounds, tolerance=tolerance, max_iterations=max_iterations)
     level = Level(misfit, misfit.prior, span)

@@ -31,14 +31,15 @@ class ResidualOptions:
     ----------
     kind : str
         ``db``: difference of the magnitudes in dB, eqs. (29) to (31). ``log-complex``: ``20/ln10 ln(y/m)``, the difference in dB and the
-        wrapped difference of the phases, a radian counting as 8.69 dB.
+        wrapped difference of the phases, a radian counting as 8.69 dB. ``sphere``: difference of the points on Riemann's sphere, see
+        ``DataResidual.on_sphere``.
     loss_scale : float or None
         Differences well above it [dB] count by their size and no longer by its square; None: squares throughout.
     floor : float or None
         Level below a response's largest selected line [dB] under which differences fade.
     """
 
-    kind: Literal["db", "log-complex"] = "db"
+    kind: Literal["db", "log-complex", "sphere"] = "db"
     loss_scale: float | None = None
     floor: float | None = None
 
@@ -186,6 +187,19 @@ class DataResidual:
         found._weigh(other.level)
         return found
 
+    def on_sphere(self) -> DataResidual:
+        """The same between points on Riemann's sphere, whose equator is the mean level of each response: for a search.
+
+        With one poles and zeros are the sphere's, and no FRF is further from another than its diameter. Each term moves an FRF by a Moebius
+        transformation (eq. (28) and a change of rank one), smoothly also where a pole passes a line: in dB that is a ridge without bound,
+        the narrower the less damping there is. About the mean level, differences are those of dB and phase.
+        """
+        other = copy(self)
+        other.options, other._floor = ResidualOptions(kind="sphere"), None
+        other._shifts, other._changes = None, None
+        other._weigh(self.level)
+        return other
+
     def without(self, y: Complexes, share: float) -> DataResidual:
         """The same without the share of the values that lie furthest from the model's FRFs y (F, R)."""
         distance = np.abs(decibel(y) - self.target)[self.valid]
@@ -326,15 +340,28 @@ class DataResidual:
         difference = (decibel(y) - self.target)[self.valid]
         jacobian: NDArray[Any] = J[self.valid]
         residual: NDArray[Any] = difference
-        if self.phase or self._floor is not None:
+        if self.options.kind == "sphere":
+            residual, jacobian = self._spherical(y[self.valid], jacobian)
+        elif self.phase or self._floor is not None:
             residual, jacobian = self._logarithmic(y[self.valid], difference, jacobian)
         if self.options.loss_scale is not None:
             residual, jacobian = soft(residual, jacobian, self.options.loss_scale)
         if self._weights is not None:
-            residual, jacobian = self._weights * residual, self._weights[:, None] * jacobian
+            weights = self._own_weights(len(residual))
+            residual, jacobian = weights * residual, weights[:, None] * jacobian
         if np.iscomplexobj(residual):
             residual, jacobian = np.concatenate([residual.real, residual.imag]), np.vstack([jacobian.real, jacobian.imag])
         return self._whiten(np.asarray(residual)), self._whiten(np.asarray(jacobian)), difference
+
+    def _spherical(self, now: Complexes, jacobian: Complexes) -> tuple[Floats, Floats]:
+        """Differences of the three coordinates, one after the other; the scale is such that a dB at the equator counts as one."""
+        level = (band_means(self.target, np.zeros(len(self.target), dtype=np.int64), self.valid)[self.valid]) / DB
+        (here, along), (there, _) = (
+            _on_sphere(np.asarray(decibel(x) / DB - level), np.asarray(np.angle(x), dtype=float)) for x in (now, self._measured)
+        )
+        by_level, by_phase = along
+        rows = by_level[:, :, None] * jacobian.real + by_phase[:, :, None] * jacobian.imag
+        return DB * (here - there).ravel(), rows.reshape(here.size, jacobian.shape[1])
 
     def _logarithmic(
         self, now: Complexes, difference: Floats, jacobian: Floats | Complexes
@@ -353,6 +380,14 @@ class DataResidual:
             return real, real_rows
         angle = weight * DB * np.angle(now / self._measured)
         return real + 1j * angle, real_rows + 1j * (np.broadcast_to(weight, angle.shape)[:, None] * jacobian.imag)
+
+
+def _on_sphere(level: Floats, phase: Floats) -> tuple[Floats, tuple[Floats, Floats]]:
+    """(3, m) points of ``exp(level + i phase)`` by stereographic projection, and their derivatives to both."""
+    cosine, sine, height, radius = np.cos(phase), np.sin(phase), np.tanh(level), 1.0 / np.cosh(level)
+    point = np.stack([radius * cosine, radius * sine, height])
+    by_level = np.stack([-radius * height * cosine, -radius * height * sine, radius**2])
+    return point, (by_level, np.stack([-radius * sine, radius * cosine, np.zeros_like(phase)]))
 
 
 def soft(residual: Floats | Complexes, jacobian: Floats | Complexes, scale: float) -> tuple[Floats | Complexes, Floats | Complexes]:
