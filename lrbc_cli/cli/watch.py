@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.jobs.run import unseen
+from lrbc_cli.campaign.beside import unseen
 from lrbc_cli.cli.common import cache_folder, progress
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say

@@ -26,6 +26,7 @@ from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionR
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
+from lrbc_cli.updating.evidence import Evidence
 
 R = TypeVar("R", bound=StoredRecord)
 S = TypeVar("S", bound=SealedRecord)
@@ -69,9 +70,14 @@ def write_sealed(path: Path, record: S) -> S:
     ConfigError
         Where the output folder cannot be written.
     """
-    sealed = record.model_copy(update={"digest": digest_of(record.tree())})
-    write(path, sealed)
-    return sealed
+    found = sealed(record)
+    write(path, found)
+    return found
+
+
+def sealed(record: S) -> S:
+    """With a digest of itself."""
+    return record.model_copy(update={"digest": digest_of(record.tree())})
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
@@ -147,6 +153,25 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
     if job.job != name:
         raise DataError(f"it is that of job {job.job}", file=path, place="job", expected=name, found=job.job, hint=JobRecord.HINT)
     return job
+
+
+def write_evidence(folder: Path, evidence: Evidence) -> str:
+    """Store what an identification says of the bolts; returns the SHA-256 of the file."""
+    return write(folder / "evidence.json", EvidenceRecord.of(evidence))
+
+
+def read_evidence(folder: Path) -> Evidence:
+    """Read it back.
+
+    Raises
+    ------
+    DataError
+        Where it is missing, damaged or of another version.
+    """
+    record = read(folder / "evidence.json", EvidenceRecord)
+    if record is None:
+        raise DataError("this result file is missing", file=folder / "evidence.json", hint=EvidenceRecord.HINT)
+    return record.evidence
 
 
 def read_before(output: Path, jobs: Iterable[str]) -> list[str]:

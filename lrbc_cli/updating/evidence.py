@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.mixture import ChangeSamples
+
+if TYPE_CHECKING:
+    # Judging needs nothing of what samples.
+    from lrbc_cli.updating.mixture import ChangeSamples
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
@@ -190,3 +194,7 @@ class Evidence:
     used_misfit_db: float | None = None
     reference_used_misfit_db: float | None = None
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
+
+    def beside(self, copied: str | None) -> Evidence:
+        """With a doubt where the measurement is a copy in some way, unless there is one already."""
+        return self if copied is None or self.doubted else replace(self, doubted=copied)

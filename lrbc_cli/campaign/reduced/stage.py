@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.method import formula
+from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.outcome import Reduction
