@@ -8,6 +8,6 @@ without that what rested on the other one counts as out of date.
 #: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
 NUMBERS = {
     "reduction": "b43217f4b957e53c",
-    "identification": "8383afdfc0976d39",
+    "identification": "fa3d73b6e616dea6",
     "judgement": "4705fd6ef64d39ff",
 }

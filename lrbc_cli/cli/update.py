@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lrbc_cli.campaign.documents import require_own_output
-from lrbc_cli.campaign.jobs.outcome import Outcome
 from lrbc_cli.campaign.jobs.plans import choose_jobs, plan
 from lrbc_cli.campaign.jobs.rejudge import judge_finished, unchanged
-from lrbc_cli.campaign.jobs.standing import findings_of
+from lrbc_cli.campaign.jobs.standing import Outcome, findings_of
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import cache_folder, progress, read, say_json, tell_calibration, tell_warnings
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity

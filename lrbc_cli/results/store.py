@@ -71,7 +71,10 @@ def write_sealed(path: Path, record: S) -> S:
         Where the output folder cannot be written.
     """
     found = sealed(record)
-    write(path, found)
+    content = _document(found.tree(), False)
+    write_bytes(path, content)
+    # Read again it is this one: a result that failed is read as a job's too.
+    _records.of(content, lambda: found, JobRecord if isinstance(found, FailedJob) else type(found))
     return found
 
 

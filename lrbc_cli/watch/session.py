@@ -13,8 +13,8 @@ from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.identification.records import MIN_BAND, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.jobs.outcome import Outcome
 from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction

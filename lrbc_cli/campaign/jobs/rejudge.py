@@ -11,9 +11,8 @@ from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.digests import content_of, origin, surroundings
 from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.judging import judged_anew
-from lrbc_cli.campaign.jobs.outcome import Outcome
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, settled
-from lrbc_cli.campaign.jobs.standing import rests_on
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign

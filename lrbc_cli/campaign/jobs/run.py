@@ -13,12 +13,11 @@ from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
 from lrbc_cli.campaign.jobs.evidence import copied_baseline
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
-from lrbc_cli.campaign.jobs.outcome import Outcome
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
 from lrbc_cli.campaign.jobs.remote import Cluster
 from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_reduction, write_result
-from lrbc_cli.campaign.jobs.standing import rests_on
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
