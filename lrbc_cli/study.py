@@ -149,8 +149,7 @@ class Study:
     def source(self) -> FrfSource:
         """FRFs on any lines of the band: of the reduced model, unless the campaign says ``evaluation: full``."""
         if self._source is None:
-            full = self.inputs.campaign.update.evaluation == "full"
-            self._source = frf_source(self.inputs, None if full else self.stage, self._progress)
+            self._source = frf_source(self.inputs, None if self.inputs.method.full_order else self.stage, self._progress)
         return self._source
 
     def parameters(self, hz: ArrayLike | None = None) -> Parameterisation:

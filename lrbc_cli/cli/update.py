@@ -126,7 +126,7 @@ def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool
             }
         )
         return
-    if inputs.campaign.update.evaluation != "full":
+    if not inputs.method.full_order:
         say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         if decision.missed:
             say(f"{decision.missed}; --accept-tolerance accepts it")

@@ -20,10 +20,11 @@ from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.evidence import EvidenceRecord
-from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong, plain
+from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
 from lrbc_cli.updating.evidence import Evidence
@@ -87,11 +88,6 @@ def digest_of(tree: Mapping[str, Any]) -> str:
     """SHA-256 of what a record says, but for the digest itself; layout and order of keys do not count."""
     content = {key: value for key, value in tree.items() if key != "digest"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
-    """Write one JSON document atomically, as ``write``; numbers that are not finite become null."""
-    return write_bytes(path, _document(plain(tree), compact))
 
 
 def _document(tree: Mapping[str, Any], compact: bool) -> bytes:
@@ -234,7 +230,7 @@ def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
     return tree
 
 
-#: The documents under the output folder.
+#: The documents under the output folder, and the one beside a rehearsal.
 FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "campaign.json": (CampaignRecord,),
     "reduction.json": (ReductionRecord,),
@@ -244,6 +240,7 @@ FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "shapes.json": (ShapesRecord,),
     "result.json": (JobRecord, FailedJob),
     "evidence.json": (EvidenceRecord,),
+    "rehearsal.json": (RehearsalRecord,),
 }
 
 

@@ -21,7 +21,7 @@ from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction, with_rows
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_source, with_rows
 from lrbc_cli.campaign.structure import structure_of
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
@@ -108,15 +108,11 @@ class _Run:
         write_campaign(self.output, self.inputs, {"structure.json": drawn})
         if source is not None:
             source = replace(source, inputs=self.inputs, progress=self.progress)
-            self.stage = source.stage
-            if self.stage is not None:
-                write_reduction(self.output, self.inputs, self.stage)
         elif any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
-            if campaign.update.evaluation != "full":
-                self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
-                write_reduction(self.output, self.inputs, self.stage)
-            source = frf_source(self.inputs, self.stage, self.progress)
+            source = obtain_source(self.inputs, self.folder, accept=accept, progress=self.progress)
+        self.stage = None if source is None else source.stage
         if self.stage is not None:
+            write_reduction(self.output, self.inputs, self.stage)
             self.stage, lacking = with_rows(self.inputs, self.stage)
             if lacking:
                 log.warning("no deflection shapes: %s (`lrbc reduce --force` keeps it)", lacking)

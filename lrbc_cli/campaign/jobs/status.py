@@ -95,7 +95,7 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
     known = [job.seconds for job in jobs.values() if job.seconds is not None]
     if not ahead:
         return replace(found, seconds_left=0.0)
-    reduction = 0.0 if decision.hit or campaign.update.evaluation == "full" else _reduction_seconds(inputs)
+    reduction = 0.0 if decision.hit or inputs.method.full_order else _reduction_seconds(inputs)
     left = None if not known or reduction is None else reduction + ahead * median(known)
     return replace(found, seconds_left=left)
 
