@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from campaigns import Folder, environment, finished, two_jobs
 
+from lrbc_cli.campaign.jobs.identity import Identity
 from lrbc_cli.campaign.jobs.rejudge import Standing, unchanged
 from lrbc_cli.campaign.jobs.standing import changes_of, other_baselines, other_reference, state_of
 from lrbc_cli.config import load_campaign
@@ -342,6 +343,13 @@ def test_a_result_that_was_changed_needs_the_model(here: Folder) -> None:
     change(file, lambda tree: tree["provenance"].pop("origin"))
     assert standing(here) is None
     file.write_bytes(content)
+    # Of the reference job another measurement was identified since.
+    reference = here.out / "tight" / "result.json"
+    before = reference.read_bytes()
+    parts = here.result("tight")["provenance"]["parts"] | {"measurement": "0" * 64}
+    change(reference, lambda tree: tree["provenance"].update(parts=parts, identity=Identity.of(parts).digest))
+    assert standing(here) is None
+    reference.write_bytes(before)
     assert standing(here) is not None
 
 

@@ -82,8 +82,14 @@ def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -
             return None
     except DataError:
         return None
-    rule, stored = rule_of(campaign.update), {name: record.provenance for name, record in records.items()}
-    plans = decided(campaign, rule, lambda name: Identity(stored[name].identity or "", stored[name].parts or {}), names)
+
+    def identity_of(name: str) -> Identity:
+        # As it was, but for the reference job, which may have been identified again.
+        reference, parts = campaign.update.reference, records[name].provenance.parts or {}
+        own = {} if reference is None or "reference" not in parts else {"reference": records[reference].provenance.identity or ""}
+        return Identity.of({**parts, **own})
+
+    plans = decided(campaign, rule_of(campaign.update), identity_of, names)
     if any(p.run or p.waits or (p.judge and not p.knows_copies) for p in plans):
         return None
     return Standing(tuple(plans), told.reading)
