@@ -16,9 +16,9 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms, ParameterGroup, Parameterisation
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
-from lrbc_cli.reduction.grid import require_in_band
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.misfit import port_model
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.reduction.steps.grid import require_in_band
+from lrbc_cli.updating.misfit.frf import port_model
 
 
 @dataclass(frozen=True)

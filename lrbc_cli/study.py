@@ -31,12 +31,12 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.method.rule import RULE, rule_of
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.grid import require_in_band
 from lrbc_cli.reduction.outcome import Reduction
+from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.plan import PlanRecord
-from lrbc_cli.updating.decide import Judgement, judge
-from lrbc_cli.updating.evidence import Evidence
+from lrbc_cli.updating.judging.decide import Judgement, judge
+from lrbc_cli.updating.judging.evidence import Evidence
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import pytest
 
 import lrbc_cli
 from lrbc_cli.campaign.numbers import NUMBERS
-from lrbc_cli.updating.statistics import STATISTICS
+from lrbc_cli.updating.statistics.model import STATISTICS
 
 ROOT = Path(lrbc_cli.__file__).parent
 ROOMS = ("updating", "campaign", "method", "config")
@@ -102,7 +102,7 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
 
 
 #: Rooms and modules whose numbers belong to a stage; what judges is no part of identifying.
-JUDGING = ("updating/decide.py", "updating/clearance.py", "campaign/jobs/judging.py")
+JUDGING = ("updating/judging/decide.py", "updating/judging/clearance.py", "campaign/jobs/judging.py")
 STAGES = {
     "reduction": ("model", "reduction"),
     "identification": ("updating", "campaign/reading", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),

@@ -25,13 +25,13 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, affine_model, cheaper_formula, obtain_reduction
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.factors import with_factors
-from lrbc_cli.reduction.certify import lines_between, measured_errors
 from lrbc_cli.reduction.outcome import HeldOut
+from lrbc_cli.reduction.steps.certify import lines_between, measured_errors
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.calibrate import FactorFit, FactorProblem, fit_factors
-from lrbc_cli.updating.misfit import mean_misfit
+from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
+from lrbc_cli.updating.misfit.cost import mean_misfit
 
 log = logging.getLogger(__name__)
 

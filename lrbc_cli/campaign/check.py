@@ -24,8 +24,8 @@ from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
-from lrbc_cli.reduction import pardiso
-from lrbc_cli.updating.lines import interpolated, missed, too_wide
+from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.updating.statistics.lines import interpolated, missed, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 

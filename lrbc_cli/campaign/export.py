@@ -20,8 +20,8 @@ from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.export import check_ending, is_export, write_export
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.statespace import HYSTERETIC, VISCOUS, complex_matrix, state_space
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.statespace import HYSTERETIC, VISCOUS, complex_matrix, state_space
 from lrbc_cli.results.store import versions
 
 ENCODING = "lrbc-reduced-model"

@@ -18,7 +18,7 @@ from lrbc_cli.errors import ConfigError, DataError, NumericalError
 from lrbc_cli.io.frf import WRITERS, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.grid import MAX_LINES, band_lines, require_in_band
+from lrbc_cli.reduction.steps.grid import MAX_LINES, band_lines, require_in_band
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
 

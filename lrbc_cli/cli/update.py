@@ -19,7 +19,7 @@ from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_text
-from lrbc_cli.updating.clearance import once_more, sentence
+from lrbc_cli.updating.judging.clearance import once_more, sentence
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs

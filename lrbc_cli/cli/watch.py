@@ -11,7 +11,7 @@ from lrbc_cli.campaign.beside import unseen
 from lrbc_cli.cli.common import cache_folder, progress, tell_calibration
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
-from lrbc_cli.updating.clearance import not_clear
+from lrbc_cli.updating.judging.clearance import not_clear
 from lrbc_cli.watch.loop import Pace, Watch
 from lrbc_cli.watch.session import Session, WatchSettings
 from lrbc_cli.watch.verdict import Hook, Verdict

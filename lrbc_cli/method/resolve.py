@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.method.rule import rule_of
-from lrbc_cli.updating.decide import DecisionRule
-from lrbc_cli.updating.residuals import ResidualOptions
-from lrbc_cli.updating.statistics import STATISTICS, StatisticalModel
+from lrbc_cli.updating.judging.decide import DecisionRule
+from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 #: Why joints have a wider prior.
 JOINTS = "nothing beside a joint holds what it held: one that is finger-tight loses two decades"

@@ -18,18 +18,18 @@ from threadpoolctl import ThreadpoolController
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.basis import check_orthonormal, new_directions
-from lrbc_cli.reduction.certify import port_errors, random_vectors, residual_errors
-from lrbc_cli.reduction.compress import Compressor
-from lrbc_cli.reduction.estimate import Estimator, Sweep
-from lrbc_cli.reduction.full import full_operators, full_ports
-from lrbc_cli.reduction.lines import FullLine, FullLines
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.reduction.problem import Problem
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.unseen import ROUNDING_LEVEL, distance, unseen_bound
-from lrbc_cli.reduction.vectors import certificate_vectors
+from lrbc_cli.reduction.problem.basis import check_orthonormal, new_directions
+from lrbc_cli.reduction.problem.full import full_operators, full_ports
+from lrbc_cli.reduction.problem.problem import Problem
+from lrbc_cli.reduction.problem.vectors import certificate_vectors
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.reduction.steps.certify import port_errors, random_vectors, residual_errors
+from lrbc_cli.reduction.steps.compress import Compressor
+from lrbc_cli.reduction.steps.estimate import Estimator, Sweep
+from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
+from lrbc_cli.reduction.steps.unseen import ROUNDING_LEVEL, distance, unseen_bound
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.reduced.model import ReducedModel
 
 #: Increased whenever the same input would give another basis.
 ALGORITHM_VERSION = 11

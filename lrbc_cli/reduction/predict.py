@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import columns_at_once
-from lrbc_cli.reduction.lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
 from lrbc_cli.reduction.outcome import ReductionOptions
-from lrbc_cli.reduction.problem import Problem
+from lrbc_cli.reduction.problem.problem import Problem
+from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.reduction.solve.dynamic import columns_at_once
+from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
 
 COMPLEX, REAL = 16, 8
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
-from lrbc_cli.updating.places import foot
+from lrbc_cli.updating.unknowns.places import foot
 
 
 def bolts_of(group: Parameter, groups: Sequence[Parameter], bolts: Sequence[Bolt]) -> list[tuple[Bolt, float]]:

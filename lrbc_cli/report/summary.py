@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lrbc_cli.report.reading import read_results
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.judging.clearance import sentence
 
 
 def summary_text(output: Path, jobs: Sequence[str] | None = None, *, reasons: bool = True) -> str:

@@ -8,7 +8,7 @@ from typing import Literal, Self
 from pydantic import ConfigDict
 
 from lrbc_cli.results.fields import StoredRecord
-from lrbc_cli.updating.evidence import Evidence
+from lrbc_cli.updating.judging.evidence import Evidence
 
 
 class EvidenceRecord(StoredRecord):

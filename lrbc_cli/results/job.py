@@ -24,7 +24,7 @@ from lrbc_cli.results.fields import (
     wrong,
 )
 from lrbc_cli.results.modes import ModesRecord
-from lrbc_cli.updating.clearance import BoltFinding, JobFinding
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lrbc_cli.results.job import FailedJob, Job
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.judging.clearance import sentence
 
 
 def job_sentence(record: Job) -> str:

@@ -27,7 +27,7 @@ from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
-from lrbc_cli.updating.evidence import Evidence
+from lrbc_cli.updating.judging.evidence import Evidence
 
 R = TypeVar("R", bound=StoredRecord)
 S = TypeVar("S", bound=SealedRecord)

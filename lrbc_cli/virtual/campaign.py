@@ -19,7 +19,7 @@ from lrbc_cli.config.structure import RecordRef
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
-from lrbc_cli.reduction.grid import require_in_band
+from lrbc_cli.reduction.steps.grid import require_in_band
 from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.virtual.drift import ROOM, Scatter

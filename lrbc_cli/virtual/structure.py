@@ -23,7 +23,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.model.shifts import load_shifts
 from lrbc_cli.reduction.build import reduce_model
-from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.virtual.chain import Chain
 from lrbc_cli.virtual.drift import Drift, Scatter
 

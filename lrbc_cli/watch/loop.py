@@ -14,7 +14,7 @@ from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
 from lrbc_cli.report.old import outdate
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.clearance import JobFinding, once_more
+from lrbc_cli.updating.judging.clearance import JobFinding, once_more
 from lrbc_cli.watch.arrivals import Arrivals, signature
 from lrbc_cli.watch.lock import Lock
 from lrbc_cli.watch.session import Session

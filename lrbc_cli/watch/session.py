@@ -22,7 +22,7 @@ from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
 from lrbc_cli.report.write import write_report
-from lrbc_cli.updating.misfit import SLOPE_STEP
+from lrbc_cli.updating.misfit.cost import SLOPE_STEP
 
 #: What is read of the end of a text file, to see whether its last line has one [bytes].
 TAIL = 64

@@ -13,7 +13,7 @@ from pathlib import Path
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.job import Job
 from lrbc_cli.results.sentence import job_sentence
-from lrbc_cli.updating.clearance import FINISHED, JobFinding, not_clear, once_more
+from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, once_more
 
 #: Seconds that a hook may take.
 PATIENCE = 30.0

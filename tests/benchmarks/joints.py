@@ -36,7 +36,7 @@ from lrbc_cli import load
 from lrbc_cli.campaign.identification.identify import _Job
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.errors import LrbcError
-from lrbc_cli.updating.shapes import joints_of
+from lrbc_cli.updating.unknowns.shapes import joints_of
 
 ROOT = Path(__file__).resolve().parents[2]
 DESIGNS = ("cover", "lap", "space-frame", "flange")

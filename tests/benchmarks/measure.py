@@ -25,11 +25,11 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_operators, full_ports, reduce_model
-from lrbc_cli.reduction.dynamic import DynamicStiffness
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.vectors import local_scale, reference_values
-from lrbc_cli.updating.misfit import Misfit
-from lrbc_cli.updating.residuals import decibel
+from lrbc_cli.reduction.problem.vectors import local_scale, reference_values
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.statistics.residuals import decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]

@@ -28,9 +28,9 @@ from scipy.optimize import least_squares, minimize
 import lrbc_cli as lrbc
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma
-from lrbc_cli.updating.levels import gauss_newton_by_levels
-from lrbc_cli.updating.misfit import Evaluation, Misfit
-from lrbc_cli.updating.optimise import bfgs, gauss_newton
+from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
+from lrbc_cli.updating.search.optimise import bfgs, gauss_newton
 
 Floats = NDArray[np.float64]
 

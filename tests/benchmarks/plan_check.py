@@ -35,7 +35,7 @@ from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.updating.information import LOSSES
+from lrbc_cli.updating.posterior.information import LOSSES
 from lrbc_cli.virtual.campaign import declared_scatter, rehearse
 from lrbc_cli.virtual.structure import Settings
 

@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.reduction.build import Reduction
-from lrbc_cli.reduction.certify import quantity_groups, relative_error
-from lrbc_cli.reduction.dynamic import DynamicStiffness, Factorisation
-from lrbc_cli.reduction.full import full_operators, full_ports
-from lrbc_cli.reduction.ports import PortFrf, port_frf
-from lrbc_cli.reduction.reduced import reference_dynamic
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale, reference_values
+from lrbc_cli.reduction.problem.full import full_operators, full_ports
+from lrbc_cli.reduction.problem.norms import quantity_groups, relative_error
+from lrbc_cli.reduction.problem.vectors import certificate_vectors, local_scale, reference_values
+from lrbc_cli.reduction.reduced.model import reference_dynamic
+from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness, Factorisation
 
 Complexes = NDArray[np.complexfloating[Any, Any]]
 

@@ -26,7 +26,7 @@ from smallest import smallest_basis
 
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.config import load_campaign
-from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.results.store import versions
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "soundbox.yaml"

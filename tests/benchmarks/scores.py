@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lrbc_cli.updating.places import Edge, foot, pitch_of
+from lrbc_cli.updating.unknowns.places import Edge, foot, pitch_of
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from measure import Figure, at_most
 from run import head, table
 from sizes_chart import draw, exponent
 
-from lrbc_cli.reduction import pardiso
+from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.results.store import versions
 from rigs.campaign import campaign_text
 from rigs.design import EDGES

@@ -25,10 +25,10 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.stage import ReductionStage, frf_source, line_seconds
 from lrbc_cli.config import load_campaign
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, full_operators, reduce_model
-from lrbc_cli.reduction.dynamic import DynamicStiffness
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.vectors import local_scale, reference_values
-from lrbc_cli.updating.misfit import Misfit
+from lrbc_cli.reduction.problem.vectors import local_scale, reference_values
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
+from lrbc_cli.updating.misfit.cost import Misfit
 
 MB = 1e6
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
-from lrbc_cli.reduction.certify import quantity_groups
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.unseen import distance
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.problem.norms import quantity_groups
+from lrbc_cli.reduction.problem.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.steps.unseen import distance
 
 Floats = NDArray[np.float64]
 

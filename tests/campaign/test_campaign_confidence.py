@@ -15,10 +15,10 @@ from lrbc_cli import Measurement
 from lrbc_cli.campaign.reduced.stage import affine_model
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.updating.error_model import ERRORS
-from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.shapes import bolt_shapes
-from lrbc_cli.updating.statistics import STATISTICS
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.statistics.error_model import ERRORS
+from lrbc_cli.updating.statistics.model import STATISTICS
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes
 
 AUTO = "update.regularisation=auto"
 
@@ -81,9 +81,9 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path) -> None:
     """The others free at every step: half the width at which the cost is 3.84 higher, against 1.96 standard deviations."""
     from scipy.optimize import brentq
 
-    from lrbc_cli.updating.levels import Level
-    from lrbc_cli.updating.misfit import Misfit
-    from lrbc_cli.updating.optimise import gauss_newton
+    from lrbc_cli.updating.misfit.cost import Misfit
+    from lrbc_cli.updating.search.levels import Level
+    from lrbc_cli.updating.search.optimise import gauss_newton
 
     made = Made(box(tmp_path / "box"), "update.weights=none")
     tight = BOX_TRUTH["tight"]

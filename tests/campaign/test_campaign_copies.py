@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lrbc_cli.campaign.identification import copies
 from lrbc_cli.campaign.identification.copies import Earlier, copied_responses, copied_text
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.updating.statistics import ValidationChannels
+from lrbc_cli.updating.statistics.model import ValidationChannels
 
 LIMITS = ValidationChannels()
 

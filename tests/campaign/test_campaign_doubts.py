@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, o
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI
-from lrbc_cli.updating.scale import Offset
+from lrbc_cli.updating.comparison.scale import Offset
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
 

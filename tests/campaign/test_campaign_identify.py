@@ -23,8 +23,8 @@ from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.results.model import Boundary
-from lrbc_cli.updating import levels
-from lrbc_cli.updating.priors import BOLT_PRIOR
+from lrbc_cli.updating.search import levels
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR
 
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
 S = 2j * np.pi * FREQUENCY

@@ -16,7 +16,7 @@ from campaigns import Folder, box, finished
 from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfRecord, FrfSet
-from lrbc_cli.updating.statistics import ValidationChannels
+from lrbc_cli.updating.statistics.model import ValidationChannels
 
 BEYOND = ("B0", "B7")
 NUMBERS = ("log10_stiffness", "change", "change_std", "threshold", "probability_loose", "probability_changed")

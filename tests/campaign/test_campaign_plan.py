@@ -13,7 +13,7 @@ from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
 from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.shapes import bolt_shapes
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes
 
 #: Bolts that are loosened, one in each job; relative noise of every value (0.3 dB in magnitude).
 BOLTS, NOISE, LOSS = ("B2", "B5"), 0.05, 2.0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from campaigns import Folder, command, environment
-from grillage import BOLTS, JOBS, grillage
+from grillage import BOLTS, JOBS, grillage, node
 from shared import shared
 
 from lrbc_cli import load
@@ -73,6 +73,19 @@ def test_values_name_their_bolts(folder: Folder) -> None:
 def test_the_reference_state_is_about_nominal(folder: Folder) -> None:
     for group in folder.result("tight")["parameters"].values():
         assert max(abs(value) for value in group["log10"]) < 0.3
+
+
+def test_springs_that_no_response_feels_are_named(folder: Folder, tmp_path: Path) -> None:
+    """Tight bolts are judged by those that are felt; losing the others would change nothing."""
+    weak = folder.copy(tmp_path / "weak")
+    rows = ["bolt,node_a,node_b,component,stiffness", *(f"{name},{node(*at)},,ROTX,1e-4" for name, at in BOLTS.items())]
+    (weak.data / "seat.csv").write_text("\n".join(rows) + "\n")
+    weak.write({**weak.tree(), "parameters": {**GROUPS, "seat": {"select": {"bushings": "data/seat.csv"}}}})
+    study = load(weak.config, cache=weak.cache)
+    tight = study.identify("tight")
+    for bolt in study.identify("ring", reference=tight).record.bolts:
+        expected = None if bolt.name in JOBS["ring"] else "judged by its other springs: no response feels those of seat"
+        assert (bolt.verdict, bolt.note) == ("loose" if expected is None else "tight", expected)
 
 
 def test_check_tells_the_joints_and_their_prior(folder: Folder) -> None:

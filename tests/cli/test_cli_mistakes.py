@@ -25,8 +25,8 @@ from lrbc_cli.campaign.looking import rescaled
 from lrbc_cli.io.text.nodes import read_nodes
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction import predict
-from lrbc_cli.reduction.full import full_ports
-from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.problem.full import full_ports
+from lrbc_cli.reduction.reduced.ports import PortFrf
 
 Damage = Callable[[Folder], object]
 Rows = Callable[[np.ndarray], np.ndarray]

@@ -10,8 +10,8 @@ from systems import csc, direct_frf, duct, fe_model, unit, whole
 from lrbc_cli.model.factors import FIELDS, Recipe, make_recipe, parted, with_factors
 from lrbc_cli.model.fem import FeModel, hysteretic
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
-from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.updating.calibrate import FactorProblem
+from lrbc_cli.reduction.reduced.affine import AffineModel
+from lrbc_cli.updating.calibration.calibrate import FactorProblem
 
 COEFFICIENTS = ((4.0, 6e-6), (3.0, 4e-7))
 SPRINGS = 6

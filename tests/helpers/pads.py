@@ -6,7 +6,7 @@ import numpy as np
 from systems import beam, csc, dense_ports, fe_model, unit, whole
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.reduced.model import ReducedModel
 
 PADS = 10
 THIRDS = (1 / 3, 2 / 3, 1 / 3)

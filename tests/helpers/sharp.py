@@ -8,8 +8,9 @@ import numpy as np
 from systems import beam, dense_ports, fe_model, unit
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.misfit import Misfit, port_model
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model
 
 SPRINGS = 34
 S = 2j * np.pi * np.arange(20.0, 401.0, 1.0)

@@ -9,8 +9,8 @@ from scipy.sparse.linalg import splu
 
 from lrbc_cli.model.fem import FeModel, proportional_damping
 from lrbc_cli.model.terms import LowRankTerms
-from lrbc_cli.reduction.ports import PortFrf, port_frf
-from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
 
 
 def csc(matrix) -> sp.csc_array:

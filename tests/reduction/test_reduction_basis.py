@@ -7,7 +7,7 @@ import pytest
 from systems import chain, csc, unit
 
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.reduction.basis import Field, Projection, check_orthonormal, energy_weight, new_directions
+from lrbc_cli.reduction.problem.basis import Field, Projection, check_orthonormal, energy_weight, new_directions
 
 
 def empty_field(n=80, seed=0):

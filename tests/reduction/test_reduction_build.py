@@ -9,11 +9,12 @@ import pytest
 import scipy.sparse as sp
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
-from lrbc_cli.reduction import grid, pardiso
-from lrbc_cli.reduction.basis import check_orthonormal
 from lrbc_cli.reduction.build import Reducer, Reduction, ReductionOptions, full_ports, reduce_model
-from lrbc_cli.reduction.certify import port_errors
-from lrbc_cli.reduction.vectors import band_omega, certificate_vectors, local_scale
+from lrbc_cli.reduction.problem.basis import check_orthonormal
+from lrbc_cli.reduction.problem.vectors import band_omega, certificate_vectors, local_scale
+from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.reduction.steps import grid
+from lrbc_cli.reduction.steps.certify import port_errors
 
 
 def one_input(model):

@@ -10,14 +10,14 @@ import scipy.linalg as la
 from scipy import stats
 from systems import beam, csc, dense_ports, duct, fe_model, relative, unit
 
-from lrbc_cli.reduction import lines as full_lines
-from lrbc_cli.reduction import problem
 from lrbc_cli.reduction.build import COMPRESSION, Reducer, ReductionOptions, reduce_model
-from lrbc_cli.reduction.certify import port_errors, residual_errors
-from lrbc_cli.reduction.compress import ELSEWHERE, Compressor, SweepModes
-from lrbc_cli.reduction.sweep import ReducedSolver
-from lrbc_cli.reduction.unseen import distance, tolerance_factor, unseen_bound
-from lrbc_cli.reduction.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.problem import problem
+from lrbc_cli.reduction.problem.vectors import certificate_vectors, local_scale
+from lrbc_cli.reduction.reduced.sweep import ReducedSolver
+from lrbc_cli.reduction.steps import full_lines
+from lrbc_cli.reduction.steps.certify import port_errors, residual_errors
+from lrbc_cli.reduction.steps.compress import ELSEWHERE, Compressor, SweepModes
+from lrbc_cli.reduction.steps.unseen import distance, tolerance_factor, unseen_bound
 
 BAND = (10.0, 400.0)
 

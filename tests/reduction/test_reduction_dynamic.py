@@ -11,8 +11,8 @@ from systems import beam, chain, csc, duct, grid
 
 from lrbc_cli.errors import ConfigError, NumericalError
 from lrbc_cli.model.fem import proportional_damping
-from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import COLUMNS, DynamicStiffness
+from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.reduction.solve.dynamic import COLUMNS, DynamicStiffness
 
 needs_pardiso = pytest.mark.skipif(pardiso.library() is None, reason="MKL is not installed")
 needs_metis = pytest.mark.skipif(importlib.util.find_spec("pymetis") is None, reason="pymetis is not installed")

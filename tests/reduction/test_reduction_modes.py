@@ -12,8 +12,8 @@ from systems import duct, fe_model, unit, whole
 
 from lrbc_cli.campaign.identification.unknowns import layout
 from lrbc_cli.campaign.updated.modes import polynomial
-from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
-from lrbc_cli.reduction.reduced import ReducedModel
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.modes import Modes, mac, modes_of, paired
 
 BAND = (30.0, 500.0)
 

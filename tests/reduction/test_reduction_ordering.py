@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.sparse.linalg import splu
 from systems import grid
 
-from lrbc_cli.reduction.ordering import bisection_order, nested_dissection, without_diagonal
+from lrbc_cli.reduction.solve.ordering import bisection_order, nested_dissection, without_diagonal
 
 METIS = importlib.util.find_spec("pymetis") is not None
 METHODS = [pytest.param("metis", marks=pytest.mark.skipif(not METIS, reason="pymetis is not installed")), "bisection"]

@@ -22,11 +22,11 @@ from systems import (
 )
 
 from lrbc_cli.errors import NumericalError
-from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.build import FIRST_POINTS, Reduction, ReductionOptions, reduce_model
-from lrbc_cli.reduction.certify import SILENT
-from lrbc_cli.reduction.reduced import reference_dynamic
-from lrbc_cli.reduction.vectors import local_scale
+from lrbc_cli.reduction.problem.norms import SILENT
+from lrbc_cli.reduction.problem.vectors import local_scale
+from lrbc_cli.reduction.reduced.model import reference_dynamic
+from lrbc_cli.reduction.solve import pardiso
 
 BAND = (10.0, 400.0)
 BACKENDS = ["superlu", *(["pardiso"] if pardiso.library() else [])]

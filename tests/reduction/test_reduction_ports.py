@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from systems import beam, chain, csc, dense_ports, direct_frf, duct, fe_model, random_vectors, relative, unit
 
 from lrbc_cli.reduction import threads
-from lrbc_cli.reduction.ports import port_frf
+from lrbc_cli.reduction.reduced.ports import port_frf
 from lrbc_cli.reduction.threads import by_lines, in_chunks, in_turn, side_by_side
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])

@@ -13,9 +13,9 @@ import pytest
 import scipy.sparse as sp
 from systems import csc, fe_model, grid
 
-from lrbc_cli.reduction import pardiso
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.predict import LIBRARIES, memory_bound, predict
+from lrbc_cli.reduction.solve import pardiso
 
 BACKENDS = ["superlu", *(["pardiso"] if pardiso.library() else [])]
 #: With as many modes as there are terms.

@@ -11,8 +11,8 @@ from samples import reduced_sample, sample
 from scipy.signal import find_peaks
 from systems import beam, chain, csc, dense_ports, direct_frf, fe_model, random_vectors, relative, unit, whole
 
-from lrbc_cli.reduction.reduced import ReducedModel, reference_dynamic
-from lrbc_cli.reduction.vectors import certificate_vectors
+from lrbc_cli.reduction.problem.vectors import certificate_vectors
+from lrbc_cli.reduction.reduced.model import ReducedModel, reference_dynamic
 
 S = 2j * np.pi * np.array([13.0, 55.5, 121.0, 240.0, 333.3])
 

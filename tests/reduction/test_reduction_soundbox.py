@@ -9,9 +9,9 @@ from systems import relative
 from threadpoolctl import threadpool_limits
 
 from lrbc_cli.reduction.build import full_operators
-from lrbc_cli.reduction.dynamic import DynamicStiffness
-from lrbc_cli.reduction.ports import port_frf
-from lrbc_cli.reduction.reduced import reference_dynamic
+from lrbc_cli.reduction.reduced.model import reference_dynamic
+from lrbc_cli.reduction.reduced.ports import port_frf
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
 
 pytestmark = pytest.mark.slow
 

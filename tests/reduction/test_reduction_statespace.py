@@ -13,8 +13,8 @@ from systems import chain, csc, direct_frf, duct, fe_model, random_vectors, rela
 
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.reduction.build import ReductionOptions, reduce_model
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.statespace import state_space
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.statespace import state_space
 
 BAND = (20.0, 400.0)
 S = 2j * np.pi * np.linspace(*BAND, 77)

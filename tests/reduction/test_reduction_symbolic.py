@@ -7,9 +7,9 @@ import pytest
 import scipy.sparse as sp
 from systems import chain, csc, duct, fe_model, grid, unit
 
-from lrbc_cli.reduction import pardiso
-from lrbc_cli.reduction.dynamic import DynamicStiffness
-from lrbc_cli.reduction.symbolic import column_counts, elimination_tree
+from lrbc_cli.reduction.solve import pardiso
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
+from lrbc_cli.reduction.solve.symbolic import column_counts, elimination_tree
 
 BACKENDS = ["superlu", *(["pardiso"] if pardiso.library() else [])]
 

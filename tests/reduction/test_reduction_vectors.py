@@ -7,7 +7,7 @@ import pytest
 from systems import beam, chain, csc, direct_frf, fe_model, relative, unit
 
 from lrbc_cli.model.terms import LowRankTerms
-from lrbc_cli.reduction.vectors import FILL_LIMIT, RANDOM_DECADES, certificate_vectors, local_scale, reference_values
+from lrbc_cli.reduction.problem.vectors import FILL_LIMIT, RANDOM_DECADES, certificate_vectors, local_scale, reference_values
 
 OMEGA = 2 * np.pi * 400.0
 

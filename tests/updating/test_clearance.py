@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lrbc_cli.updating.clearance import BoltFinding, JobFinding, not_clear, once_more, open_points, sentence
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, not_clear, once_more, open_points, sentence
 
 
 def job(verdicts: str, status: str = "converged", **more: object) -> JobFinding:

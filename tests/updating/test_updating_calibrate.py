@@ -14,10 +14,10 @@ from systems import direct_frf
 
 from lrbc_cli.model.factors import make_recipe, with_factors
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.apart import apart_notes, indistinguishable
-from lrbc_cli.updating.calibrate import fit_factors, moves_resonances
-from lrbc_cli.updating.residuals import ResidualOptions
-from lrbc_cli.updating.smooth import smoothed
+from lrbc_cli.updating.calibration.apart import apart_notes, indistinguishable
+from lrbc_cli.updating.calibration.calibrate import fit_factors, moves_resonances
+from lrbc_cli.updating.search.smooth import smoothed
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 SIX = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
 KINDS = [(False, name) for name in (*SIX, "stiffness.acoustic", "mass.structure", "sound_speed", "part")]

@@ -8,7 +8,7 @@ import numpy as np
 from linear import line_group
 
 from lrbc_cli.model.terms import smoothing_matrix
-from lrbc_cli.updating.confidence import CHI2_95, band, open_sides
+from lrbc_cli.updating.posterior.confidence import CHI2_95, band, open_sides
 
 NEVER = (np.zeros(7, dtype=bool), np.zeros(7, dtype=bool))
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lrbc_cli.updating.correlation import (
+from lrbc_cli.updating.comparison.correlation import (
     correlate,
     fdac,
     frac,

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.decide import (
+from lrbc_cli.updating.judging.decide import (
     BASELINE,
     JOB,
     NO_SCATTER,
@@ -23,9 +23,9 @@ from lrbc_cli.updating.decide import (
     scatter_of,
     validity,
 )
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
-from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.priors import BoltPrior
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
+from lrbc_cli.updating.posterior.mixture import ChangeSamples
+from lrbc_cli.updating.statistics.priors import BoltPrior
 
 RULE = DecisionRule()
 PLACE = BoltEvidence(name="B1", position=(0.0, 0.0, 0.0), log10_stiffness=4.0, felt=4.0)
@@ -162,6 +162,14 @@ class TestSampled:
         felt, may_be_free = (one(replace(PLACE, change=replace(own, may_be_free=may_be_free))) for may_be_free in (False, True))
         assert (felt.verdict, may_be_free.verdict) == expected
         assert may_be_free.verdict == "loose" or "do not object to it being free" in str(may_be_free.note)
+
+    def test_springs_that_no_response_feels_are_named(self) -> None:
+        """A bolt whose axial spring is felt is judged by it, and its rocking spring is told."""
+        part = replace(PLACE, change=Change(mean=0.0, std=0.1, unfelt=("rocking",)))
+        assert one(part).verdict == "tight"
+        assert "feels those of rocking" in str(one(part).note)
+        loose = one(replace(PLACE, change=Change(mean=-2.0, std=0.1, unfelt=("rocking",))))
+        assert (loose.verdict, loose.note) == ("loose", None)
 
     def test_a_probability_is_none_above_one(self) -> None:
         """Rounded weights may add up to more."""

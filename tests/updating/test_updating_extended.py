@@ -11,10 +11,10 @@ from systems import chain, csc, direct_frf, duct, fe_model, unit
 from lrbc_cli.model.factors import FIELDS, Recipe, make_recipe
 from lrbc_cli.model.fem import FeModel, hysteretic, proportional_damping
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.affine import AffineModel
-from lrbc_cli.reduction.condense import air_is_diagonal
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
+from lrbc_cli.reduction.reduced.affine import AffineModel
+from lrbc_cli.reduction.reduced.condense import air_is_diagonal
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 
 S = 2j * np.pi * np.linspace(20.0, 380.0, 23)
 STRUCTURE, AIR = (60.0, 2e-5), (40.0, 1e-6)

@@ -9,14 +9,14 @@ import pytest
 from linear import LinearModel, line_group
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.extended import Nuisance
-from lrbc_cli.updating.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
-from lrbc_cli.updating.levels import Level, descend
-from lrbc_cli.updating.misfit import Evaluation, Misfit
-from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.optimise import HistoryEntry, Solution, gauss_newton
-from lrbc_cli.updating.residuals import ResidualOptions
-from lrbc_cli.updating.shapes import bolt_shapes, node_shapes
+from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
+from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.posterior.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
+from lrbc_cli.updating.search.levels import Level, descend
+from lrbc_cli.updating.search.optimise import HistoryEntry, Solution, gauss_newton
+from lrbc_cli.updating.statistics.noise import Noise
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes, node_shapes
 
 LINES, RESPONSES, VALUES = 60, 4, 12
 SIGMA, STD = 0.5, 0.35

@@ -13,7 +13,9 @@ from systems import chain, csc, dense_ports, fe_model, unit
 
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import LowRankTerms, ParameterGroup, Parameterisation
-from lrbc_cli.updating.information import (
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import FrfModel, port_model
+from lrbc_cli.updating.posterior.information import (
     FACTOR,
     RANGE_DB,
     Experiment,
@@ -27,10 +29,9 @@ from lrbc_cli.updating.information import (
     outlook,
     verdict,
 )
-from lrbc_cli.updating.levels import Level
-from lrbc_cli.updating.misfit import FrfModel, Misfit, port_model
-from lrbc_cli.updating.optimise import gauss_newton
-from lrbc_cli.updating.residuals import ResidualOptions, decibel
+from lrbc_cli.updating.search.levels import Level
+from lrbc_cli.updating.search.optimise import gauss_newton
+from lrbc_cli.updating.statistics.residuals import ResidualOptions, decibel
 
 BOLTS = 4
 LINES = np.arange(20.0, 260.0, 2.0)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from pads import PADS, S, loosened, pads_model, pads_ports
 from systems import direct_frf
 
-from lrbc_cli.updating.lcurve import curvature, find_corner, l_curve, natural_weight
-from lrbc_cli.updating.misfit import Misfit, penalty_rows, port_model
+from lrbc_cli.updating.misfit.cost import Misfit, penalty_rows
+from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.search.lcurve import curvature, find_corner, l_curve, natural_weight
 
 ETAS = np.logspace(-3.0, 3.0, 9)
 

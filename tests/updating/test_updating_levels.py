@@ -12,10 +12,11 @@ from sharp import sharp_misfit
 from systems import direct_frf
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Level, gauss_newton_by_levels, hats, level_matrix, near_tie, other_ends
-from lrbc_cli.updating.misfit import Misfit, port_model
-from lrbc_cli.updating.optimise import Start, bfgs, gauss_newton
-from lrbc_cli.updating.starts import basins, group_levels, uniform_values
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.search.levels import Level, gauss_newton_by_levels, hats, level_matrix, near_tie, other_ends
+from lrbc_cli.updating.search.optimise import Start, bfgs, gauss_newton
+from lrbc_cli.updating.search.starts import basins, group_levels, uniform_values
 
 
 def problem(*, eta=1e-3, at=(4, 5, 6), noise_db=0.0, **more):

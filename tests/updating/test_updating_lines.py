@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.lines import RESONANCES, interpolated, resonance_lines, too_wide, unresolved
+from lrbc_cli.updating.statistics.lines import RESONANCES, interpolated, resonance_lines, too_wide, unresolved
 
 F = np.arange(20.0, 401.0)
 

@@ -10,9 +10,10 @@ from systems import direct_frf, relative
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
-from lrbc_cli.updating.error_model import ERRORS
-from lrbc_cli.updating.misfit import ChangeError, Misfit, mean_misfit, penalty_rows, port_model, reduced_model
-from lrbc_cli.updating.residuals import decibel
+from lrbc_cli.updating.misfit.cost import ChangeError, Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.misfit.frf import port_model, reduced_model
+from lrbc_cli.updating.statistics.error_model import ERRORS
+from lrbc_cli.updating.statistics.residuals import decibel
 
 ROWS = np.array([0, 2, 3])
 
@@ -151,7 +152,7 @@ class TestCost:
         assert calls == ["linearised", "values", "linearised", "linearised"]
         with pytest.raises(ValueError, match="read-only"):
             J[:] = 0.0
-        monkeypatch.setattr("lrbc_cli.updating.misfit.MOST_KEPT", 1)
+        monkeypatch.setattr("lrbc_cli.updating.misfit.frf.MOST_KEPT", 1)
         by.frf(here)
         by.frf(here)
         assert calls[4:] == ["values", "values"]

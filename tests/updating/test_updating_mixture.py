@@ -11,10 +11,10 @@ from linear import line_group
 from scipy.stats import multivariate_normal, norm
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.mixture import ChangeSamples, KindScore, MixtureProblem, adjacency
-from lrbc_cli.updating.priors import BoltPrior
-from lrbc_cli.updating.sampling import sample_changes
-from lrbc_cli.updating.shapes import bolt_shapes, neighbours
+from lrbc_cli.updating.posterior.mixture import ChangeSamples, KindScore, MixtureProblem, adjacency
+from lrbc_cli.updating.posterior.sampling import sample_changes
+from lrbc_cli.updating.statistics.priors import BoltPrior
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbours
 
 BOLTS, ROWS = 8, 40
 PRIOR = BoltPrior()

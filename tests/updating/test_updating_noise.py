@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.noise import correlation_factor, estimate_noise, validation_ratio
+from lrbc_cli.updating.statistics.noise import correlation_factor, estimate_noise, validation_ratio
 
 LINES, RESPONSES = 400, 6
 

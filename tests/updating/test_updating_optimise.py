@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from lrbc_cli.updating.misfit import Evaluation
-from lrbc_cli.updating.optimise import bfgs, gauss_newton
+from lrbc_cli.updating.misfit.cost import Evaluation
+from lrbc_cli.updating.search.optimise import bfgs, gauss_newton
 
 OPTIMISERS = [pytest.param(gauss_newton, id="gauss-newton"), pytest.param(bfgs, id="bfgs")]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.updating.misfit import penalty_rows
+from lrbc_cli.updating.misfit.cost import penalty_rows
 
 
 def edge(count: int, first: int = 0, damping: EdgeDamping | None = None) -> ParameterGroup:

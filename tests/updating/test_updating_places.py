@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.decide import JOB, REFERENCE, DecisionRule
-from lrbc_cli.updating.decide import judge as decide
-from lrbc_cli.updating.evidence import Evidence
-from lrbc_cli.updating.places import Edge, Joints, at_bolts, foot, misplaced, pitch_of, places
+from lrbc_cli.updating.judging.decide import JOB, REFERENCE, DecisionRule
+from lrbc_cli.updating.judging.decide import judge as decide
+from lrbc_cli.updating.judging.evidence import Evidence, at_bolts
+from lrbc_cli.updating.unknowns.places import Edge, Joints, foot, misplaced, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)
 XYZ = np.column_stack([0 * Y, Y, 0 * Y])

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from pads import PADS, THIRDS, S, loosened, pads_dynamic, pads_model, pads_ports
 from systems import direct_frf
 
-from lrbc_cli.updating.error_model import ERRORS
-from lrbc_cli.updating.misfit import Misfit, port_model, reduced_model
-from lrbc_cli.updating.optimise import gauss_newton
-from lrbc_cli.updating.residuals import (
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model, reduced_model
+from lrbc_cli.updating.search.optimise import gauss_newton
+from lrbc_cli.updating.statistics.error_model import ERRORS
+from lrbc_cli.updating.statistics.residuals import (
     DB,
     DataResidual,
     ResidualOptions,

@@ -11,10 +11,11 @@ from derivatives import check_derivative
 from samples import reduced_sample, sample
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.updating.levels import gauss_newton_by_levels
-from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.misfit import Misfit, port_model, reduced_model
-from lrbc_cli.updating.optimise import bfgs
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model, reduced_model
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
+from lrbc_cli.updating.search.optimise import bfgs
+from lrbc_cli.updating.statistics.lines import resonance_lines
 
 
 def edge_parameters(inputs) -> Parameterisation:

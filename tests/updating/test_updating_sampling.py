@@ -9,9 +9,9 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from lrbc_cli.updating.mixture import MixtureProblem
-from lrbc_cli.updating.priors import BoltPrior
-from lrbc_cli.updating.sampling import sample_changes
+from lrbc_cli.updating.posterior.mixture import MixtureProblem
+from lrbc_cli.updating.posterior.sampling import sample_changes
+from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
 ROWS = 30

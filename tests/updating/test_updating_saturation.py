@@ -7,9 +7,9 @@ import pytest
 from pads import PADS, S, pads_model, pads_ports
 from systems import csc, fe_model
 
-from lrbc_cli.reduction.vectors import local_scale
-from lrbc_cli.updating.residuals import decibel
-from lrbc_cli.updating.saturation import LIMITS, saturation
+from lrbc_cli.reduction.problem.vectors import local_scale
+from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.saturation import LIMITS, saturation
 
 TERMS = np.arange(PADS)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pads import PADS, S, loosened, pads_model, pads_ports
 
-from lrbc_cli.updating.misfit import port_model
-from lrbc_cli.updating.scale import Offset, delay_of, grouped, misses_unit, offsets_of
+from lrbc_cli.updating.comparison.scale import Offset, delay_of, grouped, misses_unit, offsets_of
+from lrbc_cli.updating.misfit.frf import port_model
 
 FREQUENCY = S.imag / (2 * np.pi)
 RNG = np.random.default_rng(3)

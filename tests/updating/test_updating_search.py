@@ -11,12 +11,13 @@ from pads import PADS, pads_model, pads_ports
 from sharp import sharp_misfit
 
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.levels import Race, descend, gauss_newton_by_levels
-from lrbc_cli.updating.misfit import Misfit, port_model
-from lrbc_cli.updating.optimise import Solution
-from lrbc_cli.updating.search import search
-from lrbc_cli.updating.shapes import Shapes
-from lrbc_cli.updating.starts import LEVELS, hops, other_levels
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.search.levels import Race, descend, gauss_newton_by_levels
+from lrbc_cli.updating.search.optimise import Solution
+from lrbc_cli.updating.search.search import search
+from lrbc_cli.updating.search.starts import LEVELS, hops, other_levels
+from lrbc_cli.updating.unknowns.shapes import Shapes
 
 PAIRS = [(k, k + 1) for k in range(PADS - 1)]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation
-from lrbc_cli.updating.priors import BOLT_PRIOR, VALUE_PRIOR
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, VALUE_PRIOR
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbours, node_shapes
 
 Y = np.linspace(0.0, 0.5, 21)
 STD = 0.35

@@ -9,10 +9,11 @@ import pytest
 from systems import beam, dense_ports, fe_model, unit
 
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
-from lrbc_cli.updating.levels import descend
-from lrbc_cli.updating.misfit import Misfit, port_model
-from lrbc_cli.updating.shapes import Shapes
-from lrbc_cli.updating.smooth import narrowed, smoothed_costs, smoothed_lines
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.search.levels import descend
+from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs, smoothed_lines
+from lrbc_cli.updating.unknowns.shapes import Shapes
 
 JOINTS = 10
 LINES = np.arange(15.0, 400.5, 0.5)

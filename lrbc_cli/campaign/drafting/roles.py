@@ -20,7 +20,7 @@ from lrbc_cli.io.sparse import MatrixFile
 from lrbc_cli.io.text.bushings import read_bushings
 from lrbc_cli.io.text.tables import read_positions, read_table
 from lrbc_cli.model.dofs import DofTable
-from lrbc_cli.reduction.vectors import highest_omega
+from lrbc_cli.reduction.problem.vectors import highest_omega
 
 #: Names of operators, from whole names to parts of them.
 OPERATORS = {

@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.correlation import Correlation, PeakTable, correlate
+from lrbc_cli.updating.comparison.correlation import Correlation, PeakTable, correlate
 
 FDAC_COLUMNS = ["measured_hz", "model_hz", "initial", "updated"]
 

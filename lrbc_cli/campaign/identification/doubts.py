@@ -14,9 +14,9 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.lines import too_wide
-from lrbc_cli.updating.residuals import coherence_sigma
-from lrbc_cli.updating.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.statistics.lines import too_wide
+from lrbc_cli.updating.statistics.residuals import coherence_sigma
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.fit import Posterior
-from lrbc_cli.updating.lcurve import LCurve
-from lrbc_cli.updating.misfit import Misfit
-from lrbc_cli.updating.mixture import ChangeSamples
-from lrbc_cli.updating.optimise import Solution
-from lrbc_cli.updating.saturation import Saturation
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.posterior.fit import Posterior
+from lrbc_cli.updating.posterior.mixture import ChangeSamples
+from lrbc_cli.updating.search.lcurve import LCurve
+from lrbc_cli.updating.search.optimise import Solution
+from lrbc_cli.updating.statistics.saturation import Saturation
 
 
 @dataclass(frozen=True, kw_only=True)

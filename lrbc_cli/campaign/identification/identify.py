@@ -24,18 +24,18 @@ from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.reduction.threads import in_turn, single_threaded
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.confidence import open_values
-from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
-from lrbc_cli.updating.lcurve import curve_notes, l_curve
-from lrbc_cli.updating.levels import Level, descend, gauss_newton_by_levels, other_ends
-from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
-from lrbc_cli.updating.optimise import Solution, bfgs, gauss_newton
-from lrbc_cli.updating.places import pitch_of
-from lrbc_cli.updating.search import search
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, neighbours, node_shapes
-from lrbc_cli.updating.smooth import narrowed, smoothed_costs
-from lrbc_cli.updating.starts import alone, prior_draws
+from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.posterior.confidence import open_values
+from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
+from lrbc_cli.updating.search.lcurve import curve_notes, l_curve
+from lrbc_cli.updating.search.levels import Level, descend, gauss_newton_by_levels, other_ends
+from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
+from lrbc_cli.updating.search.search import search
+from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
+from lrbc_cli.updating.search.starts import alone, prior_draws
+from lrbc_cli.updating.unknowns.places import pitch_of
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbours, node_shapes
 
 log = logging.getLogger(__name__)
 

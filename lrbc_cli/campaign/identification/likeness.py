@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.scale import ALIKE, LEAST_LINES, POWERS, moved
+from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_LINES, POWERS, moved
 
 #: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0

@@ -12,8 +12,8 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.extended import Nuisance
-from lrbc_cli.updating.fit import Posterior
+from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.posterior.fit import Posterior
 
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:

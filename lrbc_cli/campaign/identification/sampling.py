@@ -8,12 +8,12 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.fit import Posterior
-from lrbc_cli.updating.levels import Level
-from lrbc_cli.updating.misfit import ChangeError, Misfit
-from lrbc_cli.updating.mixture import ChangeSamples, MixtureProblem
-from lrbc_cli.updating.sampling import sample_changes
-from lrbc_cli.updating.shapes import neighbours
+from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
+from lrbc_cli.updating.posterior.fit import Posterior
+from lrbc_cli.updating.posterior.mixture import ChangeSamples, MixtureProblem
+from lrbc_cli.updating.posterior.sampling import sample_changes
+from lrbc_cli.updating.search.levels import Level
+from lrbc_cli.updating.unknowns.shapes import neighbours
 
 
 def changes_of(

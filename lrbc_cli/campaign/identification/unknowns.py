@@ -14,12 +14,12 @@ from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
-from lrbc_cli.reduction.grid import band_lines
-from lrbc_cli.reduction.vectors import band_omega, local_scale
+from lrbc_cli.reduction.problem.vectors import band_omega, local_scale
+from lrbc_cli.reduction.steps.grid import band_lines
 from lrbc_cli.results.job import JobRecord, Parameter
 from lrbc_cli.results.model import Boundary
-from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.saturation import Saturation, saturation
+from lrbc_cli.updating.statistics.lines import resonance_lines
+from lrbc_cli.updating.statistics.saturation import Saturation, saturation
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
@@ -59,8 +59,8 @@ def _parameterise(inputs: Inputs, source: FrfSource, s: Complexes, terms: int = 
             values = source.model(s, empty, lines, inputs.used).values
             typical = float(np.exp(np.mean(np.log(scale[group.terms]))))
             limits = saturation(values, D[lines], group.terms, typical, limits=inputs.statistics.limits)
-            if not limits.found and group.config.start is not None:
-                # The local stiffness of solid elements lies decades above that of a spring: it must have room to loosen.
+            if group.config.start is not None:
+                # It must have room to loosen: the FRFs may feel no loss of a weak spring, but the bolt's other springs lose as much.
                 limits = replace(limits, lower=min(limits.lower, group.config.start + inputs.statistics.limits.fallback[0]))
             found[group.name] = limits
         groups.append(_group(group, limits))

@@ -22,11 +22,11 @@ from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.confidence import Band, band
-from lrbc_cli.updating.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, carried
-from lrbc_cli.updating.levels import near_tie
-from lrbc_cli.updating.lines import interpolated, too_wide
-from lrbc_cli.updating.places import Edge, Joints, Spot, at_bolts
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, SampledChange, at_bolts, carried
+from lrbc_cli.updating.posterior.confidence import Band, band
+from lrbc_cli.updating.search.levels import near_tie
+from lrbc_cli.updating.statistics.lines import interpolated, too_wide
+from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 
 def effective(group: ParameterGroup, p: Floats) -> Floats:
@@ -192,8 +192,9 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
     def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:
         parts = [(*where[i], at) for i, at in spot]
         found = _change(result, bolt, parts, difference, reference)
-        may_be_free = all(bool(result.opens[0][values][chosen].all()) for _, values, chosen in parts)
-        return None if found is None else replace(found, may_be_free=may_be_free)
+        free = tuple(dict.fromkeys(group.name for group, values, chosen in parts if result.opens[0][values][chosen].all()))
+        felt = any(group.name not in free for group, _, _ in parts)
+        return None if found is None else replace(found, may_be_free=not felt, unfelt=free if felt else ())
 
     found = at_bolts(groups, names, xyz, change_of)
     if result.changes is not None:

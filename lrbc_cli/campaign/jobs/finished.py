@@ -26,9 +26,9 @@ from lrbc_cli.model.terms import ParameterGroup
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
-from lrbc_cli.updating.evidence import Evidence
-from lrbc_cli.updating.lcurve import LCurve
-from lrbc_cli.updating.residuals import decibel
+from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.search.lcurve import LCurve
+from lrbc_cli.updating.statistics.residuals import decibel
 
 #: Header and rows of a table.
 Table = tuple[list[str], list[list[Any]]]

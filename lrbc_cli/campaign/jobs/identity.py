@@ -11,14 +11,14 @@ from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.config.settings import files_of
-from lrbc_cli.updating.decide import DecisionRule
+from lrbc_cli.updating.judging.decide import DecisionRule
 
 if TYPE_CHECKING:
     # Whoever judges anew needs no model.
     from lrbc_cli.campaign.reading.inputs import Inputs
 
 #: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 27, 8
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 28, 8
 
 #: The parts of an identification in words.
 PARTS = {

@@ -12,7 +12,7 @@ from lrbc_cli.campaign.jobs.finished import Finished, calibration_tree, origin_o
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import DataError
-from lrbc_cli.reduction.unseen import CONFIDENCE, SHARE
+from lrbc_cli.reduction.steps.unseen import CONFIDENCE, SHARE
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
 from lrbc_cli.results.store import read_job, versions, write, write_evidence, write_sealed

@@ -13,7 +13,7 @@ from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
-from lrbc_cli.updating.clearance import JobFinding, not_clear
+from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
 
 #: Tables beside ``result.json``, which vouches for them by their hashes; ``shapes.json`` is there where shapes can be drawn.
 FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")

@@ -16,7 +16,7 @@ from lrbc_cli.errors import DataError, LrbcError, NumericalError, on_one_line
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import ReductionRecord
 from lrbc_cli.results.store import read, read_job
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.judging.clearance import sentence
 
 #: States of a job, as a person reads them.
 STATES = {

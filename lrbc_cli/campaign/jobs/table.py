@@ -9,7 +9,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.judging.clearance import sentence
 
 CAMPAIGN_COLUMNS = [
     "job",

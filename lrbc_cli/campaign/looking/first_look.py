@@ -36,8 +36,8 @@ from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_b
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.build import reduce_model
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.updating.scale import LEAST_LINES, POWERS
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 
 #: Lines of a job that are looked at.
 LINES = 200

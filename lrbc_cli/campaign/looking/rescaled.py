@@ -15,8 +15,8 @@ from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.campaign.reduced.memory import reduction_cost
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.full import full_ports
-from lrbc_cli.reduction.ports import PortFrf
+from lrbc_cli.reduction.problem.full import full_ports
+from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.updating.peaks import peaks_of
 
 #: What may be left of the differences, constants taken out, and how far the constant itself may be off [dB].

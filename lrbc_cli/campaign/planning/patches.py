@@ -10,7 +10,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.updating.places import foot, pitch_of
+from lrbc_cli.updating.unknowns.places import foot, pitch_of
 
 
 def patches(inputs: Inputs, reach: float | None) -> dict[str, dict[str, Floats]]:

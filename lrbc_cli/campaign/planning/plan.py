@@ -33,18 +33,19 @@ from lrbc_cli.campaign.simulate import job_values
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.grid import band_lines
+from lrbc_cli.reduction.steps.grid import band_lines
 from lrbc_cli.results.job import Job, JobRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.results.store import read_job, versions, write_sealed
 from lrbc_cli.results.tables import write_csv
-from lrbc_cli.updating.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
-from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.misfit import Sensitive, penalty_rows
-from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.places import foot
-from lrbc_cli.updating.shapes import Shapes, bolt_shapes, joints_of, node_shapes
+from lrbc_cli.updating.misfit.cost import penalty_rows
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.posterior.information import DETECTABLE, FACTOR, HIDDEN, LOSS, LOSSES, SIGMA_DB, Experiment, Unknowns, experiment
+from lrbc_cli.updating.statistics.lines import resonance_lines
+from lrbc_cli.updating.statistics.noise import Noise
+from lrbc_cli.updating.unknowns.places import foot
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, joints_of, node_shapes
 
 #: Lines of 1 Hz, but not fewer nor more than these over the band.
 LINES = (200, 2000)

@@ -30,14 +30,15 @@ from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.decide import BASELINE, JOB, LOOSE, NO_SCATTER, TIGHT, TightScatter, judge, scatter_of
-from lrbc_cli.updating.evidence import Evidence
-from lrbc_cli.updating.extended import ExtendedFrf
-from lrbc_cli.updating.information import LOSSES
-from lrbc_cli.updating.lines import resonance_lines
-from lrbc_cli.updating.misfit import SLOPE_STEP, ChangeError, reduced_model
-from lrbc_cli.updating.noise import Noise
-from lrbc_cli.updating.residuals import DB, band_means, coherence_sigma, decibel
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, LOOSE, NO_SCATTER, TIGHT, TightScatter, judge, scatter_of
+from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
+from lrbc_cli.updating.misfit.frf import reduced_model
+from lrbc_cli.updating.posterior.information import LOSSES
+from lrbc_cli.updating.statistics.lines import resonance_lines
+from lrbc_cli.updating.statistics.noise import Noise
+from lrbc_cli.updating.statistics.residuals import DB, band_means, coherence_sigma, decibel
 
 #: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.
 REHEARSALS, DRAWS = 150, (1, 5)

@@ -11,7 +11,7 @@ import numpy as np
 from lrbc_cli.arrays import Bools, Floats, Integers
 from lrbc_cli.campaign.planning.rehearsal import Draw, estimates
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
+from lrbc_cli.updating.posterior.information import HIDDEN, LOSS, Experiment, Outlook, bits_of, distances, greedy, outlook, verdict
 
 #: Why nothing can be said of a bolt.
 _NOT_FELT = "no identified stiffness at this bolt: it owns no terms, and lies beyond the ends of every edge"

@@ -54,7 +54,7 @@ from lrbc_cli.model.selection import unit_columns
 from lrbc_cli.model.shifts import shift_columns
 from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.results.store import read_before
-from lrbc_cli.updating.statistics import StatisticalModel
+from lrbc_cli.updating.statistics.model import StatisticalModel
 
 UNITS = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s²"}
 

@@ -18,8 +18,8 @@ from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.vectors import highest_omega
-from lrbc_cli.updating.places import Edge, Joints, misplaced, spots
+from lrbc_cli.reduction.problem.vectors import highest_omega
+from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
 
 #: Stiffness that no structure has: a penalty [N/m, or N/mm].
 PENALTY = 1e30

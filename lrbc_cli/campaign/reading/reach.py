@@ -12,7 +12,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.fem import FeModel
-from lrbc_cli.reduction.vectors import highest_omega
+from lrbc_cli.reduction.problem.vectors import highest_omega
 
 #: Bands may end so many times above the highest frequency of the mesh.
 BEYOND = 10.0

@@ -22,9 +22,9 @@ from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.hdf5.store import read_store, write_store
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.reduction.outcome import ALGORITHM_VERSION, HeldOut, Reduction, ReductionOptions, Step
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.reduction.vectors import ERROR_KINDS
+from lrbc_cli.reduction.problem.vectors import ERROR_KINDS
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf
 
 log = logging.getLogger(__name__)
 

@@ -22,11 +22,11 @@ from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
-from lrbc_cli.reduction.affine import AffineModel
 from lrbc_cli.reduction.outcome import Reduction
-from lrbc_cli.reduction.ports import PortFrf
-from lrbc_cli.reduction.reduced import ReducedModel
-from lrbc_cli.updating.misfit import FrfModel, port_model, reduced_model
+from lrbc_cli.reduction.reduced.affine import AffineModel
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.updating.misfit.frf import FrfModel, port_model, reduced_model
 
 log = logging.getLogger(__name__)
 
@@ -289,7 +289,7 @@ class FrfSource:
         if found is not None:
             return found
         if self.kind == "full":
-            from lrbc_cli.reduction.full import full_ports
+            from lrbc_cli.reduction.problem.full import full_ports
 
             settings = self.inputs.campaign.reduction
 

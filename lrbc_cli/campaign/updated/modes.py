@@ -14,7 +14,7 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.terms import KIND_POWER, Parameterisation
-from lrbc_cli.reduction.modes import Modes, mac, modes_of, paired
+from lrbc_cli.reduction.reduced.modes import Modes, mac, modes_of, paired
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.remembered import Remembered
 

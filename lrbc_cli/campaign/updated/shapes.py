@@ -11,10 +11,10 @@ from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.campaign.structure import drawn_dofs
-from lrbc_cli.reduction.affine import AffineModel
+from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.updating.correlation import fdac, mean_spectrum, measured_values, quantity_weights, spectrum_peaks
-from lrbc_cli.updating.extended import ExtendedFrf
+from lrbc_cli.updating.comparison.correlation import fdac, mean_spectrum, measured_values, quantity_weights, spectrum_peaks
+from lrbc_cli.updating.misfit.extended import ExtendedFrf
 
 #: Shapes of a job at most, and their digits.
 MOST, DIGITS = 6, 3

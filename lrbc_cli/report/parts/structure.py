@@ -25,7 +25,7 @@ from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.results.job import Bolt, JobRecord
 from lrbc_cli.results.shapes import DeflectionShape, ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
-from lrbc_cli.updating.clearance import sentence
+from lrbc_cli.updating.judging.clearance import sentence
 
 _WIDTH = 640.0
 #: Coordinates on the page are whole numbers, of which so many make the size of the structure.

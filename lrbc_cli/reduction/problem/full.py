@@ -1,0 +1,73 @@
+"""The unreduced model with its terms at reference values, and port FRFs from full solves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+from threadpoolctl import ThreadpoolController
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.errors import NumericalError
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.problem.basis import narrow
+from lrbc_cli.reduction.problem.vectors import band_omega, local_scale, reference_values
+from lrbc_cli.reduction.reduced.model import reference_dynamic
+from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
+
+
+def full_operators(model: FeModel, reference: Floats) -> tuple[sp.csc_array, sp.csc_array, sp.csc_array]:
+    """K, C, M with the reference values of the terms added."""
+    out = []
+    for power, operator in enumerate((model.K, model.C, model.M)):
+        weight = reference[:, power]
+        if np.any(weight):
+            operator = (operator + (model.terms.left * weight[None, :]) @ model.terms.right.T).tocsc()
+        out.append(narrow(operator))
+    return out[0], out[1], out[2]
+
+
+def full_ports(
+    model: FeModel,
+    input_of: Integers,
+    s: Complexes,
+    band_hz: tuple[float, float],
+    *,
+    backend: str = "auto",
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> PortFrf:
+    """Port FRFs of the unreduced model by one refined full solve a line: the reference that reduced models are compared with.
+
+    Parameters
+    ----------
+    model : FeModel
+    input_of : (n_out,) int array
+    s : (F,) complex array
+    band_hz : (float, float)
+        Sets the reference values of the terms only.
+
+    Returns
+    -------
+    PortFrf
+    """
+    high = band_omega(model.K, model.M, band_hz)
+    reference = reference_values(model.terms, local_scale(model.K, model.M, model.terms, high), high)
+    with ThreadpoolController().select(internal_api="openblas").limit(limits=1):
+        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
+        inputs, outputs = model.inputs.toarray(), model.outputs
+        H = np.empty((s.size, outputs.shape[0], inputs.shape[1]), dtype=complex)
+        for line, value in enumerate(s):
+            factorisation = Z.factor(complex(value))
+            X = factorisation.solve(inputs, refine=1)
+            residual = factorisation.residual(X, inputs)
+            if residual > 1e-8:
+                raise NumericalError(
+                    f"the full model is nearly singular at {value.imag / (2 * np.pi):.6g} Hz",
+                    expected="residual at most 1e-8",
+                    found=f"{residual:.1e}",
+                )
+            H[line] = outputs @ X
+            progress(line + 1, s.size)
+    return port_frf(H, s, reference_dynamic(reference, s), model.output_power, input_of)

@@ -1,0 +1,157 @@
+"""What is reduced: the full-order model about its reference state, with all that estimator, compressor and certificate read of it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.model.fem import FeModel
+from lrbc_cli.reduction.outcome import ReductionOptions
+from lrbc_cli.reduction.problem.basis import RESIDUAL_STIFFNESS, Field, Projection, energy_weight
+from lrbc_cli.reduction.problem.full import full_operators
+from lrbc_cli.reduction.problem.norms import quantity_groups
+from lrbc_cli.reduction.problem.vectors import band_omega, local_scale, reference_values
+from lrbc_cli.reduction.reduced.model import ReducedModel, reference_dynamic
+from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
+from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
+
+#: Inputs above which only the first line is solved for all of them, and later ones for random combinations.
+MANY_INPUTS = 150
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A reduction to be done.
+
+    Attributes
+    ----------
+    model : FeModel
+    input_of : (n_out,) int array
+        Which input each response belongs to.
+    options : ReductionOptions
+    Z : DynamicStiffness
+        With the terms at their reference values.
+    scale : (nt,) float array
+        Local stiffness, damping or mass of each term, see ``local_scale``.
+    reference : (nt, 3) float array
+        Coefficients of D_ref(s) = k + s c + s² m.
+    inputs : (n, n_in + nt) csc_array
+        B_ext of the paper's extended system, eq. (14).
+    outputs : (n_out + nt, n) csc_array
+        L_ext.
+    dual : (n, d) csc_array
+        Distinct responses, and outputs of the terms where their solutions are not those of the inputs.
+    dual_of : int array
+        Which of them belongs to each response (and output of a term).
+    quantities : tuple of int arrays
+        Responses that share a physical quantity.
+    many : bool
+        So many inputs that they are compressed before solving; errors are then measured by residuals.
+    """
+
+    model: FeModel
+    input_of: Integers
+    options: ReductionOptions
+    Z: DynamicStiffness = field(repr=False)
+    scale: Floats = field(repr=False)
+    reference: Floats = field(repr=False)
+    inputs: sp.csc_array = field(repr=False)
+    outputs: sp.csc_array = field(repr=False)
+    dual: sp.csc_array = field(repr=False)
+    dual_of: Integers = field(repr=False)
+    quantities: tuple[Integers, ...] = field(repr=False)
+    many: bool
+
+    @classmethod
+    def of(cls, model: FeModel, input_of: Integers, options: ReductionOptions, *, backend: str = "auto") -> Problem:
+        """Order the dynamic stiffness about the reference values of the terms; the parameters are those of ``reduce_model``."""
+        omega = band_omega(model.K, model.M, options.band_hz)
+        scale = local_scale(model.K, model.M, model.terms, omega)
+        reference = reference_values(model.terms, scale, omega)
+        Z = DynamicStiffness(*full_operators(model, reference), model.is_acoustic, backend=backend)
+        inputs, outputs = model.inputs, model.outputs
+        # With a symmetric Z and equal left and right vectors only the responses need dual solutions.
+        covered = Z.symmetric and model.terms.symmetric
+        # A response to several hammer points is one place all the same.
+        dual, dual_of = distinct_columns((model.L.T if covered else outputs.T).tocsc())
+        return cls(
+            model=model,
+            input_of=input_of,
+            options=options,
+            Z=Z,
+            scale=scale,
+            reference=reference,
+            inputs=inputs,
+            outputs=outputs,
+            dual=dual,
+            dual_of=dual_of,
+            quantities=tuple(quantity_groups(model)),
+            many=inputs.shape[1] > MANY_INPUTS,
+        )
+
+    @property
+    def loads(self) -> int:
+        """Number of inputs that are loads; those of the terms follow."""
+        return int(self.model.B.shape[1])
+
+    @property
+    def responses(self) -> int:
+        """Number of outputs that are responses; those of the terms follow."""
+        return int(self.model.L.shape[0])
+
+    def empty_basis(self) -> Projection:
+        """A basis without columns, split into structure and air."""
+        model, omega = self.model, band_omega(self.model.K, self.model.M, self.options.band_hz)
+        weight = energy_weight(self.Z.K, self.Z.M, omega)
+        masks = [~model.is_acoustic, model.is_acoustic]
+        return Projection(
+            (self.Z.K, self.Z.C, self.Z.M),
+            self.inputs,
+            self.outputs,
+            [Field(np.flatnonzero(mask), weight[mask], np.zeros((int(mask.sum()), 0))) for mask in masks if mask.any()],
+            dual=self.dual,
+            residual_weight=energy_weight(self.Z.K, self.Z.M, omega, RESIDUAL_STIFFNESS),
+            transposed=not self.Z.symmetric,
+        )
+
+    def structure_of(self, basis: Projection) -> int:
+        """Structural ones of the reduced DOFs."""
+        return 0 if self.model.is_acoustic.all() else basis.sizes[0]
+
+    def reduced(self, basis: Projection) -> ReducedModel:
+        """The reduced model on a basis, without the groups of further factors."""
+        inputs, outputs = basis.inputs, basis.outputs
+        left, right = inputs[:, self.loads :], outputs[self.responses :].T
+        K, C, M = (A - (left * self.reference[:, i]) @ right.T for i, A in enumerate(basis.operators))
+        return ReducedModel(
+            K=K,
+            C=C,
+            M=M,
+            B=inputs[:, : self.loads],
+            L=outputs[: self.responses],
+            left=left,
+            right=right,
+            output_power=self.model.output_power,
+            input_of=self.input_of,
+            reference=self.reference,
+            structure=self.structure_of(basis),
+        )
+
+    def ports(self, H: Complexes, s: Complexes) -> PortFrf:
+        """Port FRFs from (F, n_out + nt, n_in + nt) transfer matrices at the reference values."""
+        return port_frf(H, s, reference_dynamic(self.reference, s), self.model.output_power, self.input_of)
+
+
+def distinct_columns(A: sp.csc_array) -> tuple[sp.csc_array, Integers]:
+    """Columns that differ, in their order, and for each column of A which of them it is."""
+    A = A.copy()
+    A.sum_duplicates()
+    kept: dict[tuple[bytes, bytes], int] = {}
+    of = np.empty(A.shape[1], dtype=np.int64)
+    for j, (low, high) in enumerate(itertools.pairwise(A.indptr)):
+        of[j] = kept.setdefault((A.indices[low:high].tobytes(), A.data[low:high].tobytes()), len(kept))
+    return A[:, np.unique(of, return_index=True)[1]].tocsc(), of

@@ -1,0 +1,220 @@
+"""The reduced model as a function of global factors: stiffness, mass and damping of each field, and further affine groups (Table 2).
+
+Such factors are affine but not low rank, so the port formula does not cover them. The reduced dynamic stiffness (28) does, and one
+factorisation a line gives the FRFs with all their derivatives: to the terms, to the factors, and to shifts of the loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.model.factors import FIELDS, OPERATORS, Recipe, parted
+from lrbc_cli.reduction.reduced.condense import air_is_diagonal, condensed_solve, plain, with_diagonal_air
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.threads import in_chunks
+
+#: Z counts as symmetric, after the acoustic rows are scaled, where it differs from its transpose by less than this fraction.
+SYMMETRY = 1e-9
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """FRFs and their derivatives.
+
+    Attributes
+    ----------
+    y : (F, R) complex array
+    terms : (F, R, nt) complex array
+        dy/dD_j.
+    factors : (F, R, k) complex array
+        dy/d ln phi_i.
+    shifts : (F, R, 2) complex array
+        dy of a unit shift of the response's load along the two directions of ``AffineModel.shifts``; empty without them.
+    """
+
+    y: Complexes
+    terms: Complexes
+    factors: Complexes
+    shifts: Complexes
+
+
+@dataclass(frozen=True)
+class AffineModel:
+    """``Z(s, phi) = sum_p c_p(s, phi) A_p`` in reduced coordinates.
+
+    Attributes
+    ----------
+    base : ReducedModel
+        At factors that are all one; its columns of B beyond the loads are ``shifts``.
+    recipe : Recipe
+        How the coefficients depend on the factors.
+    shifts : (n_in, 2) int array or None
+        For every load the columns of B that hold its derivatives to two shifts of the hammer [N/m].
+    """
+
+    base: ReducedModel
+    recipe: Recipe
+    shifts: Integers | None = None
+
+    def blocks(self) -> list[Any]:
+        """A_p in the order of ``Recipe.pieces``."""
+        r, ns = self.base.size, self.base.structure
+        first = np.arange(r) < ns
+        inside = {"structure": np.outer(first, first), "acoustic": np.outer(~first, ~first), "coupling": first[:, None] != first[None, :]}
+        own = dict(zip(OPERATORS, (self.base.K, self.base.C, self.base.M), strict=True))
+        found = {None: parted(own)} | {name: parted(group) for name, group in self.base.extras.items()}
+        return [np.where(inside[piece.field], found[piece.group][piece.operator], 0.0) for piece in self.recipe.pieces]
+
+    def operators(self, factors: Mapping[str, float], slope: str | None = None) -> list[Any]:
+        """K, C and M at the given factors, or their derivative to the logarithm of one of them."""
+        out: list[Any] = [np.zeros((self.base.size, self.base.size)) for _ in range(3)]
+        for piece, A in zip(self.recipe.pieces, self.blocks(), strict=True):
+            weights = piece.coefficients(factors) if slope is None else piece.slopes(factors, slope)
+            for slot in np.flatnonzero(weights):
+                out[slot] = out[slot] + weights[slot] * A
+        return out
+
+    def damping_coefficients(self) -> dict[str, float]:
+        """Alpha, beta and loss factor of each field, by the names of their factors: those at which these are one."""
+        ns, K = self.base.structure, self.base.K
+        found: dict[str, float] = {}
+        for piece in self.recipe.pieces:
+            for share in piece.shares if piece.group is None else ():
+                found |= {name: share.coefficient for name in share.exponents if name in self.recipe.proportional and share.coefficient}
+        for field, part in zip(FIELDS, (slice(0, ns), slice(ns, None)), strict=True):
+            if f"loss_factor.{field}" in self.recipe.names:
+                found[f"loss_factor.{field}"] = float(np.trace(K[part, part]).imag / np.trace(K[part, part]).real)
+        return found
+
+    def at(self, factors: Mapping[str, float]) -> ReducedModel:
+        """The reduced model with these factors."""
+        K, C, M = self.operators(factors)
+        return replace(self.base, K=K, C=C, M=M)
+
+    def diagonalised(self) -> AffineModel:
+        """The same with a diagonal air, which makes its lines cheaper."""
+        return replace(self, base=with_diagonal_air(self.base))
+
+    def restricted(self, responses: Integers) -> AffineModel:
+        """The same for some of the responses."""
+        base = replace(
+            self.base, L=self.base.L[responses], output_power=self.base.output_power[responses], input_of=self.base.input_of[responses]
+        )
+        return replace(self, base=base)
+
+    def linearise(
+        self,
+        s: Complexes,
+        D: Complexes,
+        factors: Mapping[str, float],
+        names: Sequence[str],
+        offset: Floats | None = None,
+        *,
+        workers: int = 2,
+    ) -> Linearised:
+        """FRFs with their derivatives.
+
+        ``dy/dD_j = -(b_jᵀ v)(c_jᵀ x)`` and ``dy/d ln phi = -vᵀ (dZ/d ln phi) x`` with ``Z x = B u`` and ``Zᵀ v = Lᵀ``, eqs. (28), (32).
+
+        Parameters
+        ----------
+        s : (F,) complex array
+        D : (F, nt) complex array
+            Finite.
+        factors : mapping
+        names : sequence of str
+            Factors to derive to.
+        offset : (n_in, 2) float array or None
+            Shift of each load along its two directions [m].
+
+        Returns
+        -------
+        Linearised
+        """
+        base = self.base
+        K, C, M = self.operators(factors)
+        slopes = [self.operators(factors, name) for name in names]
+        rows, own = np.arange(base.L.shape[0]), base.input_of
+        B = self.loads(offset)
+        y = np.empty((s.size, rows.size), dtype=complex)
+        by_term, by_factor, by_shift = (
+            np.empty((s.size, rows.size, count), dtype=complex) for count in (base.terms, len(names), 0 if self.shifts is None else 2)
+        )
+        condense = air_is_diagonal(K, C, M, base.structure, base.left, base.right)
+        kappa = None if condense else self._kappa(K, C, M)
+
+        def work(part: slice) -> None:
+            z = s[part, None, None]
+            to_quantity = s[part, None] ** base.output_power[None, :]
+            x, v = self._condensed(z, D[part], (K, C, M), B) if condense else self._solve(z, D[part], (K, C, M), B, kappa)
+            own_x = x[:, :, own]
+            y[part] = (base.L @ x)[:, rows, own] * to_quantity
+            by_term[part] = -((base.left.T @ v) * (base.right.T @ own_x)).transpose(0, 2, 1) * to_quantity[:, :, None]
+            for i, (k, c, m) in enumerate(slopes):
+                image = (k @ x) + z * (c @ x) + z**2 * (m @ x)
+                by_factor[part, :, i] = -np.einsum("frj,frj->fj", v, image[:, :, own]) * to_quantity
+            if self.shifts is not None:
+                for i in range(2):
+                    by_shift[part, :, i] = (base.L @ x)[:, rows, self.shifts[own, i]] * to_quantity
+
+        # The condensed way forms what all lines of a chunk share once.
+        in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if condense else 8, workers=workers)
+        return Linearised(y, by_term, by_factor, by_shift)
+
+    def loads(self, offset: Floats | None) -> Floats:
+        """B with its loads shifted."""
+        B = np.array(self.base.B, dtype=float)
+        if offset is not None and self.shifts is not None:
+            for load, columns in enumerate(self.shifts):
+                B[:, load] += self.base.B[:, columns] @ offset[load]
+        return B
+
+    def _condensed(self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats) -> tuple[Complexes, Complexes]:
+        base = self.base
+        return condensed_solve(z, D, operators, (base.left, base.right), base.structure, B, base.L.T)
+
+    def _solve(
+        self, z: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats, kappa: float | None
+    ) -> tuple[Complexes, Complexes]:
+        """X and v of ``Z x = B`` and ``Zᵀ v = Lᵀ``; kappa as of ``_kappa``."""
+        base, ns = self.base, self.base.structure
+        K, C, M = operators
+        Z = z**2 * M + z * C + K + (base.left * D[:, None, :]) @ base.right.T
+        if kappa is None:
+            return np.linalg.solve(Z, B.astype(complex)[None]), np.linalg.solve(Z.transpose(0, 2, 1), base.L.T.astype(complex)[None])
+        # diag(I, -1/(kappa s²)) Z is symmetric: v follows from the same factorisation.
+        scale = np.ones((Z.shape[0], base.size, 1), dtype=complex)
+        scale[:, ns:] = -1.0 / (kappa * z**2)
+        both = np.linalg.solve(Z, np.concatenate([np.broadcast_to(B, (Z.shape[0], *B.shape)), base.L.T[None] / scale], axis=2))
+        return both[:, :, : B.shape[1]], scale * both[:, :, B.shape[1] :]
+
+    def _kappa(self, K: Any, C: Any, M: Any) -> float | None:
+        """The factor that makes Z symmetric; None where none does."""
+        ns, base = self.base.structure, self.base
+        if not np.array_equal(base.left, base.right):
+            return None
+        for A in (K, C, M):
+            for part in (A[:ns, :ns], A[ns:, ns:]):
+                if part.size and np.abs(part - part.T).max() > SYMMETRY * np.abs(part).max():
+                    return None
+        if ns in (0, base.size):
+            return 1.0
+        A, F = plain(K[:ns, ns:]), -M[ns:, :ns].T
+        if (
+            np.abs(K[ns:, :ns]).max(initial=0.0)
+            or np.abs(M[:ns, ns:]).max(initial=0.0)
+            or np.abs(C[:ns, ns:]).max()
+            or np.abs(C[ns:, :ns]).max()
+            or np.iscomplexobj(A)
+        ):
+            return None
+        square = float(np.sum(A * A))
+        if square == 0.0:
+            return 1.0
+        kappa = float(np.sum(A * F)) / square
+        return kappa if kappa != 0.0 and np.abs(F - kappa * A).max() <= SYMMETRY * np.abs(F).max() else None

@@ -1,0 +1,409 @@
+"""Global factors of the reference model from one measurement, with the boundary identified beside them or held.
+
+Peaks that lie many line widths apart leave the cost (29) full of local minima. It is followed over smoothed spectra, see ``smooth``, whose
+width decreases to nought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.linalg as sl
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.model.factors import FIELDS, LOSS, Recipe
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.reduced.affine import AffineModel
+from lrbc_cli.updating.calibration.apart import Losses, apart_notes, indistinguishable
+from lrbc_cli.updating.misfit.cost import Misfit, penalty_rows
+from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
+from lrbc_cli.updating.posterior.confidence import NORMAL_95
+from lrbc_cli.updating.posterior.fit import no_worse, noise_of
+from lrbc_cli.updating.search.optimise import Solution, gauss_newton
+from lrbc_cli.updating.search.smooth import smoothed_lines
+from lrbc_cli.updating.search.starts import group_levels
+from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
+from lrbc_cli.updating.statistics.noise import Noise, widened
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
+
+
+def moves_resonances(recipe: Recipe, name: str) -> bool:
+    """Whether a factor scales stiffness or mass, rather than damping alone."""
+    return any(name in share.exponents and share.slot != 1 for piece in recipe.pieces if piece.operator != LOSS for share in piece.shares)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FactorProblem:
+    """What is to be fitted, on one reduced model.
+
+    Attributes
+    ----------
+    model : AffineModel
+    base : mapping of str to float
+        Factors that ``model`` already contains.
+    names : tuple of str
+        Factors that are sought.
+    parameters : Parameterisation
+    hold : bool
+        Keep the boundary at its start values.
+    frequency_hz : (F,) float array
+    measured : (F, U) complex array
+    responses : (U,) int array
+        Rows of the model to compare with.
+    selected : int array
+        Lines of the last stage.
+    options : ResidualOptions or None
+    sigma : (selected, U) float array or None
+        Standard deviation of the measured magnitudes [dB].
+    nuisances : tuple of Nuisance
+        Of the job, such as where the hammer hit.
+    statistics : StatisticalModel
+    """
+
+    model: AffineModel
+    base: Mapping[str, float]
+    names: tuple[str, ...]
+    parameters: Parameterisation
+    hold: bool
+    frequency_hz: Floats = field(repr=False)
+    measured: Complexes = field(repr=False)
+    responses: Integers = field(repr=False)
+    selected: Integers = field(repr=False)
+    options: ResidualOptions | None = None
+    sigma: Floats | None = field(default=None, repr=False)
+    nuisances: tuple[Nuisance, ...] = ()
+    statistics: StatisticalModel = STATISTICS
+
+    @property
+    def scalars(self) -> tuple[Nuisance, ...]:
+        """The unknown factors, as logarithms relative to what the model contains; then the nuisance parameters."""
+        out, prior = [], self.statistics.calibration
+        stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
+        for name in self.names:
+            shift = float(np.log(self.base.get(name, 1.0)))
+            std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
+            out.append(Nuisance(kind="factor", name=name, index=0, mean=-shift, std=std, bounds=(-bound - shift, bound - shift)))
+        return (*out, *self.nuisances)
+
+    @property
+    def start(self) -> Floats:
+        """Boundary at its start values, all factors one."""
+        return np.concatenate([self.parameters.initial, [scalar.mean for scalar in self.scalars]])
+
+    @property
+    def bounds(self) -> Floats:
+        """(size, 2) float array; closed about a boundary that is held."""
+        boundary = self.parameters.bounds
+        if self.hold:
+            boundary = np.repeat(self.parameters.initial[:, None], 2, axis=1)
+        return np.vstack([boundary, np.array([scalar.bounds for scalar in self.scalars]).reshape(-1, 2)])
+
+    def losses(self, theta: Floats, covariance: Floats) -> list[Losses]:
+        """What damps each field, with the covariance of theta."""
+        size, found = self.parameters.size, []
+        coefficients = self.model.damping_coefficients()
+        for part in FIELDS:
+            own = tuple(name for name in sorted(coefficients) if name.endswith(f".{part}"))
+            if not own:
+                continue
+            at = np.array([size + self.names.index(name) if name in self.names else -1 for name in own])
+            values = [coefficients[name] * (np.exp(theta[i]) if i >= 0 else 1.0) for name, i in zip(own, at, strict=True)]
+            known = np.where(np.logical_and.outer(at >= 0, at >= 0), covariance[np.ix_(at, at)], 0.0)
+            found.append(Losses(own, np.array(values), known, self.frequency_hz[self.selected]))
+        return found
+
+    def rows(self) -> Floats:
+        """Rows of the penalty in standard deviations of the prior.
+
+        The boundary is that of a state which is compared with nothing: its level is unknown, and neighbours or joints are alike. Where each
+        value was free for itself, those that the FRFs hardly feel took up the model discrepancy elsewhere, and the factors followed.
+        """
+        P, values = self.parameters, self.statistics.values
+        alike = penalty_rows(P, values.level_std**-2, values.std**-2)
+        own = np.vstack([alike, np.eye(P.size)[P.is_damping] / values.damping_std])
+        return np.asarray(sl.block_diag(own, np.diag([1.0 / scalar.std for scalar in self.scalars])))
+
+    def frf(self, s: Complexes, responses: Integers | None = None) -> ExtendedFrf:
+        """FRFs on other lines, of other responses."""
+        return ExtendedFrf(self.model, s, self.parameters, self.scalars, self.responses if responses is None else responses)
+
+    def misfit(self, variance: float, soft: bool = False) -> Misfit:
+        """Cost at the selected lines; ``soft`` bounds what single lines do, unless the options say so already."""
+        model = self.frf(2j * np.pi * self.frequency_hz[self.selected])
+        options = ResidualOptions() if self.options is None else self.options
+        if soft and options.loss_scale is None:
+            options = replace(options, loss_scale=self.statistics.calibration.soft_scale_db)
+        return Misfit(
+            model=model,
+            measured=self.measured[self.selected],
+            prior=self.start,
+            eta=variance,
+            penalty=self.rows(),
+            options=options,
+            sigma=self.sigma,
+            errors=self.statistics.errors,
+        )
+
+    def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
+        """Cost between smoothed spectra; None where the lines lie too far apart for that."""
+        found = smoothed_lines(self.frequency_hz, self.measured, width_hz, self.statistics.calibration.covered)
+        if found is None:
+            return None
+        s, target = found
+        return Misfit(self.frf(s), target, self.start, variance, self.rows(), errors=self.statistics.errors)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One descent: width of the smoothing (nought: the measured lines) [Hz], misfit before and after [dB], evaluations."""
+
+    width_hz: float
+    before_db: float
+    after_db: float
+    evaluations: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FactorFit:
+    """Factors at an optimum.
+
+    Attributes
+    ----------
+    problem : FactorProblem
+    solution : Solution
+    noise : Noise
+    covariance : (size, size) float array
+        Of theta, prior included.
+    stages : tuple of Stage
+    notes : tuple of str
+    """
+
+    problem: FactorProblem
+    solution: Solution
+    noise: Noise
+    covariance: Floats = field(repr=False)
+    stages: tuple[Stage, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def logarithms(self) -> dict[str, float]:
+        """Natural logarithm of each factor, of the exported model."""
+        size, problem = self.problem.parameters.size, self.problem
+        return {
+            name: float(value + np.log(problem.base.get(name, 1.0)))
+            for name, value in zip(problem.names, self.solution.theta[size : size + len(problem.names)], strict=True)
+        }
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """Each factor, of the exported model."""
+        return {name: float(np.exp(value)) for name, value in self.logarithms.items()}
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Standard deviation of ln of each factor."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance)[self.problem.parameters.size :], 0.0))
+        return dict(zip(self.problem.names, std[: len(self.problem.names)].tolist(), strict=True))
+
+    @property
+    def nuisances(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of each nuisance parameter."""
+        at = self.problem.parameters.size + len(self.problem.names)
+        std = np.sqrt(np.maximum(np.diag(self.covariance)[at:], 0.0))
+        names = [scalar.name for scalar in self.problem.nuisances]
+        return {name: (float(value), float(s)) for name, value, s in zip(names, self.solution.theta[at:], std, strict=True)}
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % interval of a factor, log-normal."""
+        value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
+        return float(np.exp(value - reach)), float(np.exp(value + reach))
+
+    def wider(self, ratio: float) -> FactorFit:
+        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        J = self.solution.evaluation.jacobian
+        by_data = J[: J.shape[0] - self.problem.rows().shape[0]] @ self.covariance
+        covariance = widened(self.covariance, by_data.T @ by_data / self.noise.variance, ratio)
+        return replace(self, covariance=covariance, noise=replace(self.noise, ratio=ratio))
+
+    def moved(self, problem: FactorProblem) -> Floats:
+        """Theta for the same state on a model that contains other factors."""
+        size = problem.parameters.size
+        shift = [np.log(self.problem.base.get(name, 1.0) / problem.base.get(name, 1.0)) for name in problem.names]
+        shift += [0.0] * len(problem.nuisances)
+        return np.concatenate([self.solution.theta[:size], self.solution.theta[size:] + shift])
+
+
+def _descend(problem: FactorProblem, misfit: Misfit, theta: Floats, width: float, tolerance: float, limit: int) -> tuple[Solution, Stage]:
+    solution = gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
+    first = solution.history[0].misfit_db
+    return solution, Stage(width, first, solution.evaluation.misfit_db, solution.evaluations)
+
+
+def _fit(problem: FactorProblem, theta: Floats, far: bool, limit: int) -> tuple[Solution, list[Stage]]:
+    stages, prior = [], problem.statistics.calibration
+    variance = prior.first_sigma_db**2
+    for share in prior.widths if far else ():
+        width = share * float(problem.frequency_hz[-1])
+        misfit = problem.smoothed_misfit(width, variance)
+        if misfit is None:
+            continue
+        solution, stage = _descend(problem, misfit, theta, width, 1e-3, 30)
+        stages.append(stage)
+        if solution.status != "failed":
+            theta = solution.theta
+    solution, stage = _descend(problem, problem.misfit(variance), theta, 0.0, 1e-3, limit)
+    return solution, [*stages, stage]
+
+
+def fit_factors(
+    problem: FactorProblem,
+    start: Floats | None = None,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 100,
+    change: float = 0.1,
+    rounds: int = 4,
+    same: float = 0.02,
+) -> FactorFit:
+    """Identify the factors.
+
+    Parameters
+    ----------
+    problem : FactorProblem
+    start : (size,) float array or None
+        Where to begin; None: far away, over smoothed spectra from the start values.
+    tolerance : float
+        Stop rule of the last descent.
+    max_iterations : int
+        Of each descent at the measured lines.
+    change, rounds : float, int
+        The weight of the priors follows the noise until it changes by a smaller share, or so many times.
+    same : float
+        Ends of two starts whose costs differ by more than this share are told apart.
+
+    Returns
+    -------
+    FactorFit
+        Its solution has the status ``failed`` where the cost is not finite at the start.
+    """
+    notes: list[str] = []
+    places = [problem.start if start is None else start]
+    solution, stages = _fit(problem, places[0], start is None, max_iterations)
+    if start is None:
+        ends = {"over smoothed spectra": solution} | _others(problem, solution, stages, max_iterations)
+        solution = _lowest(ends, notes, same)
+        places += [end.theta for end in ends.values()]
+    noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
+    if solution.status != "failed":
+        solution, noise = _weighed(problem, solution, places, stages, descent=(tolerance, max_iterations), change=change, rounds=rounds)
+    J = solution.evaluation.jacobian
+    covariance = _covariance(problem, J, noise)
+    damping = problem.losses(solution.theta, covariance)
+    notes += [*_apart(problem, J, noise, damping), *_remarks(problem, solution.theta)]
+    return FactorFit(problem=problem, solution=solution, noise=noise, covariance=covariance, stages=tuple(stages), notes=tuple(notes))
+
+
+def _weighed(
+    problem: FactorProblem,
+    solution: Solution,
+    places: list[Floats],
+    stages: list[Stage],
+    *,
+    descent: tuple[float, int],
+    change: float,
+    rounds: int,
+) -> tuple[Solution, Noise]:
+    """Descents in which the weight of the priors follows the noise."""
+    first, least = problem.statistics.calibration.first_sigma_db, problem.statistics.calibration.least_sigma_db
+    tolerance, limit = descent
+    misfit = problem.misfit(first**2, soft=True)
+    noise = noise_of(misfit, misfit(solution.theta), problem.selected)
+    for _ in range(rounds):
+        before = max(noise.variance, least**2)
+        misfit = misfit.with_eta(before)
+        places.append(solution.theta)
+        found, stage = _descend(problem, misfit, solution.theta, 0.0, tolerance, limit)
+        stages.append(stage)
+        if found.status == "failed":
+            return replace(found, theta=solution.theta), Noise(max(noise.sigma, least), noise.factor)
+        solution = found
+        noise = noise_of(misfit, solution.evaluation, problem.selected)
+        if abs(noise.variance / before - 1.0) < change:
+            break
+
+    def again(theta: Floats) -> Solution:
+        return gauss_newton(misfit, theta, problem.bounds, tolerance=tolerance, max_iterations=limit)
+
+    solution = no_worse(misfit, solution, places, again)
+    noise = noise_of(misfit, solution.evaluation, problem.selected)
+    return solution, Noise(max(noise.sigma, least), noise.factor)
+
+
+def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit: int) -> dict[str, Solution]:
+    """Ends of other starts, by what they begin at: the start values, and the level of each group where there are several."""
+    variance = problem.statistics.calibration.first_sigma_db**2
+    width = problem.statistics.calibration.widths[0] * float(problem.frequency_hz[-1])
+    far = problem.smoothed_misfit(width, variance)
+    apart = [] if far is None else group_levels(far, problem.start, problem.bounds, kept=1)
+    found: dict[str, Solution] = {}
+    if apart and not np.array_equal(apart[0], problem.start):
+        found["from the levels of the groups"], more = _fit(problem, apart[0], True, limit)
+        stages += more
+    # Roughly first: an end far above the other is not worth more.
+    other, stage = _descend(problem, problem.misfit(variance), problem.start, 0.0, 1e-2, limit)
+    stages.append(stage)
+    if other.evaluation.total < 2.0 * min(end.evaluation.total for end in (first, *found.values())):
+        other, more = _fit(problem, other.theta, False, limit)
+        stages += more
+    return found | {"from the start values": other}
+
+
+def _lowest(ends: Mapping[str, Solution], notes: list[str], same: float) -> Solution:
+    """The lowest of the ends, the first of those that are alike; and a note where they lie apart."""
+    kept, best = next(iter(ends.items()))
+    for name, end in ends.items():
+        lower = end.status != "failed" and end.evaluation.total < (1 - 1e-3) * best.evaluation.total
+        if lower or best.status == "failed":
+            kept, best = name, end
+    if any(abs(end.evaluation.total / best.evaluation.total - 1.0) > same for end in ends.values()):
+        listed = ", ".join(f"{name} at {end.evaluation.misfit_db:.2f} dB" for name, end in ends.items())
+        notes.append(f"starts end apart: {listed}; that {kept} is kept")
+    return best
+
+
+def _covariance(problem: FactorProblem, J: Floats, noise: Noise) -> Floats:
+    """Of theta; what is held does not vary."""
+    low, high = problem.bounds.T
+    free = high > low
+    covariance = np.zeros((low.size, low.size))
+    covariance[np.ix_(free, free)] = noise.variance * np.linalg.inv(J[:, free].T @ J[:, free])
+    return covariance
+
+
+def _apart(problem: FactorProblem, jacobian: Floats, noise: Noise, damping: Sequence[Losses]) -> list[str]:
+    """Notes on factors that are not told apart; ``jacobian`` has the rows of the penalty last."""
+    size, count = problem.parameters.size, len(problem.names)
+    rows = problem.rows()
+    low, high = problem.bounds.T
+    other = [i for i in range(low.size) if high[i] > low[i] and not size <= i < size + count]
+    data = jacobian[: jacobian.shape[0] - rows.shape[0], [*range(size, size + count), *other]] / np.sqrt(noise.variance)
+    std = np.array([scalar.std for scalar in problem.scalars[:count]])
+    precision = rows[:, other].T @ rows[:, other]
+    return apart_notes(indistinguishable(problem.names, data, std, precision, problem.statistics.calibration), damping)
+
+
+def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
+    found = []
+    P, scalars = problem.parameters, problem.scalars
+    for scalar, value in zip(scalars, theta[P.size :], strict=True):
+        if not scalar.bounds[0] < value < scalar.bounds[1]:
+            shown = np.exp(value - scalar.mean) if scalar.kind == "factor" else value
+            found.append(f"{scalar.name}: at its bound, {shown:.4g}: the measurement does not determine it")
+    for group, (_, at) in zip(P.groups, P.slices, strict=True):
+        if at is not None and group.damping is not None and not problem.hold:
+            low, high = group.damping.bounds
+            if not low < theta[at] < high:
+                found.append(f"{group.name}: the damping exponent lies at its bound {theta[at]:g}: the FRFs do not determine it")
+    return found

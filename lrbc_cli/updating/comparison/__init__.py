@@ -1,0 +1,1 @@
+"""Measured FRFs beside computed ones: correlation figures, and constant factors between them."""

@@ -1,0 +1,1 @@
+"""From what an identification says of the bolts to verdicts, and what those add up to."""

@@ -1,0 +1,144 @@
+"""FRFs of the model at fixed lines as a function of the boundary parameters, with their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.reduced.model import ReducedModel
+from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.remembered import Remembered
+from lrbc_cli.updating.statistics.residuals import DB
+
+
+class Sensitive(Protocol):
+    """FRFs at fixed lines with their derivatives to theta."""
+
+    @property
+    def s(self) -> Complexes:
+        """(F,) lines."""
+
+    @property
+    def parameters(self) -> Parameterisation:
+        """Of the boundary; theta begins with it."""
+
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs."""
+
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """See ``FrfModel.sensitivities``."""
+
+
+def one_by_one(frf: Callable[[Floats], Complexes]) -> Callable[[Floats], Complexes]:
+    """FRFs of one state, (F, R), or of several, (k, F, R), by a function of one state."""
+    return lambda theta: frf(theta) if theta.ndim == 1 else np.stack([frf(each) for each in theta])
+
+
+#: Lines times parameters up to which states are remembered: their derivatives are then some MB each.
+MOST_KEPT = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrfModel:
+    """FRFs of the model at fixed lines as a function of theta, by one of two formulas that give the same.
+
+    Attributes
+    ----------
+    s : (F,) complex array
+    parameters : Parameterisation
+    values, linearised : callables
+        From D (F, nt) to y (F, R), and to y with dy/dD (F, R, nt), new arrays.
+    name : str
+        ``port`` or ``reduced``.
+    ports : PortFrf or None
+        Where the port formula is used: a change of few terms is then far cheaper than an evaluation, see ``nearby``.
+    """
+
+    s: Complexes
+    parameters: Parameterisation
+    values: Callable[[Complexes], Complexes]
+    linearised: Callable[[Complexes], tuple[Complexes, Complexes]]
+    name: str
+    ports: PortFrf | None = None
+    # A descent begins where another ended, and weights are taken there: a tenth of all evaluations are of one of the last states.
+    _last: Remembered[tuple[Any, ...]] = field(default_factory=lambda: Remembered(16), repr=False, compare=False)
+
+    def frf(self, theta: Floats) -> Complexes:
+        """(F, R) FRFs, read-only."""
+        y: Complexes = self._kept("frf", theta, lambda: (self.values(self.parameters.dynamic(theta, self.s)),))[0]
+        return y
+
+    def _kept(self, kind: object, theta: Floats, make: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
+        small = self.s.size * self.parameters.size <= MOST_KEPT
+        found = self._last.of(theta.tobytes(), make, kind) if small else make()
+        for array in found:
+            array.flags.writeable = False
+        return found
+
+    def nearby(self, theta: Floats) -> Callable[[Floats], Complexes]:
+        """FRFs at states that differ from theta in some stiffnesses, damping exponents alike: only the terms that differ are solved for.
+
+        Of one state, (F, R), or of several at once, (k, F, R): those that differ in the same terms are best taken together.
+        """
+        if self.ports is None:
+            return one_by_one(self.frf)
+        P, D = self.parameters, self.parameters.dynamic(theta, self.s)
+        there, kappa, c = self.ports.about(D), P.scales(theta), P.spectra(theta, self.s)
+
+        def frf(others: Floats) -> Complexes:
+            now = np.apply_along_axis(P.scales, -1, others)
+            terms = np.flatnonzero((now != kappa).reshape(-1, kappa.size).any(axis=0))
+            return there.among(terms).evaluate(D[:, terms] + c[:, terms] * (now - kappa)[..., None, terms])
+
+        return frf
+
+    def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
+        """FRFs and the derivative of their dB values to theta; with the phase, of ``20/ln10 ln(H)``.
+
+        ``d|H|dB/dtheta = 20/ln10 Re(conj(H) dH/dtheta)/|H|²`` with the chain rule through ``D_j = c_j(s) kappa_j``, eqs. (35), (36), (A.4).
+
+        Returns
+        -------
+        y : (F, R) complex array
+        J : (F, R, size) float array, complex with the phase
+            dB per decade; imaginary part: 8.69 dB per radian. Both are read-only.
+        """
+        y, J = self._kept(phase, theta, lambda: self._sensitivities(theta, phase))
+        self._kept("frf", theta, lambda: (y,))
+        return y, J
+
+    def _sensitivities(self, theta: Floats, phase: bool) -> tuple[Complexes, Floats | Complexes]:
+        P = self.parameters
+        y, relative = self.linearised(P.dynamic(theta, self.s))
+        # Re(conj(H) dH)/|H|² = Re(dH/H)
+        relative *= (DB / y)[:, :, None]
+        kappa, chain = P.scales(theta), P.scale_jacobian(theta)
+        damped = {at: (relative[:, :, terms] @ kappa[terms]) * slope[:, None] for at, terms, slope in P.damping_spectra(theta, self.s)}
+        relative *= P.spectra(theta, self.s)[:, None, :]
+        J = relative.real @ chain
+        if phase:
+            J = J + 1j * (relative.imag @ chain)
+        for at, column in damped.items():
+            J[:, :, at] = column if phase else column.real
+        return y, J
+
+
+def port_model(ports: PortFrf, parameters: Parameterisation) -> FrfModel:
+    """FRFs by the port formula: cost of an evaluation independent of n and r."""
+    return FrfModel(s=ports.s, parameters=parameters, values=ports.evaluate, linearised=ports.linearise, name="port", ports=ports)
+
+
+def reduced_model(model: ReducedModel, s: Complexes, parameters: Parameterisation, responses: NDArray[np.int64]) -> FrfModel:
+    """FRFs by the reduced dynamic stiffness (28), (32): cheaper where there are more terms than reduced DOFs."""
+
+    def linearise(D: Complexes) -> tuple[Complexes, Complexes]:
+        y, dy = model.linearise(s, D)
+        return y[:, responses], dy[:, responses]
+
+    return FrfModel(s=s, parameters=parameters, values=lambda D: model.evaluate(s, D)[:, responses], linearised=linearise, name="reduced")

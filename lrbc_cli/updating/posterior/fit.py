@@ -1,0 +1,321 @@
+"""One identification with its confidence: weight of the prior from the noise, nuisances, posterior covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.updating.misfit.cost import ChangeError, Evaluation, Misfit
+from lrbc_cli.updating.misfit.extended import Nuisance
+from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.search.optimise import HistoryEntry, Objective, Solution
+from lrbc_cli.updating.statistics.noise import Noise, estimate_noise, widened
+from lrbc_cli.updating.unknowns.shapes import Shapes
+
+#: Weight that stands for none where the rows of something else share it.
+LEAST_ETA = 1e-30
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """What is known after an identification, linearised about its optimum.
+
+    Attributes
+    ----------
+    shapes : Shapes
+        The boundary unknowns z come first, ``nuisances`` after them.
+    nuisances : tuple of Nuisance
+    z, values : float arrays
+        Optimum of both.
+    covariance : (m + k, m + k) float array
+        ``s² (JᵀJ + eta PᵀP)⁻¹``, prior included.
+    noise : Noise
+        ``s²`` is its variance.
+    prior_std : (m,) float array
+        Standard deviations of z in the prior, ``s / sqrt(eta)`` times those of the shapes.
+    about : (size, size) float array or None
+        Part of the covariance of theta that the state has about which z are changes; None where that is no estimate.
+    own : (m, m) float array or None
+        Covariance of z without that part; None where they are the same.
+    told : (m + k, m + k) float array or None
+        What of the covariance the errors of the data make, see ``noise.widened``.
+    """
+
+    shapes: Shapes
+    nuisances: tuple[Nuisance, ...]
+    z: Floats
+    values: Floats
+    covariance: Floats
+    noise: Noise
+    prior_std: Floats
+    about: Floats | None = None
+    own: Floats | None = None
+    told: Floats | None = None
+
+    def wider(self, ratio: float) -> Posterior:
+        """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
+        told, m = np.zeros_like(self.covariance) if self.told is None else self.told, self.z.size
+        own = None if self.own is None else widened(self.own, told[:m, :m], ratio)
+        return replace(self, covariance=widened(self.covariance, told, ratio), own=own, noise=replace(self.noise, ratio=ratio))
+
+    @property
+    def boundary(self) -> Floats:
+        """(size, size) covariance of theta, nuisances marginalised."""
+        m = self.z.size
+        covariance = self.shapes.T @ (self.covariance[:m, :m] if self.own is None else self.own) @ self.shapes.T.T
+        return np.asarray(covariance if self.about is None else covariance + self.about)
+
+    def about_estimate(self, state: Floats, jacobian: Floats | None = None, by_theta: Floats | None = None) -> Posterior:
+        """The same where the prior is the state of another job, known with a covariance of its own.
+
+        An error of that state moves the optimum against it as far as the data see it: ``dz = -(JᵀJ + eta PᵀP)⁻¹ Jᵀ J_theta dtheta``.
+
+        Parameters
+        ----------
+        state : (size, size) float array
+            Covariance of theta there.
+        jacobian, by_theta : (n, m + k) and (n, size) float arrays or None
+            Of the data residuals to the unknowns and to theta; None where the comparison is with FRFs of that state, so that its error
+            drops out of the changes.
+        """
+        size, m = self.shapes.T.shape
+        moved = np.zeros((self.covariance.shape[0], size))
+        if jacobian is not None and by_theta is not None:
+            # Without noise nothing is uncertain.
+            moved = self.covariance @ (jacobian.T @ by_theta) / (self.noise.variance or 1.0)
+        left = np.eye(size) - self.shapes.T @ moved[:m]
+        return replace(
+            self,
+            covariance=self.covariance + moved @ state @ moved.T,
+            about=left @ state @ left.T,
+            own=self.covariance[:m, :m],
+        )
+
+    @property
+    def std(self) -> Floats:
+        """(m + k,) standard deviations of z and of the nuisances."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Measured line and response of each data residual; real and imaginary parts count as different responses.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    selected : (F,) int array
+        Index of each of its lines among the measured ones.
+    count : int
+        Number of its data residuals.
+    """
+    line, response = np.nonzero(misfit.valid)
+    line = selected[line]
+    if count == 2 * line.size:
+        return np.concatenate([line, line]), np.concatenate([response, response + misfit.valid.shape[1]])
+    return line, response
+
+
+def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
+    """Noise from the residuals of an evaluation."""
+    rows = evaluation.residual.size - misfit.penalty.shape[0]
+    line, response = residual_places(misfit, selected, rows)
+    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, misfit.errors)
+
+
+def weighed(
+    misfit: Misfit, evaluation: Evaluation, noise: Noise, theta: Floats, error: ChangeError | None, damped: bool = False
+) -> tuple[Misfit, float]:
+    """The cost with its lines weighted against the model discrepancy at an optimum, and the noise variance to be expected then.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    evaluation : Evaluation
+        There, as the misfit gives it.
+    noise : Noise
+        By that evaluation.
+    theta : (size,) float array
+    error : ChangeError or None
+        How wrong predicted changes may be; None where none are predicted.
+    damped : bool
+        Go half the way only, in logarithms: two levels can lead to each other.
+
+    Returns
+    -------
+    Misfit, float
+        [dB²]
+    """
+    before = misfit.level
+    if error is not None:
+        misfit = misfit.about(theta, error)
+    if not misfit.weighted:
+        return misfit, noise.variance
+    level = misfit.followed(theta, evaluation)
+    if damped:
+        level = float(np.sqrt(level * before))
+    return misfit.with_level(level), level**2 * noise.factor
+
+
+def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:
+    """Descend anew from an earlier place that the last weights and the dB misfit both prefer to the solution.
+
+    Weights change from round to round, and the last round may have left what it would now keep. The cost alone does not decide: weights
+    of a loosened state forgive the tight one.
+
+    Parameters
+    ----------
+    objective : callable
+        The last cost.
+    solution : Solution
+    places : sequence of (size,) float arrays
+        Starts, and ends of earlier rounds.
+    again : callable
+        A descent of the last cost.
+
+    Returns
+    -------
+    Solution
+        With all evaluations in its history.
+    """
+    here, *values = [objective(theta) for theta in (solution.theta, *places)]
+    history = list(solution.history)
+
+    def note(entries: Sequence[HistoryEntry]) -> None:
+        first = len(history)
+        history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
+
+    note([HistoryEntry(0, value.cost, value.misfit_db, False) for value in (here, *values)])
+    better = [i for i, value in enumerate(values) if value.total < here.total and value.misfit_db < here.misfit_db]
+    evaluations, iterations = solution.evaluations + 1 + len(values), solution.iterations
+    if better:
+        found = again(places[min(better, key=lambda i: values[i].total)])
+        note(found.history)
+        evaluations, iterations = evaluations + found.evaluations, iterations + found.iterations
+        if found.status != "failed" and found.evaluation.total < here.total:
+            solution = replace(found, starts=solution.starts)
+    return replace(solution, evaluations=evaluations, iterations=iterations, history=tuple(history))
+
+
+def follow_noise(
+    misfit: Misfit,
+    solution: Solution,
+    again: Callable[[Misfit, Floats], Solution],
+    selected: NDArray[np.int64],
+    error: ChangeError | None = None,
+    starts: Sequence[Floats] = (),
+    *,
+    change: float = 0.05,
+    rounds: int = 6,
+) -> tuple[Misfit, Solution, Noise]:
+    """Set the weight of the prior by the noise, ``eta = s²`` on rows in standard deviations, and descend again until both agree.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        Its rows are in standard deviations of the prior.
+    solution : Solution
+        Where to begin.
+    again : callable
+        The descent of a round, with its own limit and stop rule: from a misfit and a theta to a solution whose Jacobian is to z.
+    selected : int array
+    error : ChangeError or None
+        See ``weighed``.
+    starts : sequence of (size,) float arrays
+        Further places than the ends of the rounds to which the last end is compared, see ``no_worse``.
+    change, rounds : float, int
+        The weight follows the noise until its variance changes by a smaller share, or so many times.
+
+    Returns
+    -------
+    Misfit, Solution, Noise
+        With the last weight and the status of the last round; evaluations and history of all rounds.
+    """
+    places, errors = [*starts], misfit.errors
+    noise = noise_of(misfit, solution.evaluation, selected)
+    history, iterations = list(solution.history), solution.iterations
+    for round_ in range(rounds):
+        kept = misfit, solution, noise
+        places.append(solution.theta)
+        misfit, before = weighed(misfit, solution.evaluation, noise, solution.theta, error, round_ > 1)
+        misfit = misfit.with_eta(max(before, errors.least_variance))
+        found = again(misfit, solution.theta)
+        first = len(history)
+        history += [replace(entry, evaluation=first + i) for i, entry in enumerate(found.history)]
+        iterations += found.iterations
+        solution = replace(found, iterations=iterations, evaluations=len(history), history=tuple(history), starts=solution.starts)
+        noise = noise_of(misfit, solution.evaluation, selected)
+        if misfit.weighted and solution.evaluation.misfit_db > errors.runaway * kept[1].evaluation.misfit_db + errors.least_runaway_db:
+            # Weights of a loosened state forgive the tight one: from there the noise would only grow.
+            misfit, solution, noise = kept
+            solution = replace(solution, iterations=iterations, evaluations=len(history), history=tuple(history))
+            break
+        if round_ and abs(noise.variance - before) < change * max(before, errors.least_variance):
+            break
+    best = no_worse(misfit, solution, places, lambda theta: again(misfit, theta))
+    return misfit, best, noise if best.theta is solution.theta else noise_of(misfit, best.evaluation, selected)
+
+
+def extended_misfit(misfit: Misfit, model: Sensitive, nuisances: Sequence[Nuisance], variance: float) -> Misfit:
+    """The same cost with further unknowns, each with its Gaussian prior.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    model : ExtendedFrf
+    nuisances : sequence of Nuisance
+    variance : float
+        Of the noise: a standard deviation of a nuisance costs as much as one of the data.
+    """
+    # Without a prior of the boundary the rows of the nuisances still need a weight.
+    eta = misfit.eta or LEAST_ETA
+    rows = np.zeros((misfit.rows.shape[0] + len(nuisances), misfit.rows.shape[1] + len(nuisances)))
+    rows[: misfit.rows.shape[0], : misfit.rows.shape[1]] = misfit.rows
+    for i, nuisance in enumerate(nuisances):
+        rows[misfit.rows.shape[0] + i, misfit.rows.shape[1] + i] = np.sqrt(variance / eta) / nuisance.std
+    prior = np.concatenate([misfit.prior, [nuisance.mean for nuisance in nuisances]])
+    return misfit.with_model(model, prior, rows, eta)
+
+
+def posterior(misfit: Misfit, solution: Solution, shapes: Shapes, nuisances: Sequence[Nuisance], noise: Noise, prior: Floats) -> Posterior:
+    """Covariance at the optimum.
+
+    Parameters
+    ----------
+    misfit : Misfit
+        As it was minimised, nuisances included.
+    solution : Solution
+        Theta with the nuisances behind it; its Jacobian is to z and the nuisances.
+    shapes : Shapes
+    nuisances : sequence of Nuisance
+    noise : Noise
+    prior : (size,) float array
+        Of theta.
+
+    Returns
+    -------
+    Posterior
+    """
+    J = solution.evaluation.jacobian
+    normal = J.T @ J
+    size = prior.size
+    # Theta does not tell apart bolts in one place, or more bolts than terms: of such differences the prior says all there is.
+    blind = np.eye(shapes.T.shape[1]) - np.linalg.pinv(shapes.T) @ shapes.T
+    blind *= np.where(np.isfinite(shapes.std), 1.0 / shapes.std, 0.0)[:, None]
+    normal[: blind.shape[0], : blind.shape[0]] += misfit.eta * blind.T @ blind
+    # Unknowns that neither data nor prior hold have no finite variance: a share of round-off stands for none.
+    floor = 1e-10 * max(float(np.diag(normal).max(initial=0.0)), np.finfo(float).tiny)
+    inverse = np.linalg.inv(normal + floor * np.eye(normal.shape[0]))
+    rows = solution.evaluation.residual.size - misfit.penalty.shape[0]
+    told = noise.variance * inverse @ (J[:rows].T @ J[:rows]) @ inverse
+    z = np.asarray(np.linalg.lstsq(shapes.T, solution.theta[:size] - prior, rcond=None)[0])
+    held = np.isfinite(shapes.std) & (misfit.eta > 0)
+    spread = np.full(shapes.std.size, np.inf)
+    spread[held] = shapes.std[held] * np.sqrt(noise.variance / (misfit.eta or 1.0))
+    values, covariance = solution.theta[size:], np.asarray(noise.variance * inverse)
+    return Posterior(
+        shapes=shapes, nuisances=tuple(nuisances), z=z, values=values, covariance=covariance, noise=noise, prior_std=spread, told=told
+    )

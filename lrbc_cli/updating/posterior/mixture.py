@@ -1,0 +1,447 @@
+"""Changes at bolts under a prior of two kinds: tight, hardly changed, or loose; by Gibbs sampling over which bolt is of which kind.
+
+A Gaussian prior spreads a change over neighbours that the data hardly tell apart. Here each change is drawn from
+``(1 - pi) N(0, tight²) + pi N(mean, loose²)`` (spike and slab: George and McCulloch, J. Am. Stat. Assoc. 88, 1993): given the kinds all is
+Gaussian about a linearisation, the changes drop out in closed form, and the kinds alone are sampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.misfit.cost import Evaluation
+from lrbc_cli.updating.search.optimise import Solution, gauss_newton
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
+
+#: Precision of a change that is held, far above what data say of one [per decade²].
+HELD = 1e10
+
+#: Relative decrease of the cost at which a descent ends, and its most iterations.
+Stop = tuple[float, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixtureProblem:
+    """What is measured of unknowns z, some of which are changes at bolts.
+
+    Attributes
+    ----------
+    data : callable
+        From z (m,) to residuals (n,) and their Jacobian (n, m).
+    variance : float
+        Of a residual, correlation included.
+    bounds : (m, 2) float array
+    bolts : (b,) int array
+        Which of z are changes at bolts.
+    neighbours : sequence of (int, int)
+        Pairs of positions in ``bolts`` that lie side by side.
+    joint : (b,) bool array
+        Which of the bolts own their terms; the others are hats along an edge.
+    mean, std : (m,) float arrays
+        Gaussian prior of those of z that are none; not read at bolts.
+    about : callable or None
+        Where the covariance of the residuals depends on the state: from z to such data with the covariance there, and its share in the log
+        evidence.
+    shared : float
+        Standard deviation of a joint's change over that change, beyond what the data tell: the errors of predicted shifts that all
+        resonances share look like more or less of it. A hat along an edge stands for no stiffness of its own.
+    ratio : float
+        How many times larger the errors of the data are than ``variance`` says, see ``noise.validation_ratio``: it widens the changes. The
+        weight of data against prior stays: it would call tight what the data then hardly tell.
+    """
+
+    data: Callable[[Floats], tuple[Floats, Floats]]
+    variance: float
+    bounds: Floats
+    bolts: NDArray[np.int64]
+    neighbours: Sequence[tuple[int, int]]
+    joint: Bools
+    mean: Floats
+    std: Floats
+    about: Callable[[Floats], tuple[Callable[[Floats], tuple[Floats, Floats]], float]] | None = None
+    shared: float = 0.0
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeSamples:
+    """Posterior of the changes at bolts: for each sweep and bolt two Gaussians, tight and loose, given the kinds of the others.
+
+    Averages over these conditionals scatter less than draws of the changes would (Rao-Blackwell).
+
+    Attributes
+    ----------
+    bolts : (b,) int array
+        Columns of the bolts among the unknowns.
+    loose : (s, b) float array
+        Conditional probability of the loose kind.
+    means, stds : (s, b, 2) float arrays
+        Of the change [decades], tight and loose.
+    kinds : (b,) bool array
+        Loose bolts of the most probable state about which most was linearised.
+    neighbours : sequence of (int, int)
+        Pairs of positions that lie side by side along an edge.
+    prior : BoltPrior
+    alternatives : sequence of ((b,) float array, float)
+        Changes at each state about which it was linearised [decades], and its share of the samples: its posterior probability among them.
+    """
+
+    bolts: NDArray[np.int64]
+    loose: Floats = field(repr=False)
+    means: Floats = field(repr=False)
+    stds: Floats = field(repr=False)
+    kinds: Bools
+    neighbours: Sequence[tuple[int, int]] = ()
+    prior: BoltPrior = BOLT_PRIOR
+    alternatives: Sequence[tuple[Floats, float]] = ()
+
+    @property
+    def inclusion(self) -> Floats:
+        """(b,) probabilities of the loose kind."""
+        return np.asarray(self.loose.mean(axis=0))
+
+    @property
+    def mean(self) -> Floats:
+        """(b,) posterior means of the changes [decades]."""
+        return np.asarray((self._weights * self.means).sum(axis=2).mean(axis=0))
+
+    @property
+    def std(self) -> Floats:
+        """(b,) posterior standard deviations of the changes [decades]."""
+        square = (self._weights * (self.stds**2 + (self.means - self.mean[:, None]) ** 2)).sum(axis=2).mean(axis=0)
+        return np.asarray(np.sqrt(square))
+
+    @property
+    def smeared(self) -> Floats:
+        """(b,) changes that a tight bolt would show of its neighbours' [decades]: their shapes do not end where a gap does."""
+        mean, found, share = self.mean, np.zeros(self.bolts.size), self.prior.leakage
+        for i, j in self.neighbours:
+            found[i], found[j] = min(found[i], share * mean[j]), min(found[j], share * mean[i])
+        return found
+
+    def below(self, limit: float | Floats, scatter: float | Floats = 0.0) -> Floats:
+        """(b,) probabilities that the changes lie below a limit [decades], with a further standard deviation where tight states scatter."""
+        limits, further = (np.broadcast_to(value, self.bolts.shape)[:, None] for value in (limit, scatter))
+        inside = ndtr((limits - self.means) / np.hypot(self.stds, further))
+        return np.asarray((self._weights * inside).sum(axis=2).mean(axis=0))
+
+    @property
+    def _weights(self) -> Floats:
+        return np.stack([1.0 - self.loose, self.loose], axis=2)
+
+
+def along_edges(pairs: Sequence[tuple[int, int]], joint: Bools) -> list[tuple[int, int]]:
+    """Those pairs whose shapes overlap: a joint reaches to no neighbour."""
+    return [(i, j) for i, j in pairs if not (joint[i] or joint[j])]
+
+
+def adjacency(pairs: Sequence[tuple[int, int]], joint: Bools) -> NDArray[np.int64]:
+    """(b, b) ones for bolts that are neighbours along an edge."""
+    found = np.zeros((joint.size, joint.size), dtype=np.int64)
+    for i, j in along_edges(pairs, joint):
+        found[i, j] = found[j, i] = 1
+    return found
+
+
+class _Moves:
+    """Sets of bolts that are flipped together, and which bolts' priors that touches: padded to one size, so that all are judged at once."""
+
+    def __init__(self, flips: Sequence[tuple[int, ...]], beside: NDArray[np.int64]) -> None:
+        touched = [[*own, *(int(j) for i in own for j in np.flatnonzero(beside[i]) if j not in own)] for own in flips]
+        touched = [list(dict.fromkeys(row)) for row in touched]
+        width = max((len(row) for row in touched), default=0)
+        self.flips = flips
+        self.at = np.array([row + [row[0]] * (width - len(row)) for row in touched], dtype=np.int64).reshape(len(flips), width)
+        self.real = np.array([[k < len(row) for k in range(width)] for row in touched], dtype=bool).reshape(self.at.shape)
+        self.own = np.array([[k < len(own) for k in range(width)] for own in flips], dtype=bool).reshape(self.at.shape)
+        # Which flip of a set is beside which touched bolt.
+        most = max((len(own) for own in flips), default=0)
+        self.first = np.array([list(own) + [own[0]] * (most - len(own)) for own in flips], dtype=np.int64).reshape(len(flips), most)
+        counts = np.array([[k < len(own) for k in range(most)] for own in flips], dtype=bool).reshape(self.first.shape)
+        self.beside = beside[self.at[:, :, None], self.first[:, None, :]] * counts[:, None, :]
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """Of each set of flips: log evidence added; and for its first bolt the mean and the standard deviation of its change then."""
+
+    gain: Floats
+    mean: Floats
+    std: Floats
+
+
+class KindScore:
+    """Evidence of kinds on ``z'Az/2 - b'z``, and what flips of kinds would add to it.
+
+    Parameters
+    ----------
+    A, b : (b, b) and (b,) float arrays
+        Curvature and slope of the data's half sum of squares over the variance, all else marginalised.
+    prior : BoltPrior
+    loose : (b,) bool array
+        Kinds to begin with.
+    neighbours : sequence of (int, int)
+    joint : (b,) bool array
+    further : (b,) float array or None
+        Log evidence for being loose beyond that of the linear problem.
+
+    Attributes
+    ----------
+    loose : (b,) bool array
+        Kinds now; the other figures are those given them.
+    """
+
+    def __init__(
+        self,
+        A: Floats,
+        b: Floats,
+        prior: BoltPrior,
+        loose: Bools,
+        neighbours: Sequence[tuple[int, int]],
+        joint: Bools,
+        further: Floats | None = None,
+    ) -> None:
+        self._A, self._b, self._prior, self._joint = A, b, prior, joint
+        self._odds = np.full(b.size, prior.log_odds) + (0.0 if further is None else further)
+        self._beside = adjacency(neighbours, joint)
+        self._singles = _Moves([(i,) for i in range(b.size)], self._beside)
+        self._pairs = _Moves(list(neighbours), self._beside)
+        self._precision, self._mean = prior.tables(joint)
+        self.loose = loose.copy()
+        self._moments: tuple[Floats, Floats] | None = None
+        # A chain comes back to few kinds, again and again.
+        self._flips: dict[bytes, tuple[Floats, Floats, Floats]] = {}
+        self._swaps: dict[bytes, Floats] = {}
+
+    @property
+    def covariance(self) -> Floats:
+        """(b, b) covariance of the changes."""
+        return self._given_kinds()[0]
+
+    @property
+    def mean(self) -> Floats:
+        """(b,) means of the changes [decades]."""
+        return self._given_kinds()[1]
+
+    def _given_kinds(self) -> tuple[Floats, Floats]:
+        if self._moments is None:
+            precision, mean = self._prior.of(self.loose, self._beside, self._joint)
+            covariance = np.asarray(np.linalg.inv(self._A + np.diag(precision)))
+            self._moments = covariance, covariance @ (self._b + precision * mean)
+        return self._moments
+
+    def _outcomes(self, moves: _Moves) -> _Outcome:
+        """Changes of low rank: the touched bolts' precisions by D, their slopes by e."""
+        at, kind = moves.at, self.loose.astype(np.int64)
+        count = self._beside @ kind
+        step = 1 - 2 * kind[moves.first]
+        now, after = kind[at], np.where(moves.own, 1 - kind[at], kind[at])
+        gap, gap_after = (count[at] > 0).astype(np.int64), (count[at] + (moves.beside * step[:, None, :]).sum(axis=2) > 0).astype(np.int64)
+        old, new = self._precision[at, now, gap], self._precision[at, after, gap_after]
+        first, last = self._mean[at, now, gap], self._mean[at, after, gap_after]
+        D = np.where(moves.real, new - old, 0.0)
+        e = np.where(moves.real, new * last - old * first, 0.0)
+        offset = 0.5 * (np.log(new / old) - new * last**2 + old * first**2) + (after - now) * self._odds[at]
+        covariance, mean = self._given_kinds()
+        C = covariance[at[:, :, None], at[:, None, :]]
+        grown = np.eye(at.shape[1]) + D[:, :, None] * C
+        M = np.linalg.solve(grown, D[:, :, None] * np.eye(at.shape[1]))
+        m, moved = mean[at], np.einsum("cij,cj->ci", C, e)
+        Mu = np.einsum("cij,cj->ci", M, m + moved)
+        gain = np.where(moves.real, offset, 0.0).sum(axis=1) - 0.5 * np.log(np.linalg.det(grown))
+        gain += (e * (m + 0.5 * moved) - 0.5 * (m + moved) * Mu).sum(axis=1)
+        row = C[:, 0]
+        variance = row[:, 0] - np.einsum("ci,cij,cj->c", row, M, row)
+        return _Outcome(gain, m[:, 0] + (row * (e - Mu)).sum(axis=1), np.sqrt(np.maximum(variance, 0.0)))
+
+    def flips(self) -> tuple[Floats, Floats, Floats]:
+        """(b,) log evidence that each single flip adds; (b, 2) mean and standard deviation of each change, if tight and if loose."""
+        if (key := self.loose.tobytes()) not in self._flips:
+            other, (covariance, mean), loose = self._outcomes(self._singles), self._given_kinds(), self.loose
+            std = np.sqrt(np.diag(covariance))
+            means = np.column_stack([np.where(loose, other.mean, mean), np.where(loose, mean, other.mean)])
+            self._flips[key] = other.gain, means, np.column_stack([np.where(loose, other.std, std), np.where(loose, std, other.std)])
+        return self._flips[key]
+
+    def swaps(self) -> Floats:
+        """(p,) log evidence that flips of both of each pair of neighbours add."""
+        if (key := self.loose.tobytes()) not in self._swaps:
+            self._swaps[key] = self._outcomes(self._pairs).gain if self._pairs.flips else np.zeros(0)
+        return self._swaps[key]
+
+    def flip(self, *bolts: int) -> None:
+        """Make bolts of the other kind."""
+        for i in bolts:
+            self.loose[i] = not self.loose[i]
+        self._moments = None
+
+
+def improve(score: KindScore, neighbours: Sequence[tuple[int, int]], moves: int, least_gain: float = 0.01) -> None:
+    """Flip, or swap neighbours of different kinds, at most so many times, while the log evidence gains more than ``least_gain``."""
+    for _ in range(moves):
+        gains = score.flips()[0]
+        best: tuple[float, tuple[int, ...]] = (float(gains.max()), (int(gains.argmax()),))
+        for (i, j), gain in zip(neighbours, score.swaps().tolist(), strict=True):
+            if score.loose[i] != score.loose[j]:
+                best = max(best, (gain, (i, j)))
+        if best[0] <= least_gain:
+            return
+        score.flip(*best[1])
+
+
+@dataclass(frozen=True)
+class State:
+    """Optimum for given kinds, its log evidence (Laplace), and the linear problem of the bolts about it."""
+
+    kinds: Bools
+    z: Floats
+    evidence: float
+    A: Floats = field(repr=False)
+    b: Floats = field(repr=False)
+
+
+def _priors(problem: MixtureProblem, prior: BoltPrior, kinds: Bools) -> tuple[Floats, Floats]:
+    """(m,) precisions and means of all unknowns."""
+    precision, mean = problem.std**-2.0, problem.mean.copy()
+    beside = adjacency(problem.neighbours, problem.joint)
+    precision[problem.bolts], mean[problem.bolts] = prior.of(kinds, beside, problem.joint)
+    return precision, mean
+
+
+def _settle(problem: MixtureProblem, prior: BoltPrior, kinds: Bools, z: Floats, stop: Stop, held: tuple[int, float] | None) -> State:
+    """Descend for given kinds, and linearise."""
+    precision, mean = _priors(problem, prior, kinds)
+    if held is not None:
+        precision[problem.bolts[held[0]]], mean[problem.bolts[held[0]]] = HELD, held[1]
+    scale, weight = problem.variance**-0.5, np.sqrt(precision)
+
+    def cost(z: Floats) -> Evaluation:
+        r, J = problem.data(z)
+        residual = np.concatenate([scale * r, weight * (z - mean)])
+        total = max(float(residual @ residual), np.finfo(float).tiny)
+        jacobian = np.vstack([scale * J, np.diag(weight)])
+        return Evaluation(
+            cost=float(np.log10(total)),
+            total=total,
+            data=float(r @ r),
+            misfit_db=float(np.mean(np.abs(r))),
+            residual=residual,
+            jacobian=jacobian,
+        )
+
+    found: Solution = gauss_newton(cost, z, problem.bounds, tolerance=stop[0], max_iterations=stop[1])
+    value, z = found.evaluation, found.theta
+    rows = value.residual.size - z.size
+    J, r = value.jacobian[:rows], value.residual[:rows]
+    H = value.jacobian.T @ value.jacobian
+    evidence = 0.5 * (float(np.log(precision).sum()) - value.total - float(np.linalg.slogdet(H)[1])) + float(kinds.sum()) * prior.log_odds
+    A, b = J.T @ J, J.T @ (J @ z - r)
+    at = problem.bolts
+    rest = np.setdiff1d(np.arange(z.size), at)
+    # All that is Gaussian whatever the kinds drops out here, once for all sweeps.
+    across = A[np.ix_(at, rest)]
+    share = np.linalg.solve(
+        A[np.ix_(rest, rest)] + np.diag(precision[rest]), np.column_stack([across.T, b[rest] + precision[rest] * mean[rest]])
+    )
+    return State(kinds, z, evidence, A[np.ix_(at, at)] - across @ share[:, :-1], b[at] - across @ share[:, -1])
+
+
+def settle(
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    kinds: Bools,
+    z: Floats,
+    stop: Stop,
+    *,
+    held: tuple[int, float] | None = None,
+    rounds: int = 2,
+) -> State:
+    """Descend for given kinds, with the covariance of the residuals where that ended: a state answers for its own errors only.
+
+    With ``held`` the change of one of the bolts, by its position, stays at a value, and the evidence is that of the data there.
+    """
+    if problem.about is None:
+        return _settle(problem, prior, kinds, z, stop, held)
+    for _ in range(rounds):
+        data, offset = problem.about(z)
+        state = _settle(replace(problem, data=data), prior, kinds, z, stop, held)
+        z = state.z
+    return replace(state, evidence=state.evidence + offset)
+
+
+def _climb(problem: MixtureProblem, prior: BoltPrior, limits: tuple[int, int], stop: Stop, begin: tuple[Bools, Floats]) -> State:
+    """The best state on the way from kinds and a start, while the linearisation there promises more by a few flips; see ``best_states``."""
+    kinds, start = begin
+    rounds, moves = limits
+    end: State | None = None
+    seen: set[bytes] = set()
+    for _ in range(rounds):
+        state = settle(problem, prior, kinds, start, stop)
+        if end is None or state.evidence > end.evidence:
+            end = state
+        seen.add(kinds.tobytes())
+        score = KindScore(state.A, state.b, prior, kinds, problem.neighbours, problem.joint)
+        # Few moves at a time: a linearisation does not carry far.
+        improve(score, problem.neighbours, moves)
+        if score.loose.tobytes() in seen:
+            break
+        kinds, start = score.loose.copy(), state.z
+    assert end is not None
+    return end
+
+
+def best_states(
+    problem: MixtureProblem,
+    starts: Sequence[Floats],
+    prior: BoltPrior,
+    *,
+    large: float = -0.4,
+    rounds: int = 8,
+    moves: int = 3,
+    near: float = 5.0,
+    search: Stop = (1e-3, 5),
+    last: Stop = (1e-4, 12),
+) -> list[State]:
+    """The most probable kinds that relinearisation and local search find, from all tight and from the large changes of each start.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    starts : sequence of (m,) float array
+    prior : BoltPrior
+    large : float
+        Changes below it make a bolt loose at a start [decades].
+    rounds, moves : int
+        The linearisation follows the kinds at most so many times, by at most so many changes each.
+    near : float
+        States that lack so much log evidence are no alternative: 1 in 150.
+    search, last : (float, int)
+        Stop rule and iterations of a descent for given kinds while they are sought, and at last: its sum of squares is a few hundred to a
+        few thousand; a tenth matters.
+
+    Returns
+    -------
+    list of State
+        The best one first; the others are ends of searches with other kinds of nearly the same evidence.
+    """
+    tight = np.zeros(problem.bolts.size, dtype=bool)
+    # Descents that ended alike are one start.
+    apart = {np.round(z, 1).tobytes(): z for z in reversed(starts)}
+    begun = [(tight, np.zeros(starts[0].size)), *((z[problem.bolts] < large, z) for z in reversed(apart.values()))]
+    ends: dict[bytes, State] = {}
+    for end in side_by_side(partial(_climb, problem, prior, (rounds, moves), search), begun):
+        key = end.kinds.tobytes()
+        ends[key] = max(end, ends.get(key, end), key=lambda one: one.evidence)
+    best = max(ends.values(), key=lambda one: one.evidence)
+    found = sorted((end for end in ends.values() if end.evidence > best.evidence - near), key=lambda one: -one.evidence)
+    # Told apart by descents of one kind: where errors follow the state, each further one changes the evidence of all.
+    settled = side_by_side(lambda end: settle(problem, prior, end.kinds, end.z, last), found)
+    return [replace(state, evidence=end.evidence) for state, end in zip(settled, found, strict=True)]

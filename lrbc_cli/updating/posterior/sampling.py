@@ -1,0 +1,241 @@
+"""Sampling of the kinds of bolts on the problem linearised about the most probable state, and what that does not tell of joints.
+
+A joint that lost a decade or two stands where the data hardly feel it: from there a linear problem takes the way back for cheap. So the
+evidence of doubtful joints comes from descents with the other kind, and a change that stays wide from its profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.special import expit, logsumexp
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.posterior.mixture import ChangeSamples, KindScore, MixtureProblem, State, Stop, along_edges, best_states, settle
+from lrbc_cli.updating.statistics.noise import widened
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, BoltPrior
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What descents say of joints beyond the linear problem.
+
+    Attributes
+    ----------
+    further : (b,) float array
+        Log evidence for being loose to be added; 0 where the linear problem holds.
+    loose : (b, 2) float array
+        Mean and standard deviation of the change if loose [decades]; NaN where the linear problem holds.
+    """
+
+    further: Floats
+    loose: Floats
+
+
+def beyond(
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    state: State,
+    *,
+    doubt: float = -3.5,
+    wide: float = 0.12,
+    gain: float = 0.01,
+    rounds: int = 3,
+    stop: Stop = (1e-3, 5),
+    held: Stop = (1e-2, 3),
+) -> tuple[State, Beyond]:
+    """Descend with the other kind of each joint that is loose or could be.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    prior : BoltPrior
+    state : State
+    doubt : float
+        A tight joint could be loose where the linear problem gives that so much log evidence.
+    wide : float
+        Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
+    gain, rounds : float, int
+        Where the other kind gains so much log evidence, all begins anew there, at most so many times.
+    stop, held : (float, int)
+        Of the descents, and of those with a change held, each from the end of the one before.
+
+    Returns
+    -------
+    State, Beyond
+        The best state seen.
+    """
+    for turn in range(rounds):
+        score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
+        gains, means, stds = score.flips()
+        found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
+        doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
+        widths = np.where((stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide), stds[:, 1], np.nan)
+        joints = [(i, float(means[i, 1]), float(widths[i])) for i in doubted]
+        # Where errors follow the state, a descent moves the evidence by a nat though nothing changes: both kinds go the same way.
+        own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
+        others = side_by_side(partial(_other_kind, problem, prior, state, own, (stop, held)), joints)
+        for i, (_, evidence, loose) in zip(doubted, others, strict=True):
+            found.further[i] = evidence - (gains[i] if not state.kinds[i] else -gains[i])
+            found.loose[i] = loose
+        best = max([own, *(other for other, _, _ in others)], key=lambda one: one.evidence)
+        if best.evidence <= own.evidence + gain or turn == rounds - 1:
+            break
+        state = best
+    return state, found
+
+
+def _other_kind(
+    problem: MixtureProblem, prior: BoltPrior, state: State, own: State, stops: tuple[Stop, Stop], joint: tuple[int, float, float]
+) -> tuple[State, float, tuple[float, float]]:
+    """A joint's state of the other kind, log evidence for loose over tight, and mean and standard deviation of its change if loose.
+
+    Of the joint its index, where its change begins, and the width of its profile; NaN where the linear problem holds. ``own`` is where the
+    kinds of the state itself lead from there, as those of the other do.
+    """
+    i, change, width = joint
+    z, kinds = state.z.copy(), state.kinds.copy()
+    kinds[i] = not kinds[i]
+    z[problem.bolts[i]] = change if kinds[i] else 0.0
+    other = settle(problem, prior, kinds, z, stops[0])
+    tight, loose = (own, other) if kinds[i] else (other, own)
+    if np.isnan(width):
+        return other, loose.evidence - tight.evidence, (np.nan, np.nan)
+    more, mean, std = profile(problem, prior, loose, i, stops, width)
+    return other, loose.evidence + more - tight.evidence, (mean, std)
+
+
+def profile(
+    problem: MixtureProblem,
+    prior: BoltPrior,
+    state: State,
+    i: int,
+    stops: tuple[Stop, Stop],
+    width: float,
+    *,
+    points: int = 8,
+    reach: float = 3.0,
+    fine: int = 400,
+) -> tuple[float, float, float]:
+    """Log evidence of a loose joint beyond that of its state, mean and standard deviation of its change, from descents with it held.
+
+    The covariance of the residuals is that of the state throughout: of a change that the data do not feel the profile is then flat.
+
+    Parameters
+    ----------
+    problem, prior, state
+        A state in which it is loose.
+    i : int
+        Which of the bolts.
+    stops : pair of (float, int)
+        Of the descent from the state, and of those with the change held.
+    width : float
+        Standard deviation of the change by the linear problem [decades]: values are held there on both sides, too.
+    points, reach : int, float
+        Values from no change to so many standard deviations of the prior below its mean, or to the bound.
+    fine : int
+        Values between which the log evidence is interpolated.
+    """
+    low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
+    own = min(float(state.z[problem.bolts[i]]), 0.0)
+    low = min(low, own)
+    at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
+    evidence = np.zeros(at.size)
+    if problem.about is not None:
+        problem = replace(problem, data=problem.about(state.z)[0], about=None)
+    base = settle(problem, prior, state.kinds, state.z, stops[0])
+    # From the state outwards, each from the one before.
+    begin = int(np.argmin(np.abs(at - own)))
+    for order in (range(begin, at.size), range(begin - 1, -1, -1)):
+        z = base.z
+        for k in order:
+            z = z.copy()
+            z[problem.bolts[i]] = at[k]
+            held = settle(problem, prior, state.kinds, z, stops[1], held=(i, float(at[k])))
+            evidence[k], z = held.evidence, held.z
+    t = np.linspace(at[0], at[-1], fine)
+    # Loaded here: most commands do without.
+    from scipy.interpolate import PchipInterpolator
+
+    log = PchipInterpolator(at, evidence)(t) + _log_normal(t, prior.joint_loose_mean, prior.joint_loose_std)
+    weight = np.exp(log - logsumexp(log))
+    mean = float(weight @ t)
+    return float(logsumexp(log) + np.log(t[1] - t[0])) - base.evidence, mean, float(np.sqrt(weight @ (t - mean) ** 2))
+
+
+def _log_normal(t: Floats, mean: float, std: float) -> Floats:
+    return np.asarray(-0.5 * ((t - mean) / std) ** 2 - np.log(std * np.sqrt(2.0 * np.pi)))
+
+
+def sample_changes(
+    problem: MixtureProblem, starts: Sequence[Floats], prior: BoltPrior = BOLT_PRIOR, *, sweeps: int = 700, burn_in: int = 50, seed: int = 0
+) -> ChangeSamples:
+    """Sample which bolts are loose, on the problem linearised about the most probable state and about others nearly as probable.
+
+    Parameters
+    ----------
+    problem : MixtureProblem
+    starts : sequence of (m,) float array
+        First estimates, such as that with a Gaussian prior.
+    prior : BoltPrior
+    sweeps, burn_in, seed : int
+        Sweeps over all bolts, shared by the states in proportion to their evidence, those before them that are left out at each; the same
+        seed gives the same result.
+
+    Returns
+    -------
+    ChangeSamples
+    """
+    first, *others = best_states(problem, starts, prior)
+    best, more = beyond(problem, prior, first)
+    # What one flip reaches the sweeps about the best state reach themselves.
+    rest = [state for state in others if np.count_nonzero(state.kinds != best.kinds) > 1]
+    evidence = np.array([best.evidence, *(state.evidence for state in rest)])
+    count = np.round(sweeps * np.exp(evidence - logsumexp(evidence))).astype(int)
+    hats, rng = along_edges(problem.neighbours, problem.joint), np.random.default_rng(seed)
+    parts: list[tuple[Floats, Floats, Floats]] = []
+    alternatives: list[tuple[Floats, float]] = []
+    for state, own in zip([best, *rest], count.tolist(), strict=True):
+        if own:
+            about = more if state is best else beyond(problem, prior, state, rounds=1)[1]
+            parts.append(_sweeps(problem, prior, state, about, own, burn_in, rng))
+            alternatives.append((state.z[problem.bolts], own / int(count.sum())))
+    loose, means, stds = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return ChangeSamples(
+        bolts=problem.bolts, loose=loose, means=means, stds=stds, kinds=best.kinds, neighbours=hats, prior=prior, alternatives=alternatives
+    )
+
+
+def _sweeps(
+    problem: MixtureProblem, prior: BoltPrior, state: State, more: Beyond, sweeps: int, burn_in: int, rng: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Gibbs sampling of the kinds about one state: conditional probabilities (s, b), means and standard deviations (s, b, 2)."""
+    score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint, more.further)
+    count = problem.bolts.size
+    loose, means, stds = np.zeros((sweeps, count)), np.zeros((sweeps, count, 2)), np.zeros((sweeps, count, 2))
+    precision = prior.tables(problem.joint)[0].min(axis=2)
+    for sweep in range(-burn_in, sweeps):
+        chance = np.log(rng.random(count))
+        gains, centres, spreads = score.flips()
+        for turn, i in enumerate(rng.permutation(count).tolist()):
+            if sweep >= 0:
+                loose[sweep, i] = expit(-gains[i] if score.loose[i] else gains[i])
+                means[sweep, i], stds[sweep, i] = centres[i], spreads[i]
+            if chance[turn] < gains[i]:
+                score.flip(i)
+                gains, centres, spreads = score.flips()
+        # Neighbours whose hats overlap take each other's part: by single flips that is a long way.
+        swaps = score.swaps()
+        for pair, (i, j) in enumerate(problem.neighbours):
+            if score.loose[i] != score.loose[j] and np.log(rng.random()) < swaps[pair]:
+                score.flip(i, j)
+                swaps = score.swaps()
+    known = np.isfinite(more.loose[:, 0])
+    means[:, known, 1], stds[:, known, 1] = more.loose[known].T[:, None]
+    # Of one change by itself: variance less variance² over that of the prior is what the errors of the data make.
+    stds = np.sqrt(widened(stds**2, np.maximum(stds**2 - stds**4 * precision, 0.0), problem.ratio))
+    return loose, means, np.hypot(stds, problem.shared * np.abs(means) * problem.joint[:, None])

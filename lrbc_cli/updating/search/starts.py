@@ -1,0 +1,319 @@
+"""Where descents may begin: scans and tables of the cost, which pass over what a gradient does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
+from lrbc_cli.updating.misfit.frf import FrfModel
+from lrbc_cli.updating.search.optimise import Objective, Solution
+from lrbc_cli.updating.unknowns.shapes import Shapes
+
+#: For two columns of joints those that are exchanged with them, see ``Shapes.mirrored``.
+Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
+
+#: Changes of a bolt that tables try [decades], from a slight loss to one that is all but free.
+LEVELS = (-0.3, -0.7, -1.2, -2.0, -3.0)
+
+
+def alone(one: int, other: int) -> list[tuple[int, int]]:
+    """Two joints that are exchanged with no others."""
+    return [(one, other)]
+
+
+def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
+    """(size,) values of the stiffness groups; of all groups where there is none."""
+    moved = np.zeros(parameters.size, dtype=bool)
+    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        moved[values] = group.kind == "stiffness"
+    return moved if moved.any() else ~parameters.is_damping
+
+
+def uniform_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
+    """Thetas with a few uniform values of the stiffness groups between their bounds; p_damp, damping and mass groups stay.
+
+    Where there is no stiffness group all groups are moved; in steps of at most ``step`` decades, ``most`` values at the most.
+    """
+    moved = moved_values(misfit.model.parameters)
+    width = bounds[:, 1] - bounds[:, 0]
+    count = int(np.clip(np.ceil(float(np.max(width[moved], initial=0.0)) / step) + 1, 2, most))
+    return [np.where(moved, bounds[:, 0] + fraction * width, theta) for fraction in np.linspace(0.0, 1.0, count)]
+
+
+def uniform_changes(misfit: Misfit, bounds: Floats, *, step: float = 0.25, most: int = 41) -> list[Floats]:
+    """Thetas with the prior of the stiffness groups moved as a whole, as far as their bounds let it."""
+    prior, moved = misfit.prior, moved_values(misfit.model.parameters)
+    low, high = (bounds - prior[:, None])[moved].T
+    steps = np.arange(np.ceil(np.median(low) / step), np.floor(np.median(high) / step) + 1)[:most]
+    return [np.clip(np.where(moved, prior + step * count, prior), bounds[:, 0], bounds[:, 1]) for count in steps]
+
+
+def zoom(
+    objective: Objective, theta: Floats, bounds: Floats, direction: Floats, *, step: float = 0.125, least: float = 1e-4
+) -> Iterator[tuple[Floats, Evaluation]]:
+    """Compass search on the mean absolute difference, from steps that pass over many peaks down to such that stay between two lines.
+
+    Where lines lie further apart than a peak is wide, the cost has a valley wherever a peak lies between two lines; the mean difference
+    falls towards the truth all the same.
+
+    Parameters
+    ----------
+    objective : callable
+    theta : (size,) float array
+        Where to begin.
+    bounds : (size, 2) float array
+    direction : (size,) float array
+    step, least : float
+        First and last step along it, halved where neither way helps.
+
+    Yields
+    ------
+    (size,) float array, Evaluation
+        Every place that is tried; the last one that lowers the mean difference is the best.
+    """
+    value = objective(theta)
+    yield theta, value
+    while step >= least:
+        for way in (step, -step):
+            trial = np.clip(theta + way * direction, *bounds.T)
+            found = objective(trial)
+            yield trial, found
+            if found.misfit_db < value.misfit_db:
+                theta, value = trial, found
+                break
+        else:
+            step *= 0.5
+
+
+def group_levels(
+    misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.5, least: float = 1e-3, width: int = 8, kept: int = 3
+) -> list[Floats]:
+    """Thetas with the stiffness groups moved, each as a whole, to where the mean difference is least; none where there is one.
+
+    Axial and rocking stiffnesses of the same bolts need not be off by the same. Tables over one group at a time, several lines of them side
+    by side; then a compass search about the best.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    theta : (size,) float array
+    bounds : (size, 2) float array
+    step, least : float
+        Between the levels of a table, and the last step of the compass search [decades].
+    width, kept : int
+        Lines side by side, and places returned.
+    """
+    P, (low, high) = misfit.model.parameters, bounds.T
+    groups = [values for group, (values, _) in zip(P.groups, P.slices, strict=True) if group.kind == "stiffness"]
+    known: dict[tuple[float, ...], float] = {}
+
+    def place(shifts: tuple[float, ...]) -> Floats:
+        moved = theta.copy()
+        for values, shift in zip(groups, shifts, strict=True):
+            moved[values] = np.clip(theta[values] + shift, low[values], high[values])
+        return moved
+
+    def at(shifts: tuple[float, ...]) -> float:
+        if shifts not in known:
+            value = misfit.mean_db(misfit.model.frf(place(shifts)))
+            known[shifts] = value if np.isfinite(value) else np.inf
+        return known[shifts]
+
+    if len(groups) < 2:
+        return []
+    reach = [np.arange(np.ceil((low - theta)[v].min() / step), np.floor((high - theta)[v].max() / step) + 1) * step for v in groups]
+    beam = [(0.0,) * len(groups)]
+    while True:
+        table = {(*own[:k], float(shift), *own[k + 1 :]) for own in beam for k in range(len(groups)) for shift in reach[k]}
+        nearest = sorted({*beam, *table}, key=lambda shifts: (at(shifts), shifts))[:width]
+        if nearest == beam:
+            break
+        beam = nearest
+    found = []
+    for own in beam[:kept]:
+        size = 0.5 * step
+        while size >= least:
+            ways = [(*own[:k], own[k] + way, *own[k + 1 :]) for k in range(len(groups)) for way in (size, -size)]
+            nearer = min(ways, key=at)
+            own, size = (nearer, size) if at(nearer) < at(own) else (own, 0.5 * size)
+        found.append(own)
+    return [place(own) for own in dict.fromkeys(sorted(found, key=at))]
+
+
+def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float = 0.25, least: float = 0.01) -> Floats:
+    """Theta with single values moved until the mean absolute difference falls no more: a compass search, each step the best of a table.
+
+    Between two lines a sharp peak leaves next to no trace, and a descent on squares ends in the valley where it began; a table passes over.
+    Damping exponents stay.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    theta : (size,) float array
+    bounds : (size, 2) float array
+    step, least : float
+        First and last step, halved where no move helps [decades].
+    """
+    model, best = misfit.model, misfit.mean_db(misfit.model.frf(theta))
+    while step >= least:
+        frf = model.nearby(theta) if isinstance(model, FrfModel) else model.frf
+        table = []
+        for k, way in product(np.flatnonzero(~model.parameters.is_damping).tolist(), (step, -step)):
+            trial = theta.copy()
+            trial[k] = np.clip(theta[k] + way, *bounds[k])
+            table.append((misfit.mean_db(frf(trial)), k, way, trial))
+        nearest = min(table, key=lambda one: one[:3])
+        if nearest[0] < best:
+            best, theta = nearest[0], nearest[3]
+        else:
+            step *= 0.5
+    return theta
+
+
+def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
+    """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
+
+    A peak that passes a line is a ridge in the cost, narrow and steep; beyond it there is another valley.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    end : Solution
+        Its Jacobian is to z.
+    bounds : (size, 2) float array
+    span : (size, m) float array
+        Each of z is moved by so much either way.
+    step : float
+        [decades].
+    kept : int
+        Places to begin at.
+
+    Returns
+    -------
+    list of (size,) float array
+        One of each of z at most.
+    """
+    model, here = misfit.model, end.evaluation
+    found: list[tuple[float, int, Floats]] = []
+    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    for k in np.flatnonzero(~model.parameters.is_damping @ np.abs(span) > 0).tolist():
+        slope, column = float(here.jacobian[:, k] @ here.residual), here.jacobian[:, k]
+        ratios = []
+        for way in (step, -step):
+            theta = np.clip(end.theta + way * span[:, k], *bounds.T)
+            promised = float(column @ column) * way**2 + 2.0 * slope * way
+            rise = misfit.sum(theta, frf) - here.total
+            ratios.append((rise / promised if promised > 0.0 else np.inf, theta))
+        ratio, theta = min(ratios, key=lambda one: one[0])
+        found.append((ratio, k, theta))
+    return [theta for ratio, _, theta in sorted(found, key=lambda one: one[:2])[:kept] if np.isfinite(ratio)]
+
+
+def other_levels(
+    misfit: Misfit,
+    end: Solution,
+    bounds: Floats,
+    span: Floats,
+    joints: Sequence[int],
+    mirrors: Mirrors = alone,
+    *,
+    levels: Sequence[float] = LEVELS,
+    kept: int = 12,
+) -> list[Floats]:
+    """Places where one joint stands at another level, its groups alike, or has the stiffness of another one; all else as at an optimum.
+
+    A table about the prior sees a joint at a few levels beside others that are as in the reference job. About an end the scatter of all
+    others is known, and a joint that took the place of another one, or stopped halfway, shows. Joints at mirrored places are told apart by
+    what is not symmetric alone: a descent that began nearer to one never sees the other.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    end : Solution
+    bounds : (size, 2) float array
+    span : (size, m) float array
+        Unknowns ``prior + span z``.
+    joints : sequence of int
+        Of z, the changes of the joints.
+    mirrors : callable
+        Which of them are exchanged where one that has loosened by the first level or more has the stiffness of a stiffer one.
+    levels : sequence of float
+        That are tried, and none; but for the one nearest to the end, in whose valley that lies [decades].
+    kept : int
+
+    Returns
+    -------
+    list of (size,) float array
+        Those that come nearest to the measurement, by the mean absolute difference.
+    """
+    model = misfit.model
+    frf = model.nearby(end.theta) if isinstance(model, FrfModel) else model.frf
+    z = np.linalg.lstsq(span, end.theta - misfit.prior, rcond=None)[0]
+
+    def moved(joint: int) -> list[tuple[float, int, float, Floats]]:
+        others = sorted((0.0, *levels), key=lambda level: abs(level - z[joint]))[1:]
+        own, alike = span[:, joint] != 0.0, span[:, joint]
+        thetas = [np.clip(np.where(own, misfit.prior + level * alike, end.theta), *bounds.T) for level in others]
+        return [(misfit.mean_db(frf(theta)), joint, level, theta) for level, theta in zip(others, thetas, strict=True)]
+
+    def exchanged(pair: tuple[int, int]) -> list[tuple[float, int, float, Floats]]:
+        theta = end.theta.copy()
+        for one, other in mirrors(*pair):
+            own, its = (np.flatnonzero(span[:, joint]) for joint in (one, other))
+            higher = theta[its].mean() - theta[own].mean()
+            theta[own], theta[its] = (theta[its], theta[own]) if own.size == its.size else (theta[own] + higher, theta[its] - higher)
+        theta = np.clip(theta, *bounds.T)
+        return [(misfit.mean_db(frf(theta)), pair[0], float(pair[1]), theta)]
+
+    loosened = [(one, other) for one, other in product(joints, joints) if z[one] <= levels[0] and z[one] < z[other]]
+    tables = [*side_by_side(moved, joints), *side_by_side(exchanged, loosened)]
+    found = [place for places in tables for place in places if np.isfinite(place[0])]
+    return [theta for *_, theta in sorted(found, key=lambda one: one[:3])[:kept]]
+
+
+def prior_draws(
+    misfit: Misfit, shapes: Shapes, bounds: Floats, places: Mapping[str, Floats], *, draws: int = 64, kept: int = 3, seed: int = 0
+) -> tuple[dict[str, Floats], int]:
+    """Places to begin at, and beside them the lowest of some changes drawn from the prior.
+
+    Tables of changes at single bolts start from discrete levels and from the damping of the prior; of small changes of everything at once
+    they see nothing.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    shapes : Shapes
+    bounds : (size, 2) float array
+    places : mapping of str to (size,) float array
+    draws, kept, seed : int
+        Draws, those of them to begin at, and the seed.
+
+    Returns
+    -------
+    dict of str to (size,) float array
+        The same for the same input.
+    int
+        Evaluations.
+    """
+    rng = np.random.default_rng(seed)
+    std = np.where(np.isfinite(shapes.std), shapes.std, 1.0)
+    thetas = [np.clip(misfit.prior + shapes.T @ (std * draw), *bounds.T) for draw in rng.normal(size=(draws, std.size))]
+    order = np.argsort(side_by_side(misfit.sum, thetas), kind="stable")[:kept]
+    return {**places, **{f"changes drawn from the prior, {k + 1} of {draws}": thetas[k] for k in order}}, draws
+
+
+def basins(totals: Sequence[float], count: int = 2) -> list[int]:
+    """Indices of the trials to start from: the lowest of so many basins, and trial 0, which is the given start.
+
+    The trials after the first stand in order of their values.
+    """
+    scan = np.array([np.inf, *totals[1:], np.inf])
+    valleys = [i for i in range(1, len(totals)) if scan[i] < scan[i - 1] and scan[i] <= scan[i + 1]]
+    return [*sorted(valleys, key=lambda i: totals[i])[:count], 0]

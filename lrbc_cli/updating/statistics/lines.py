@@ -1,0 +1,249 @@
+"""Choice of the lines that enter the cost: around the resonances, where noise matters least (Sec. 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.updating.peaks import peaks_of
+from lrbc_cli.updating.statistics.residuals import decibel
+
+
+@dataclass(frozen=True)
+class Resonances:
+    """Which lines belong to a resonance.
+
+    Attributes
+    ----------
+    prominence_db : float
+        A resonance stands out of the mean spectrum by at least this [dB]. A choice: twice the first model discrepancy.
+    depth_db : float
+        Lines within this of the peak belong to it [dB] ... By trial on virtual rigs.
+    half_width : float
+        ... as long as they are within this fraction of its frequency, or two lines. By trial on virtual rigs.
+    """
+
+    prominence_db: float = 2.0
+    depth_db: float = 15.0
+    half_width: float = 0.06
+
+
+#: The default, for those who call a part alone.
+RESONANCES = Resonances()
+
+
+def resonance_lines(frequency_hz: Floats, measured: Complexes, rule: Resonances = RESONANCES) -> Integers:
+    """Indices of the lines around the resonances of FRFs.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured : (F, R) complex array
+        NaN where a response was not measured.
+    rule : Resonances
+
+    Returns
+    -------
+    (m,) int array
+        Sorted; all lines where no resonance stands out.
+    """
+    chosen = np.flatnonzero(around_resonances(frequency_hz, measured, rule))
+    return chosen if chosen.size else np.arange(frequency_hz.size)
+
+
+def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RESONANCES) -> Bools:
+    """(F,) whether a line belongs to a resonance of these (F, R) FRFs."""
+    valid = np.isfinite(H) & (np.abs(H) > 0)
+    level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
+    keep: Bools = np.zeros(frequency_hz.size, dtype=bool)
+    # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each. A mean of
+    # decibels also takes in some lines between antiresonances; with the mean power instead, fewer rigs were identified well.
+    spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]
+    if len(spectra) > 1:
+        centred = np.stack([spectrum - np.nanmean(spectrum) for spectrum in spectra])
+        spectra = [
+            np.where(
+                np.isfinite(centred).any(axis=0), np.nansum(centred, axis=0) / np.maximum(np.isfinite(centred).sum(axis=0), 1), -np.inf
+            )
+        ]
+    for spectrum in spectra:
+        filled = np.where(np.isfinite(spectrum), spectrum, np.nanmin(spectrum[np.isfinite(spectrum)]))
+        peaks = peaks_of(filled, prominence=rule.prominence_db)
+        for peak in peaks:
+            for direction in (-1, 1):
+                at = peak
+                while 0 <= at < filled.size and filled[at] > filled[peak] - rule.depth_db:
+                    near = abs(frequency_hz[at] - frequency_hz[peak]) <= rule.half_width * frequency_hz[peak] or abs(at - peak) <= 2
+                    if not near:
+                        break
+                    keep[at] = True
+                    at += direction
+    return keep
+
+
+def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: Resonances = RESONANCES) -> tuple[int, int]:
+    """How many resonances of (F, R) FRFs have none of the selected lines, and how many there are."""
+    near = around_resonances(frequency_hz, measured, rule)
+    ends = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
+    lines = np.sort(selected)
+    empty = np.searchsorted(lines, ends[::2]) == np.searchsorted(lines, ends[1::2])
+    return int(empty.sum()), empty.size
+
+
+@dataclass(frozen=True)
+class Sharp:
+    """Peaks of FRFs, those of them that fall far to both neighbouring lines, and whether responses have these at the same lines.
+
+    Attributes
+    ----------
+    peaks : (p,) float array
+        Frequencies, of all responses [Hz].
+    sharp : (q,) float array
+        Of those that fall so far [Hz].
+    together : float
+        How many pairs of two responses' sharp peaks stand at one line.
+    chance : float
+        How many stand some lines apart, in the mean over the distances: as many stand together by chance.
+    """
+
+    peaks: Floats
+    sharp: Floats
+    together: float
+    chance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolution:
+    """From when on lines do not resolve the peaks of FRFs, or noise makes peaks of its own: then no job is validated.
+
+    Attributes
+    ----------
+    prominence_db : float
+        Of what counts as a peak [dB]. A choice: twice the half-power points.
+    drop_db : float
+        Peaks that fall by more to both neighbouring lines are sharp [dB]. A choice, that noise and the place of the peak between two lines
+        do not reach where it is resolved.
+    most : float
+        Share of the peaks that may be sharp. Of resonances anywhere between the lines a quarter are where these lie as far apart as the
+        half-power points, and half of them at 1.6 times that.
+    noisy : float
+        Share of the peaks that may be sharp where each response has them at other lines. Of noise alone a third are: from here on half of
+        the peaks are noise's.
+    aside : tuple of int
+        Distances in lines at which pairs of sharp peaks stand together by chance. A choice: near enough that peaks are as many there.
+    together : float
+        Sharp peaks of resonances stand together this many times as often as by chance. A choice: half of what stands together is chance's.
+    """
+
+    prominence_db: float = 6.0
+    drop_db: float = 6.0
+    most: float = 1 / 3
+    noisy: float = 1 / 6
+    aside: tuple[int, ...] = (2, 3, 4, 5, 6, 7, 8)
+    together: float = 2.0
+
+
+#: The default, for those who call a part alone.
+RESOLUTION = Resolution()
+
+
+def unresolved(frequency_hz: Floats, measured: Complexes, rule: Resolution = RESOLUTION) -> Sharp:
+    """Peaks of FRFs, and those that fall far to both neighbouring lines.
+
+    At the half-power points a resonance lies 3 dB below its peak: where lines are no further apart than those, one of the two lines beside
+    a peak lies within that.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+    measured : (F, R) complex array
+        NaN where a response was not measured.
+    rule : Resolution
+    """
+    peaks, sharp = np.zeros((2, *measured.shape), dtype=bool)
+    for r, response in enumerate(measured.T):
+        at = np.flatnonzero(np.isfinite(response) & (np.abs(response) > 0))
+        if at.size < 3:
+            continue
+        level = decibel(response[at])
+        tops = peaks_of(level, prominence=rule.prominence_db)
+        peaks[at[tops], r] = True
+        sharp[at[tops], r] = level[tops] - np.maximum(level[tops - 1], level[tops + 1]) > rule.drop_db
+
+    def pairs(distance: int) -> float:
+        one, other = sharp[distance:].astype(float), sharp[: len(sharp) - distance].astype(float)
+        return float((one.sum(axis=1) * other.sum(axis=1) - (one * other).sum(axis=1)).sum())
+
+    chance = float(np.mean([pairs(d) for d in rule.aside if d < len(sharp)] or [0.0]))
+    return Sharp(frequency_hz[np.nonzero(peaks)[0]], frequency_hz[np.nonzero(sharp)[0]], pairs(0), chance)
+
+
+def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION) -> str | None:
+    """What to say of lines that do not resolve the peaks of FRFs, or of noise that makes peaks of its own; None where neither is so.
+
+    Parameters
+    ----------
+    measured : pairs of an (F,) float array and an (F, R) complex array
+        Frequencies and FRFs of one job, or of those that are compared.
+    rule : Resolution
+    """
+    found = [unresolved(*each, rule) for each in measured]
+    peaks, sharp = (np.sort(np.concatenate([getattr(each, name) for each in found])) for name in ("peaks", "sharp"))
+    # Resonances show in several responses at the same line, noise there as often as at others.
+    noise = sum(each.together for each in found) < rule.together * sum(each.chance for each in found)
+    if sharp.size <= (rule.noisy if noise else rule.most) * peaks.size:
+        return None
+    fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
+    if not noise:
+        return f"lines too far apart: {fall}; measure with closer lines"
+    where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
+    return (
+        f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
+        "a harder tip or a stronger blow"
+    )
+
+
+def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:
+    """What to say of FRFs most lines of which lie on straight lines between those that were measured; None where all were.
+
+    Straight lines bend at the measured lines only. Whatever was measured, smooth or noisy, bends at one line as much as at another.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        On evenly spaced lines; NaN where a response was not measured.
+    most : int
+        Lines for a measured one that are looked for.
+    least : int
+        Bends at measured lines that are needed to tell.
+    straight : float
+        How much less nearly all others bend than nearly all of these; rounding to few digits leaves them so much.
+    """
+    known = measured[:, np.isfinite(measured).all(axis=0)]
+    bend = (np.abs(np.diff(known, n=2, axis=0)) / np.maximum(np.abs(known).mean(axis=0), np.finfo(float).tiny)).sum(axis=1)
+    for every in range(2, min(most, bend.size // least) + 1):
+        for first in range(every):
+            at = np.arange(bend.size) % every == first
+            if np.quantile(bend[~at], 0.9) < straight * np.quantile(bend[at], 0.25):
+                return (
+                    f"one of {every} lines was measured, it seems, the others are interpolated between them: peaks are cut off, and more "
+                    "lines count than were measured; export the lines as they were measured"
+                )
+    return None
+
+
+def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:
+    """Where in the band noise lies, and what to do, in clauses; empty where it lies all along it. All frequencies are sorted."""
+    lines, count = np.searchsorted(axis, sharp) / axis.size, np.arange(sharp.size)
+    # The edge that parts few and many such peaks is where their share of all runs farthest from that of the lines.
+    above, below = lines - count / sharp.size, (count + 1) / sharp.size - lines
+    upward = above.max() > below.max()
+    edge = float(sharp[np.argmax(above) if upward else np.argmax(below)])
+    inside, rest = (sharp >= edge, peaks < edge) if upward else (sharp <= edge, peaks > edge)
+    if not rest.any() or (~inside).sum() > noisy * rest.sum():
+        return "", ""
+    end = "end" if upward else "begin"
+    side = "from" if upward else "up to"
+    return f", {inside.sum()} of them {side} {edge:.4g} Hz", f"let reduction.band {end} there, or "

@@ -1,0 +1,415 @@
+"""What is squared: differences between model and measurement, bounded against wild lines, floored and weighted."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.errors import DataError
+from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
+
+#: d(20 log10 x)/d ln x.
+DB = 20.0 / float(np.log(10.0))
+
+
+def decibel(H: Complexes | Floats) -> Floats:
+    """20 log10 |H|, eqs. (30), (31)."""
+    return np.asarray(20.0 * np.log10(np.abs(H)))
+
+
+@dataclass(frozen=True)
+class ResidualOptions:
+    """How the difference of a line is formed.
+
+    Attributes
+    ----------
+    kind : str
+        ``db``: difference of the magnitudes in dB, eqs. (29) to (31). ``log-complex``: ``20/ln10 ln(y/m)``, the difference in dB and the
+        wrapped difference of the phases, a radian counting as 8.69 dB.
+    loss_scale : float or None
+        Differences well above it [dB] count by their size and no longer by its square; None: squares throughout.
+    floor : float or None
+        Level below a response's largest selected line [dB] under which differences fade.
+    """
+
+    kind: Literal["db", "log-complex"] = "db"
+    loss_scale: float | None = None
+    floor: float | None = None
+
+
+def band_means(values: Floats, band: Integers, valid: NDArray[np.bool_] | None = None) -> Floats:
+    """(F, R) mean of a response's values over the lines of each one's band, of those that count."""
+    lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
+    known = np.ones(values.shape, dtype=bool) if valid is None else valid
+    return np.asarray((lies.T @ np.where(known, values, 0.0) / np.maximum(lies.T @ known, 1.0))[band])
+
+
+class _Bands:
+    """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
+
+    Parameters
+    ----------
+    size : (m,) float array
+        The error of one standard deviation over the residual's own.
+    band : (m,) int array
+    """
+
+    def __init__(self, size: Floats, band: Integers) -> None:
+        self._errors = csr_array((size, band, np.arange(size.size + 1)), shape=(size.size, int(band.max(initial=-1)) + 1))
+        self._power = np.bincount(band, size**2)
+        self._known = self._power > 0.0
+        #: log det of ``I + GGᵀ``.
+        self.log_det = float(np.log1p(self._power).sum())
+
+    def _scaled(self, columns: Floats, exponent: float) -> Floats:
+        factor = np.zeros_like(self._power)
+        factor[self._known] = ((1.0 + self._power[self._known]) ** exponent - 1.0) / self._power[self._known]
+        along = self._errors.T @ columns
+        return np.asarray(columns + self._errors @ (factor.reshape(-1, *[1] * (columns.ndim - 1)) * along))
+
+    def __call__(self, columns: Floats) -> Floats:
+        return self._scaled(columns, -0.5)
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return self._scaled(columns, 0.5)
+
+
+class _Shared:
+    """Errors that residuals share, taken out: ``(I + BBᵀ)^(-1/2)``, the columns of B being the errors over the residuals' own.
+
+    Parameters
+    ----------
+    patterns : (m, k) float array
+    """
+
+    def __init__(self, patterns: Floats) -> None:
+        power, rotation = np.linalg.eigh(patterns.T @ patterns)
+        kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
+        self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
+        self._grown = np.sqrt(1.0 + power[kept])
+        #: log det of ``I + BBᵀ``.
+        self.log_det = float(2.0 * np.log(self._grown).sum())
+
+    def __call__(self, columns: Floats) -> Floats:
+        return np.asarray(columns - (self._directions * (1.0 - 1.0 / self._grown)) @ (self._directions.T @ columns))
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return np.asarray(columns + (self._directions * (self._grown - 1.0)) @ (self._directions.T @ columns))
+
+
+class DataResidual:
+    """Residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        NaN or zero where a line is not to count.
+    options : ResidualOptions
+    sigma : (F, R) float array or None
+        Standard deviation of the measured magnitude [dB], NaN where unknown; lines are weighted by it, see ``noise_weights``.
+    errors : ErrorModel
+        Its model discrepancy is the first one.
+
+    Attributes
+    ----------
+    valid : (F, R) bool array
+    target : (F, R) float array
+        Measurement in dB, zero where not valid.
+    level : float
+        Standard deviation of the model discrepancy [dB].
+
+    Raises
+    ------
+    DataError
+        Where nothing is left to compare.
+    """
+
+    def __init__(
+        self, measured: Complexes, options: ResidualOptions | None = None, sigma: Floats | None = None, errors: ErrorModel = ERRORS
+    ) -> None:
+        self.errors = errors
+        self.options = ResidualOptions() if options is None else options
+        self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
+        if not self.valid.any():
+            raise DataError("no measured value is left to compare with", expected="finite, non-zero FRFs on the selected lines")
+        filled = np.where(self.valid, measured, 1.0)
+        self.target = np.where(self.valid, decibel(filled), 0.0)
+        self._measured = filled[self.valid]
+        self._sigma = None if sigma is None else np.nan_to_num(sigma[self.valid], nan=0.0, posinf=np.inf)
+        power = np.where(self.valid, np.abs(filled) ** 2, 0.0)
+        self._floor: Floats | None = None
+        if self.options.floor is not None:
+            floor = power.max(axis=0) * 10.0 ** (-self.options.floor / 10.0)
+            self._floor = np.broadcast_to(floor, self.valid.shape)[self.valid]
+        self._noise = self._sigma
+        self._shifts: Floats | None = None
+        self._changes: tuple[Floats, Integers] | None = None
+        self._weigh(errors.first_discrepancy_db)
+
+    def _weigh(self, level: float) -> None:
+        self.level = level
+        self._weights = None if self._sigma is None else noise_weights(self._sigma, level)
+        self._bands, self._shared = None, None
+        if self._changes is not None and self._shifts is not None:
+            size, band = self._changes
+            own = self._own_weights(size.size) / level
+            self._bands = _Bands(own * size, band)
+            self._shared = _Shared(self._bands(own[:, None] * self._shifts))
+
+    def _own_weights(self, count: int) -> Floats:
+        """(count,) weights of the residuals."""
+        return np.ones(count) if self._weights is None else np.tile(self._weights, count // self._weights.size)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether lines are weighted by what is known of their noise."""
+        return self._sigma is not None or self._shifts is not None
+
+    def with_level(self, level: float) -> DataResidual:
+        """The same with another standard deviation of the model discrepancy [dB]."""
+        other = copy(self)
+        other._weigh(level)
+        return other
+
+    def weighted_as(self, other: DataResidual) -> DataResidual:
+        """The same with the weights of another on the same lines."""
+        found = copy(self)
+        found._sigma, found._shifts, found._changes = other._sigma, other._shifts, other._changes
+        found._weigh(other.level)
+        return found
+
+    def without(self, y: Complexes, share: float) -> DataResidual:
+        """The same without the share of the values that lie furthest from the model's FRFs y (F, R)."""
+        distance = np.abs(decibel(y) - self.target)[self.valid]
+        other = copy(self)
+        other._sigma = np.where(distance > np.quantile(distance, 1.0 - share), np.inf, 0.0 if self._sigma is None else self._sigma)
+        other._weigh(self.level)
+        return other
+
+    def with_change(self, y: Complexes, change: Floats, most: float, shifts: Floats | Complexes, band: Integers) -> DataResidual:
+        """The same where the model has moved by so much [dB] from a state that it explains: a share of that may be wrong.
+
+        Of every line for itself, and of the mean over the lines of a band together: the lines about a resonance gain and lose alike.
+
+        Parameters
+        ----------
+        y : (F, R) complex array
+            FRFs there.
+        change : (F, R) float array
+            In dB.
+        most : float
+            The error that no change exceeds: that of a state which is compared with nothing [dB].
+        shifts : (F, R, K) float or complex array
+            Errors that all responses share, each with a standard deviation of one: ``20/ln10`` times the change of ln(H).
+        band : (F,) int array
+            Lines of one band of a response share the error of their mean change.
+
+        Returns
+        -------
+        DataResidual
+        """
+        other = self._plain()
+        wrong = self.errors.change_error * change
+        both = np.hypot(wrong, most)
+        # Nothing is wrong with a model that explains its reference state exactly.
+        wrong = np.divide(wrong * most, both, out=np.zeros_like(wrong), where=both > 0)
+        own = np.abs(wrong[self.valid])
+        other._sigma = own if self._noise is None else np.hypot(self._noise, own)
+        mean, count = band_means(wrong, band, self.valid), int(band.max()) + 1
+        errors = np.concatenate([shifts, ((1.0 + 1.0j) * mean if self.phase else mean)[:, :, None]], axis=2)
+        _, rows, _ = other(y, errors if self.phase else errors.real)
+        bands = (band[:, None] + count * np.arange(change.shape[1]))[self.valid]
+        if self.phase:
+            bands = np.concatenate([bands, bands + count * change.shape[1]])
+        other._shifts, other._changes = rows[:, :-1], (rows[:, -1], bands)
+        other._weigh(self.level)
+        return other
+
+    def _plain(self) -> DataResidual:
+        """The same without weights."""
+        other = copy(self)
+        other._weights = other._bands = other._shared = None
+        return other
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of the covariance of the residuals over ``level²``; lines that are only noise do not count."""
+        weights = 0.0 if self._weights is None else float(np.log(self._weights[self._weights > 0]).sum())
+        # Real and imaginary parts have the same weights.
+        shared = sum(part.log_det for part in (self._bands, self._shared) if part is not None)
+        return -2.0 * weights * (2 if self.phase else 1) + shared
+
+    def carried(self, columns: Floats, other: DataResidual) -> Floats:
+        """Derivatives of residuals as another that differs in the weights only gives them, as this one would."""
+        before = other._own_weights(columns.shape[0])
+        plain = columns if other._shared is None else other._shared.undo(columns)
+        plain = plain if other._bands is None else other._bands.undo(plain)
+        share = np.divide(self._own_weights(columns.shape[0]), before, out=np.zeros_like(before), where=before > 0)
+        return self._whiten(share[:, None] * plain)
+
+    def raw(self, y: Complexes) -> Floats:
+        """Residuals before they are weighted."""
+        return self._plain()(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+
+    def follow(self, y: Complexes, spent: float) -> float:
+        """Standard deviation of the model discrepancy, by the residuals that are left [dB].
+
+        The s at which the sum of squares is ``s²`` for each residual less those that the unknowns take: lines that the measurement's noise
+        explains, and errors that lines share, tell nothing of the rest.
+
+        Parameters
+        ----------
+        y : (F, R) complex array
+            FRFs at the optimum.
+        spent : float
+            Unknowns that the residuals determine.
+
+        Returns
+        -------
+        float
+            At least the least discrepancy of the error model; the present one where nothing is known of the noise.
+        """
+        if not self.weighted:
+            return self.level
+        residual = self.raw(y)
+        freedom = max(float(residual.size) - spent, 1.0)
+
+        def excess(log_level: float) -> float:
+            level = float(np.exp(log_level))
+            other = self.with_level(level)
+            own = other._whiten(other._own_weights(residual.size) * residual)
+            return float(own @ own) / level**2 / freedom - 1.0
+
+        least, most = self.errors.least_discrepancy_db, self.errors.most_discrepancy_db
+        low, high = np.log(least), np.log(most)
+        if excess(low) <= 0.0:
+            return least
+        # Loaded here: most commands do without.
+        from scipy.optimize import brentq
+
+        return most if excess(high) >= 0.0 else float(np.exp(brentq(excess, low, high, xtol=1e-3)))
+
+    def _whiten(self, columns: Floats) -> Floats:
+        columns = columns if self._bands is None else self._bands(columns)
+        return columns if self._shared is None else self._shared(columns)
+
+    @property
+    def phase(self) -> bool:
+        """Whether the phase enters: then the logarithmic derivatives have to be complex."""
+        return self.options.kind != "db"
+
+    def __call__(self, y: Complexes, J: Floats | Complexes) -> tuple[Floats, Floats, Floats]:
+        """Residuals at the valid lines.
+
+        Parameters
+        ----------
+        y : (F, R) complex array
+        J : (F, R, size) float or complex array
+            ``20/ln10 dln(y)/dtheta``; its real part suffices without the phase.
+
+        Returns
+        -------
+        residual : (m,) float array
+            [dB]; real parts, then imaginary parts where the phase enters.
+        jacobian : (m, size) float array
+        difference : (v,) float array
+            Plain difference in dB of each valid line.
+        """
+        difference = (decibel(y) - self.target)[self.valid]
+        jacobian: NDArray[Any] = J[self.valid]
+        residual: NDArray[Any] = difference
+        if self.phase or self._floor is not None:
+            residual, jacobian = self._logarithmic(y[self.valid], difference, jacobian)
+        if self.options.loss_scale is not None:
+            residual, jacobian = soft(residual, jacobian, self.options.loss_scale)
+        if self._weights is not None:
+            residual, jacobian = self._weights * residual, self._weights[:, None] * jacobian
+        if np.iscomplexobj(residual):
+            residual, jacobian = np.concatenate([residual.real, residual.imag]), np.vstack([jacobian.real, jacobian.imag])
+        return self._whiten(np.asarray(residual)), self._whiten(np.asarray(jacobian)), difference
+
+    def _logarithmic(
+        self, now: Complexes, difference: Floats, jacobian: Floats | Complexes
+    ) -> tuple[Floats | Complexes, Floats | Complexes]:
+        """Difference in dB, of ``sqrt(|H|² + f²)`` where there is a floor f, with that of the phases as imaginary part."""
+        real, slope = difference, np.ones_like(difference)
+        weight: Floats | float = 1.0
+        if self._floor is not None:
+            power, before = np.abs(now) ** 2, np.abs(self._measured) ** 2
+            real = 0.5 * DB * np.log((power + self._floor) / (before + self._floor))
+            slope = power / (power + self._floor)
+            # The phase fades as the magnitude does, by what was measured: so both parts weigh the same where the model fits.
+            weight = before / (before + self._floor)
+        real_rows = slope[:, None] * jacobian.real
+        if not self.phase:
+            return real, real_rows
+        angle = weight * DB * np.angle(now / self._measured)
+        return real + 1j * angle, real_rows + 1j * (np.broadcast_to(weight, angle.shape)[:, None] * jacobian.imag)
+
+
+def soft(residual: Floats | Complexes, jacobian: Floats | Complexes, scale: float) -> tuple[Floats | Complexes, Floats | Complexes]:
+    """Residuals whose squares are the pseudo-Huber loss ``2 a² (sqrt(1 + |r|²/a²) - 1)`` of the given ones.
+
+    ``q = r sqrt(2/(1 + u))`` with ``u = sqrt(1 + |r|²/a²)``: smooth, of the same sign or direction, r where it is small and growing
+    as the root of ``|r|`` where it is large. A complex residual shrinks as a whole.
+
+    Parameters
+    ----------
+    residual : (m,) float or complex array
+    jacobian : (m, size) float or complex array
+    scale : float
+        a.
+
+    Returns
+    -------
+    The transformed residual and its Jacobian.
+    """
+    u = np.sqrt(1.0 + np.abs(residual) ** 2 / scale**2)
+    factor = np.sqrt(2.0 / (1.0 + u))
+    along = (np.conj(residual)[:, None] * jacobian).real / scale**2
+    return factor * residual, factor[:, None] * jacobian - (residual * factor / (2.0 * u * (1.0 + u)))[:, None] * along
+
+
+def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorModel = ERRORS) -> Floats:
+    """Standard deviation of the magnitude of an averaged FRF [dB].
+
+    ``20/ln10 sqrt((1 - g²)/(2 n g²))``, the random error of a frequency response in Bendat and Piersol, *Random Data*, chapter 9.
+
+    Parameters
+    ----------
+    coherence : float array
+        Ordinary coherence g²; NaN where unknown.
+    averages : int or float array
+        n.
+    errors : ErrorModel
+
+    Returns
+    -------
+    float array
+        NaN where the coherence is unknown.
+    """
+    g2 = np.clip(coherence, errors.least_coherence, 1.0)
+    return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
+
+
+def noise_weights(sigma: Floats, level: float) -> Floats:
+    """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 where sigma is NaN.
+
+    Below the level the errors of a model outweigh those of a measurement: such lines keep about their weight.
+
+    Parameters
+    ----------
+    sigma : float array
+        Standard deviations [dB].
+    level : float
+        Standard deviation of the model discrepancy [dB].
+    """
+    return np.where(np.isnan(sigma), 1.0, 1.0 / np.sqrt(1.0 + (np.nan_to_num(sigma, posinf=np.inf) / level) ** 2))

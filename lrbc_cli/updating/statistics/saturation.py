@@ -1,0 +1,114 @@
+"""Where the FRFs stop to feel a stiffness: start values and bounds that fit the exporter's scale of the terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.updating.statistics.residuals import decibel
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where FRFs count as free or clamped.
+
+    Attributes
+    ----------
+    start_db : float
+        Mean distance from the clamped limit at the start value [dB]. A choice: below the plateau, where the gradient leads somewhere.
+    bound_db : float
+        The same at the upper bound, and from the free limit at the lower bound [dB]. A choice: no measurement tells less apart.
+    fallback : (float, float, float)
+        Lower bound, start and upper bound where the FRFs reach no limit, in decades from the local stiffness. A choice.
+    """
+
+    start_db: float = 0.3
+    bound_db: float = 0.02
+    fallback: tuple[float, float, float] = (-4.0, 1.0, 4.0)
+
+
+#: The default, for those who call a part alone.
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """Uniform log10 stiffness of a group at which the FRFs reach their limits.
+
+    Attributes
+    ----------
+    start : float
+        ``Limits.start_db`` from the clamped limit: below the plateau.
+    lower, upper : float
+        ``Limits.bound_db`` from the free and from the clamped limit.
+    found : bool
+        False where the FRFs reach no such limit (clamping silences them, say): the values are then decades from the local stiffness.
+    """
+
+    start: float
+    lower: float
+    upper: float
+    found: bool = True
+
+
+def saturation(
+    values: Callable[[Complexes], Complexes],
+    D: Complexes,
+    terms: Integers,
+    scale: float,
+    baseline: float = 0.0,
+    limits: Limits = LIMITS,
+    *,
+    search: tuple[float, float] = (8.0, 6.0),
+    steps: int = 14,
+) -> Saturation:
+    """Find the limits of one group of stiffness terms, the others held.
+
+    Parameters
+    ----------
+    values : callable
+        From D (F, nt) to FRFs (F, R), on the lines of the band for the responses used.
+    D : (F, nt) complex array
+        Dynamic values of the other terms.
+    terms : int array
+        The group.
+    scale : float
+        Local stiffness of its terms: the search starts there.
+    baseline : float
+        What the operators already contain.
+    limits : Limits
+    search, steps : (float, float), int
+        Decades below and above the local stiffness between which limits are sought, and halvings of the range.
+    """
+
+    def level(value: float) -> Floats:
+        trial = np.array(D, dtype=complex)
+        trial[:, terms] = value - baseline
+        return decibel(values(trial))
+
+    with np.errstate(divide="ignore"):
+        free, clamped = level(0.0), level(np.inf)
+
+    def distance(p: float, limit: Floats) -> float:
+        return float(np.mean(np.abs(level(10.0**p) - limit)))
+
+    def crossing(limit: Floats, target: float, low: float, high: float, rising: bool) -> float:
+        # Bisection on a curve that falls (towards clamped) or rises (from free) but for small ripples.
+        for _ in range(steps):
+            p = 0.5 * (low + high)
+            low, high = (low, p) if (distance(p, limit) > target) == rising else (p, high)
+        return 0.5 * (low + high)
+
+    middle = float(np.log10(scale))
+    low, high = middle - search[0], middle + search[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = distance(high, clamped) <= limits.bound_db and distance(low, free) <= limits.bound_db
+        if not (reached and distance(low, clamped) > limits.start_db):
+            return Saturation(middle + limits.fallback[1], middle + limits.fallback[0], middle + limits.fallback[2], found=False)
+    start = crossing(clamped, limits.start_db, low, high, rising=False)
+    upper = crossing(clamped, limits.bound_db, start, high, rising=False)
+    lower = crossing(free, limits.bound_db, low, start, rising=True)
+    return Saturation(start, min(lower, start - 1.0), max(upper, start + 0.5))

@@ -1,0 +1,1 @@
+"""What the unknowns of a job are: where bolts lie, and which values they move."""

@@ -1,0 +1,236 @@
+"""What the unknowns of a job are: every value for itself, or one change a bolt: of the terms it owns, or through a shape along its edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.model.terms import ParameterGroup, Parameterisation
+from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, VALUE_PRIOR, BoltPrior, ValuePrior
+from lrbc_cli.updating.unknowns.places import Edge, places
+
+#: Distances are told apart down to this share.
+ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """``theta = prior + T z`` with unknowns z.
+
+    Attributes
+    ----------
+    T : (size, m) float array
+    std : (m,) float array
+        Standard deviations of z in the prior [decades]; infinite where there is no prior.
+    bolts : (n,) int array
+        Column of each bolt, of a joint that of the change common to all of its groups; -1 where no term feels it. Empty where the unknowns
+        are the values themselves.
+    joint : (n,) bool array
+        Bolts that own their terms; the column of any other is a hat along an edge.
+    """
+
+    T: Floats
+    std: Floats
+    bolts: NDArray[np.int64]
+    joint: NDArray[np.bool_]
+
+    @property
+    def by_bolt(self) -> bool:
+        """Whether the unknowns are changes at bolts."""
+        return bool(self.bolts.size)
+
+    @property
+    def joints_only(self) -> bool:
+        """Whether every bolt that has a column is a joint; those that no term feels do not count."""
+        return self.by_bolt and bool(self.joint[self.bolts >= 0].all())
+
+    @property
+    def joint_columns(self) -> list[int]:
+        """Columns of the bolts where all are joints; else none."""
+        return self.bolts[self.bolts >= 0].tolist() if self.joints_only else []
+
+    def mirrored(self, bolts: Floats, one: int, other: int, *, tolerance: float = 0.02) -> list[tuple[int, int]]:
+        """Columns of joints that lie in each other's place where the bolts are mirrored in the plane midway between two of them.
+
+        These two alone where the bolts are not symmetric about it.
+
+        Parameters
+        ----------
+        bolts : (n, 3) float array
+        one, other : int
+            Columns.
+        tolerance : float
+            Distance of a mirrored bolt from one, over that of the two.
+        """
+        known = np.flatnonzero(self.bolts >= 0)
+        xyz, columns = bolts[known], self.bolts[known].tolist()
+        i, j = columns.index(one), columns.index(other)
+        apart = float(np.linalg.norm(xyz[j] - xyz[i]))
+        if apart == 0.0:
+            return [(one, other)]
+        normal = (xyz[j] - xyz[i]) / apart
+        image = xyz - 2.0 * np.outer((xyz - 0.5 * (xyz[i] + xyz[j])) @ normal, normal)
+        far, partner = cKDTree(xyz).query(image)
+        if far.max() > tolerance * apart:
+            return [(one, other)]
+        return [(columns[a], columns[b]) for a, b in enumerate(partner.tolist()) if a < b]
+
+    def penalty(self) -> Floats:
+        """(m, size) rows that give ``z / std`` from ``theta - prior`` for theta in the span, the least change outside it ignored."""
+        weight = np.where(np.isfinite(self.std), 1.0 / self.std, 0.0)
+        return np.asarray(weight[:, None] * np.linalg.pinv(self.T))
+
+
+def node_shapes(parameters: Parameterisation, std: float) -> Shapes:
+    """Every value for itself; damping exponents without a prior, as in (29)."""
+    spread = np.where(parameters.is_damping, np.inf, std)
+    return Shapes(np.eye(parameters.size), spread, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool))
+
+
+def edges_of(parameters: Parameterisation) -> list[ParameterGroup]:
+    """Stiffness groups along which bolts can lie."""
+    return [group for group in parameters.groups if _is_edge(group)]
+
+
+def _is_edge(group: ParameterGroup) -> bool:
+    return group.kind == "stiffness" and group.xyz is not None and group.arc_length is not None
+
+
+def joints_of(parameters: Parameterisation, count: int) -> list[dict[int, NDArray[np.int64]]]:
+    """For each of so many bolts the stiffness values that it owns: indices in theta, by group; empty where it owns none."""
+    found: list[dict[int, NDArray[np.int64]]] = [{} for _ in range(count)]
+    for i, (group, (values, _)) in enumerate(zip(parameters.groups, parameters.slices, strict=True)):
+        if group.kind == "stiffness" and group.bolt is not None:
+            for bolt in np.unique(group.bolt[group.bolt >= 0]).tolist():
+                found[bolt][i] = values.start + np.flatnonzero(group.bolt == bolt)
+    return found
+
+
+def neighbours(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> list[tuple[int, int]]:
+    """Pairs of bolts side by side: along an edge those that follow each other; among joints relative neighbours.
+
+    Relative neighbours (Toussaint, Pattern Recognition 12, 1980) are two between which no third lies: none is nearer to both than they
+    are to each other. On a ring, along a row and on a grid these are the next ones.
+
+    Parameters
+    ----------
+    parameters : Parameterisation
+    bolts : (n, 3) float array
+    shapes : Shapes
+        Bolts without a column do not count.
+
+    Returns
+    -------
+    list of (int, int)
+    """
+    hats, joints = (np.flatnonzero((shapes.bolts >= 0) & (shapes.joint == joint)) for joint in (False, True))
+    edges = edges_of(parameters)
+    owner, at = _feet(edges, bolts[~shapes.joint])
+    row = {int(b): k for k, b in enumerate(np.flatnonzero(~shapes.joint))}
+    found: list[tuple[int, int]] = []
+    for which in range(len(edges)):
+        found += pairwise(sorted((b for b in hats.tolist() if owner[row[b]] == which), key=lambda b: float(at[row[b]])))
+    distance = np.linalg.norm(bolts[joints, None] - bolts[None, joints], axis=2)
+    for i in range(joints.size):
+        for j in range(i + 1, joints.size):
+            farther = np.delete(np.maximum(distance[i], distance[j]), [i, j])
+            if not (farther < distance[i, j] * (1.0 - ROUND_OFF)).any():
+                found.append((int(joints[i]), int(joints[j])))
+    return found
+
+
+def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior = VALUE_PRIOR, prior: BoltPrior = BOLT_PRIOR) -> Shapes:
+    """One change a bolt: of all the values that it owns, or through a hat along its edge that reaches to the neighbouring bolts.
+
+    A joint has a column that moves its values in all groups alike, and for each group beyond the first one that moves groups against each
+    other: orthonormal contrasts, so that with equal standard deviations no group is preferred. Damping exponents have a column each, as
+    have the values of groups without bolts.
+
+    Parameters
+    ----------
+    parameters : Parameterisation
+    bolts : (n, 3) float array
+    values : ValuePrior
+        Standard deviations of the changes, and of those of damping exponents.
+    prior : BoltPrior
+        That of the deviations between the groups of a joint.
+
+    Returns
+    -------
+    Shapes
+        A bolt beyond the end of its edge, whose hat no term feels, has no column, nor has one that lies aside of all edges.
+    """
+    groups = list(zip(parameters.groups, parameters.slices, strict=True))
+    own = joints_of(parameters, bolts.shape[0])
+    joint = np.array([bool(parts) for parts in own], dtype=bool)
+    edges = [i for i, (group, _) in enumerate(groups) if _is_edge(group)]
+    owner, at = np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
+    owner[~joint], at[~joint] = _feet([groups[i][0] for i in edges], bolts[~joint])
+    columns: list[Floats] = []
+    spread: list[float] = []
+    column_of = np.full(bolts.shape[0], -1, dtype=np.int64)
+
+    def add(where: NDArray[np.int64] | slice | int, weights: Floats | float, std: float) -> None:
+        columns.append(np.zeros(parameters.size))
+        columns[-1][where] = weights
+        spread.append(std)
+
+    for i, (group, (where, damping)) in enumerate(groups):
+        mine = np.flatnonzero(owner == edges.index(i)) if i in edges else np.zeros(0, dtype=np.int64)
+        hats = _hats(group, at[mine]) if mine.size else np.zeros((group.count, 0))
+        felt = hats.any(axis=0)
+        if felt.any():
+            for bolt, hat in zip(mine[felt], hats[:, felt].T, strict=True):
+                column_of[bolt] = len(columns)
+                add(where, hat, values.std)
+        else:
+            for k in range(group.count):
+                if group.kind != "stiffness" or group.bolt is None or group.bolt[k] < 0:
+                    add(where.start + k, 1.0, values.std)
+        if damping is not None:
+            add(damping, 1.0, values.damping_std)
+    for bolt in np.flatnonzero(joint).tolist():
+        parts = list(own[bolt].values())
+        column_of[bolt] = len(columns)
+        add(np.concatenate(parts), 1.0, values.joint_std)
+        for k in range(1, len(parts)):
+            # The mean of the groups before against the next one.
+            weight = np.repeat([1.0] * k + [-float(k)], [part.size for part in parts[: k + 1]]) / np.sqrt(k * (k + 1.0))
+            add(np.concatenate(parts[: k + 1]), weight, prior.deviation_std)
+    return Shapes(np.column_stack(columns), np.array(spread), column_of, joint)
+
+
+def _feet(groups: Sequence[ParameterGroup], bolts: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Edge of every bolt, -1 for one that lies aside of all, and the arc length of its foot there."""
+    edges = []
+    for group in groups:
+        assert group.xyz is not None
+        assert group.arc_length is not None
+        edges.append(Edge(xyz=group.xyz, arc_length=group.arc_length, log10=np.zeros(group.count), cap=np.inf, reference=None))
+    if not edges or not bolts.shape[0]:
+        return np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
+    found = places(edges, bolts)
+    owner = np.array([place.edge if place.aside is None else -1 for place in found], dtype=np.int64)
+    return owner, np.array([place.at for place in found], dtype=float)
+
+
+def _hats(group: ParameterGroup, at: Floats) -> Floats:
+    """(k, b) piecewise linear interpolation from the feet of the bolts to the values; feet in one place share a hat."""
+    assert group.arc_length is not None
+    if at.size == 1:
+        return np.ones((group.count, 1))
+    order = np.argsort(at, kind="stable")
+    places, which = np.unique(at[order], return_inverse=True)
+    hats = np.column_stack([np.interp(group.arc_length, places, row) for row in np.eye(places.size)])
+    out = np.zeros((group.count, at.size))
+    for place in range(places.size):
+        sharing = order[which == place]
+        # Bolts in one place cannot be told apart: they share the change.
+        out[:, sharing] = hats[:, [place]] / sharing.size
+    return out
