@@ -10,11 +10,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot, spots
 
 if TYPE_CHECKING:
-    # Judging needs nothing of what samples.
+    # Judging needs nothing of what samples or finds places.
     from lrbc_cli.updating.posterior.mixture import ChangeSamples
+    from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
@@ -222,6 +222,8 @@ def at_bolts(
     change_of : callable or None
         Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
     """
+    from lrbc_cli.updating.unknowns.places import Joints, spots
+
     found = []
     for b, (name, spot) in enumerate(zip(names, spots(groups, xyz) if len(names) else [], strict=True)):
         position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))
