@@ -15,20 +15,20 @@ from numpy.typing import ArrayLike
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.campaign.documents import cache_folder
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters
-from lrbc_cli.campaign.jobs.evidence import beside_baselines, evidence_of
-from lrbc_cli.campaign.jobs.finished import identified_tree, with_judgement
-from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
+from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
+from lrbc_cli.campaign.jobs.finished import identified_tree
+from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records, with_judgement
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.cache import cache_folder
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.method import rule_of
+from lrbc_cli.method.rule import RULE, rule_of
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.outcome import Reduction
@@ -149,8 +149,7 @@ class Study:
     def source(self) -> FrfSource:
         """FRFs on any lines of the band: of the reduced model, unless the campaign says ``evaluation: full``."""
         if self._source is None:
-            full = self.inputs.campaign.update.evaluation == "full"
-            self._source = frf_source(self.inputs, None if full else self.stage, self._progress)
+            self._source = frf_source(self.inputs, None if self.inputs.method.full_order else self.stage, self._progress)
         return self._source
 
     def parameters(self, hz: ArrayLike | None = None) -> Parameterisation:
@@ -269,9 +268,10 @@ class Study:
             before = reference.record
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        evidence = beside_baselines(inputs, evidence_of(inputs, found, before), found.measurement)
+        evidence = evidence_of(inputs, found, before).beside(copied_baseline(inputs, job, found.measurement))
         tree = identified_tree(inputs, self.source.stage, found, before)
-        record = JobRecord.checked(with_judgement(inputs, tree, evidence, {other.name: other.record for other in baselines}))
+        others = {other.name: other.record for other in baselines}
+        record = JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, tree, evidence, others))
         return Identified(name=job, identification=found, evidence=evidence, record=record)
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
@@ -291,7 +291,7 @@ class Study:
             Where a key is no part of the rule, or its value is none.
         """
         update, expected = self.inputs.campaign.update, "confidence, loose_change or largest_misfit"
-        if unknown := set(rule) - {"confidence", "loose_change", "largest_misfit"}:
+        if unknown := set(rule) - {*RULE}:
             raise ConfigError("not part of the decision rule", expected=expected, found=", ".join(sorted(unknown)))
         try:
             update = type(update).model_validate(update.model_dump(by_alias=True, exclude_unset=True) | rule)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from lrbc_cli.campaign.identification.matching import about_measurement
+from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
+from lrbc_cli.campaign.digests import about_measurement, digest, surroundings
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
@@ -16,8 +17,6 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read
-
-FILE = "calibration.json"
 
 #: Increased whenever the same input would give other factors; that numbers and operators changed is told by ``NUMBERS``.
 CALIBRATION_VERSION = 5
@@ -54,18 +53,18 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
     # As for jobs: which terms share a value.
     shared = [group.parameter for group in inputs.groups if group.count < group.parameter.size]
     return {
-        "model": cache.digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
-        "terms": cache.digest(
+        "model": digest(*[reduced[name] for name in ("operators", "groups", "loads", "outputs")], list(inputs.model.extras)),
+        "terms": digest(
             reduced["terms"], list(resolved["parameters"]), groups, [(group.beta, group.loss_factor) for group in inputs.groups], *shared
         ),
-        "band": cache.digest(reduced["band"], reduced["tolerance"]),
-        "measurement": cache.digest(
+        "band": digest(reduced["band"], reduced["tolerance"]),
+        "measurement": digest(
             [file_hash(file) for file in job.all_files],
             about_measurement(resolved, job, calibration.job),
             {name: value.get("record") for name, value in resolved["responses"].items()},
             [[response.name, response.quantity] for response in inputs.responses],
         ),
-        "settings": cache.digest(
+        "settings": digest(
             {name: resolved["update"][name] for name in SETTINGS},
             resolved["update"]["nuisances"]["hammer"],
             sorted(calibration.names),
@@ -73,13 +72,13 @@ def key_parts(inputs: Inputs) -> dict[str, str]:
             calibration.job,
             inputs.statistics,
         ),
-        "version": cache.digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
+        "version": digest(CALIBRATION_VERSION, NUMBERS["reduction"], NUMBERS["identification"]),
     }
 
 
 def key_of(parts: Mapping[str, str]) -> str:
     """One key from its parts."""
-    return cache.digest(sorted(parts.items()))[:32]
+    return digest(sorted(parts.items()))[:32]
 
 
 @dataclass(frozen=True)
@@ -146,6 +145,7 @@ def read_inputs(campaign: Campaign, *, calibration: bool) -> Inputs:
 def with_stored_calibration(inputs: Inputs, *, calibration: bool = True) -> Inputs:
     """The same of inputs as exported."""
     campaign = inputs.campaign
+    inputs = replace(inputs, read_with=surroundings(campaign, calibration))
     if campaign.calibration is None:
         try:
             there = (campaign.output / FILE).is_file()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.files import passed_over, unnamed
+from lrbc_cli.campaign.beside import passed_over, unnamed
 from lrbc_cli.campaign.identification.copies import Earlier
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
@@ -228,7 +228,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     out.warnings += warnings
     lines += [note] if note else []
     try:
-        out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs, ())) if p.name in readable]
+        out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
     except OSError:
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]

@@ -1,9 +1,13 @@
-"""The output folder of a campaign: whose it is."""
+"""The folders that are written to: whose the output folder is, and where the cache lies."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import platformdirs
+
 from lrbc_cli.config import Campaign
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.store import read
 
@@ -27,3 +31,22 @@ def require_own_output(campaign: Campaign) -> None:
             found=f"those of '{record.campaign}'",
             hint="choose another `output`, or remove the folder; if the campaign was only renamed, remove its campaign.json",
         )
+
+
+def cache_folder(folder: Path | None) -> Path:
+    """The folder of the cache: as given, or the platform's user cache.
+
+    Raises
+    ------
+    ConfigError
+        Where there cannot be such a folder.
+    """
+    found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
+    try:
+        # What look_up asks for: a name as long as any in the cache.
+        (found / ("0" * 32) / "model.h5").is_file()
+    except OSError as error:
+        raise ConfigError(
+            f"the cache cannot be used ({error.strerror or error})", file=found, hint="name another folder with --cache or LRBC_CACHE"
+        ) from error
+    return found

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lrbc_cli.campaign.identification.records import layout_of
-from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign, MatrixRef
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.config.structure import DofSource
-from lrbc_cli.config.watch import HIDDEN
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.io.common import require_file
 from lrbc_cli.io.frf import read_coherence, read_frf
@@ -42,33 +39,6 @@ def unusable_files(campaign: Campaign) -> dict[str, list[LrbcError]]:
             if error.message not in said:
                 said.add(error.message)
                 found.setdefault(key, []).append(error)
-    return found
-
-
-def passed_over(campaign: Campaign) -> list[str]:
-    """What to do about measurements in the watched folder and below it that are nobody's, in words."""
-    if campaign.watch is None:
-        return []
-    return list(campaign.watch.passed_over({path for path, _ in input_files(campaign)}, campaign.output))
-
-
-def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
-    """Files beside those of the jobs, of the same kinds, that no job names: a measurement that is forgotten is an alarm that is missed."""
-    if campaign.watch is not None:
-        return []
-    known = {path.resolve() for path, _ in input_files(campaign)}
-    kinds: dict[Path, set[str]] = {}
-    for job in campaign.jobs.values():
-        for file in job.all_files:
-            kinds.setdefault(file.parent, set()).add(file.suffix.lower())
-    found = []
-    for folder, suffixes in kinds.items():
-        with suppress(OSError):
-            files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
-            beside = [path.name for path in files if path.resolve() not in known and not path.name.startswith(HIDDEN)]
-            if beside:
-                named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
-                found.append(f"no job names {named} in {folder}: where that is a measurement, add a job for it")
     return found
 
 

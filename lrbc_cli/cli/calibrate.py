@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.calibrate import require_calibration, run_calibration
-from lrbc_cli.campaign.calibration import FILE, fitting
+from lrbc_cli.campaign.calibration import fitting
+from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
-from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.documents import require_own_output
-from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.reduced.cache import cache_folder
+from lrbc_cli.campaign.documents import cache_folder, require_own_output
 from lrbc_cli.cli.interruption import stop_if_asked
 from lrbc_cli.cli.options import verbosity
 from lrbc_cli.cli.terminal import line, remark, say
-from lrbc_cli.config import load_campaign
+from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.results.fields import plain
+
+if TYPE_CHECKING:
+    from lrbc_cli.campaign.reading.inputs import Inputs
 
 __all__ = ["cache_folder", "load", "progress", "say_json", "tell_calibration"]
 
@@ -26,26 +26,54 @@ __all__ = ["cache_folder", "load", "progress", "say_json", "tell_calibration"]
 def load(
     config: Path, overrides: tuple[str, ...], *, own_output: bool = True, calibration: bool | None = True, warn: bool = True
 ) -> Inputs:
-    """Read the campaign file and its model; warnings go to stderr. An output folder of another campaign is refused where it counts.
+    """Read the campaign file and its model, see ``read``. An output folder of another campaign is refused where it counts."""
+    campaign = load_campaign(config, overrides)
+    if own_output:
+        require_own_output(campaign)
+    return read(campaign, calibration=calibration, warn=warn)
+
+
+def read(campaign: Campaign, *, calibration: bool | None = True, warn: bool = True) -> Inputs:
+    """Read the model of a campaign; warnings go to stderr.
 
     What became of a stored calibration is said; False leaves it out, None looks for none.
     ``warn=False`` leaves the warnings about files and model, and the calibration, to the caller.
     """
-    campaign = load_campaign(config, overrides)
-    if own_output:
-        require_own_output(campaign)
+    # Here: who judges anew reads no model.
+    from lrbc_cli.campaign.calibration import read_inputs
+    from lrbc_cli.campaign.reading.inputs import read_as_exported
+
     inputs = read_as_exported(campaign) if calibration is None else read_inputs(campaign, calibration=calibration)
-    if warn and verbosity.level >= 0:
-        for warning in (*inputs.warnings, *inputs.method.warnings):
-            remark(warning, kind="warning")
     if warn:
-        tell_calibration(inputs, wanted=bool(calibration))
+        tell_warnings((*inputs.warnings, *inputs.method.warnings))
+        tell_calibration(inputs.calibration, wanted=bool(calibration))
     return inputs
 
 
-def tell_calibration(inputs: Inputs, *, wanted: bool) -> None:
+class CalibrationSaid(Protocol):
+    """What became of a stored calibration."""
+
+    @property
+    def used(self) -> bool:
+        """Its factors are in the model."""
+
+    @property
+    def stale(self) -> bool:
+        """It does not fit."""
+
+    @property
+    def text(self) -> str:
+        """In words."""
+
+
+def tell_warnings(warnings: Sequence[str]) -> None:
+    """Say on stderr what is doubtful about files and model."""
+    for warning in warnings if verbosity.level >= 0 else ():
+        remark(warning, kind="warning")
+
+
+def tell_calibration(use: CalibrationSaid | None, *, wanted: bool) -> None:
     """Say on stderr what became of a stored calibration; that there is none is no news but for those who left it out."""
-    use = inputs.calibration
     if use is not None and verbosity.level >= (0 if use.used or use.stale or not wanted else 1):
         remark(f"calibration: {use.text}", kind="warning" if use.stale else "")
 

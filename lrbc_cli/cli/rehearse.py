@@ -90,7 +90,7 @@ def rehearse(
         progress=progress(),
     )
     if as_json:
-        say_json({"file": out / FILE, "record": out / RECORD} | record)
+        say_json({"file": out / FILE, "record": out / RECORD} | record.tree())
     else:
         for job, removed in jobs.items():
             say(f"{job}: {', '.join(removed) + ' loose' if removed else 'all bolts tight'}")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.campaign.documents import require_own_output
-from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
 from lrbc_cli.cli.options import campaign_options

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
+from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
-from lrbc_cli.campaign.files import passed_over
 from lrbc_cli.campaign.jobs.plans import choose_jobs
 from lrbc_cli.campaign.jobs.run import run_jobs
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json, tell_calibration
@@ -52,11 +52,11 @@ def run(
     What is finished and still valid is kept. Exit codes are those of `lrbc update`; the report is written where jobs failed too.
     """
     exported, folder, tell = load(config, overrides, calibration=None), cache_folder(cache), progress()
-    choose_jobs(exported, jobs)
+    choose_jobs(exported.campaign, jobs)
     if calibration and exported.campaign.calibration is not None:
         run_calibration(exported, folder, force=force, accept=accept_tolerance, progress=tell)
     inputs = with_stored_calibration(exported, calibration=calibration)
-    tell_calibration(inputs, wanted=calibration)
+    tell_calibration(inputs.calibration, wanted=calibration)
     output = inputs.campaign.output
     with outdating(output / "report.html"):
         outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=tell)
@@ -72,9 +72,9 @@ def run(
     if as_json:
         use = inputs.calibration
         found = None if use is None else {"used": use.used, "text": use.text, "factors": use.factors}
-        say_json({**outcome_tree(inputs, outcome, code), "calibration": found, "report": page})
+        say_json({**outcome_tree(inputs.campaign, outcome, code), "calibration": found, "report": page})
     else:
-        _tell(output, finished(inputs, outcome), page)
+        _tell(output, finished(inputs.campaign, outcome), page)
         tell_clearance(outcome, code, fail_on_loose)
     if opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
         remark(f"no browser could be opened; the page is {page}", kind="warning")

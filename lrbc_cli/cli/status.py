@@ -64,7 +64,7 @@ def _ahead(inputs: Inputs, found: CampaignStatus, config: Path) -> list[str]:
     if not todo:
         lacking = [words for state, words in (("missing", "missing"), ("unusable", "unusable")) if found.named(state)]
         return ["nothing to run" + (f", but FRF files are {' or '.join(lacking)}" if lacking else "")]
-    model = "" if found.cache.hit or inputs.campaign.update.evaluation == "full" else ", and a reduced model to build"
+    model = "" if found.cache.hit or inputs.method.full_order else ", and a reduced model to build"
     left = "time left: not known before a job has run"
     if found.seconds_left is not None:
         left = f"time left: about {found.seconds_left:.0f} s" if found.seconds_left >= 1 else "time left: less than a second"

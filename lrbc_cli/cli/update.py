@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.jobs.plans import choose_jobs, plan
-from lrbc_cli.campaign.jobs.remote import cluster
-from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
-from lrbc_cli.campaign.jobs.standing import findings_of
-from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.cache import key_parts, look_up
-from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.campaign.jobs.rejudge import judge_finished, unchanged
+from lrbc_cli.campaign.jobs.standing import Outcome, findings_of
+from lrbc_cli.campaign.protect import require_inputs_apart
+from lrbc_cli.cli.common import cache_folder, progress, read, say_json, tell_calibration, tell_warnings
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import complain, remark, say
+from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.summary import summary_text
 from lrbc_cli.updating.judging.clearance import once_more, sentence
+
+if TYPE_CHECKING:
+    from lrbc_cli.campaign.reading.inputs import Inputs
 
 FAIL_HELP = """Exit with 6 where all jobs ran and a bolt is judged loose, with 7 where none is but not every bolt that can be seen is judged
 tight in every job, or nothing was compared; so 0 is an all-clear."""
@@ -66,30 +69,54 @@ def update(
         raise click.UsageError("--dry-run judges no bolt: leave out --fail-on-loose")
     if scheduler is not None and workers > 1:
         raise click.UsageError("--workers counts the jobs of this machine: leave it out with --scheduler")
-    inputs = load(config, overrides, calibration=calibration)
-    folder = cache_folder(cache)
+    campaign, folder = load_campaign(config, overrides), cache_folder(cache)
+    require_own_output(campaign)
     if dry_run:
-        _dry_run(inputs, folder, jobs, force=force, as_json=as_json)
+        _dry_run(read(campaign, calibration=calibration), folder, jobs, force=force, as_json=as_json)
         return 0
-    with nullcontext() if scheduler is None else cluster(scheduler) as remote, outdating(inputs.campaign.output / "report.html"):
-        outcome, _ = run_jobs(
-            inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, remote=remote, progress=progress()
-        )
+    outcome = None if force else _judged_anew(campaign, jobs, calibration=calibration)
+    if outcome is None:
+        inputs = read(campaign, calibration=calibration)
+        outcome = _updated(inputs, folder, scheduler, wanted=jobs, force=force, accept=accept_tolerance, workers=workers)
     tell_troubles(outcome)
     code = outcome.exit_code(fail_on_loose)
     if as_json:
-        say_json(outcome_tree(inputs, outcome, code))
+        say_json(outcome_tree(campaign, outcome, code))
     else:
-        say(summary_text(inputs.campaign.output, finished(inputs, outcome), reasons=False), finding=True)
+        say(summary_text(campaign.output, finished(campaign, outcome), reasons=False), finding=True)
         tell_clearance(outcome, code, fail_on_loose)
-        say(f"results in {inputs.campaign.output}")
+        say(f"results in {campaign.output}")
     return code
 
 
+def _judged_anew(campaign: Campaign, jobs: tuple[str, ...], *, calibration: bool) -> Outcome | None:
+    """What judging alone gives, where nothing has to be read but results; None where more is to be done."""
+    require_inputs_apart(campaign)
+    found = unchanged(campaign, jobs, calibration=calibration)
+    if found is None:
+        return None
+    tell_warnings(found.said.warnings)
+    tell_calibration(found.said.calibration, wanted=calibration)
+    with outdating(campaign.output / "report.html"):
+        return judge_finished(campaign, found, all_jobs=not jobs, progress=progress())
+
+
+def _updated(inputs: Inputs, folder: Path, scheduler: str | None, **options: Any) -> Outcome:
+    """Identify what there is to identify."""
+    # Here: what only judges is quick without them.
+    from lrbc_cli.campaign.jobs.remote import cluster
+    from lrbc_cli.campaign.jobs.run import run_jobs
+
+    with nullcontext() if scheduler is None else cluster(scheduler) as remote, outdating(inputs.campaign.output / "report.html"):
+        return run_jobs(inputs, folder, remote=remote, progress=progress(), **options)[0]
+
+
 def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool, as_json: bool) -> None:
+    from lrbc_cli.campaign.reduced.cache import key_parts, look_up
+
     parts = key_parts(inputs)
     decision = look_up(folder, parts)
-    plans = plan(inputs, parts, choose_jobs(inputs, jobs), force)
+    plans = plan(inputs, parts, choose_jobs(inputs.campaign, jobs), force)
     if as_json:
         say_json(
             {
@@ -99,7 +126,7 @@ def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool
             }
         )
         return
-    if inputs.campaign.update.evaluation != "full":
+    if not inputs.method.full_order:
         say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         if decision.missed:
             say(f"{decision.missed}; --accept-tolerance accepts it")
@@ -121,20 +148,20 @@ def tell_troubles(outcome: Outcome) -> None:
             remark(text, kind="warning")
 
 
-def finished(inputs: Inputs, outcome: Outcome) -> list[str]:
+def finished(campaign: Campaign, outcome: Outcome) -> list[str]:
     """The jobs of this call, in the campaign's order."""
-    return [name for name in inputs.campaign.jobs if name in outcome.results or name in outcome.failed]
+    return [name for name in campaign.jobs if name in outcome.results or name in outcome.failed]
 
 
-def outcome_tree(inputs: Inputs, outcome: Outcome, code: int) -> dict[str, Any]:
+def outcome_tree(campaign: Campaign, outcome: Outcome, code: int) -> dict[str, Any]:
     """What ``--json`` says of the jobs."""
     return {
         "exit_code": code,
-        "output": inputs.campaign.output,
+        "output": campaign.output,
         "kept": outcome.kept,
         "judged": outcome.judged,
         "failed": {n: e.message for n, e in outcome.errors.items()},
-        "findings": {name: sentence(job) for name, job in findings_of(outcome.results, finished(inputs, outcome)).items()},
+        "findings": {name: sentence(job) for name, job in findings_of(outcome.results, finished(campaign, outcome)).items()},
         "not_clear": outcome.not_clear,
         "results": outcome.results,
     }

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.jobs.run import unseen
-from lrbc_cli.cli.common import cache_folder, progress
+from lrbc_cli.campaign.beside import unseen
+from lrbc_cli.cli.common import cache_folder, progress, tell_calibration
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.updating.judging.clearance import not_clear
@@ -57,6 +57,9 @@ def watch(
     program = None if hook is None else Hook(hook)
     session = Session(WatchSettings(config, overrides, cache_folder(cache), calibration, accept_tolerance), progress())
     page = session.output / "report.html"
+    if session.campaign.calibration is None or not calibration:
+        # One of its own it makes where it has to.
+        tell_calibration(session.inputs.calibration, wanted=calibration)
 
     def tell(verdict: Verdict) -> None:
         if as_json:

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 from lrbc_cli.config.settings import UpdateConfig
+from lrbc_cli.method.rule import rule_of
 from lrbc_cli.updating.judging.decide import DecisionRule
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
@@ -234,16 +235,6 @@ def _approach(update: UpdateConfig, facts: Facts) -> tuple[Approach, str]:
     if update.method == "bfgs":
         return "paper", "method: bfgs is the paper's"
     return "bolts", "there is a reference job to compare with"
-
-
-def rule_of(update: UpdateConfig) -> DecisionRule:
-    """The decision rule of the settings: a given ``loose_change`` holds for either posterior."""
-    rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
-    if "largest_misfit" in update.model_fields_set:
-        # A limit that is given is the only one.
-        rule = replace(rule, misfit_margin=update.largest_misfit)
-    given = update.loose_change
-    return rule if given is None else replace(rule, loose_change=given, mixture_change=given)
 
 
 def noise_source(method: Method, *, coherent: bool, repeated: bool) -> Noise:

@@ -314,12 +314,16 @@ class IdentityRecord(Record):
 
     identity: str
     parts: dict[str, str]
+    #: Of a judgement: in what way the measurement is that of a baseline once more.
+    copied: str | None = None
 
 
 class Provenance(Record):
     """What a result rests on; ``files`` holds the SHA-256 of each file that was written with it."""
 
     identity: str | None = None
+    #: Digest of all it comes from but the bytes of ``inputs``: while it holds with these, no model has to be read to judge anew.
+    origin: str | None = None
     parts: dict[str, str] | None = None
     versions: dict[str, str] = Field(default_factory=dict)
     inputs: dict[str, str] = Field(default_factory=dict)

@@ -41,6 +41,26 @@ class Tool(Record):
     version: str
 
 
+class CalibrationNews(Record):
+    """What became of a stored calibration, in words that are a warning where it is ``stale``."""
+
+    used: bool
+    stale: bool
+    text: str
+
+
+class ReadingRecord(Record):
+    """What was said of the inputs when they were read, so that they need not be read again to say it.
+
+    ``origin`` is that of the results, see ``Provenance``; ``files`` the SHA-256 of what was written beside.
+    """
+
+    origin: str
+    warnings: Many[str]
+    calibration: CalibrationNews | None = None
+    files: dict[str, str]
+
+
 class CampaignRecord(SealedRecord):
     """The campaign: names, order and places; the key of the calibration its jobs rest on, empty for none of several, null without one.
 
@@ -60,6 +80,7 @@ class CampaignRecord(SealedRecord):
     bolts: Many[PlaceRecord]
     responses: Many[ResponseRecord]
     calibration: str | None = None
+    reading: ReadingRecord | None = None
     tool: Tool
 
     @property

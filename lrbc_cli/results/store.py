@@ -20,12 +20,14 @@ from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.json_text import parse_json, read_json_text
 from lrbc_cli.remembered import Remembered
 from lrbc_cli.results.evidence import EvidenceRecord
-from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong, plain
+from lrbc_cli.results.fields import SealedRecord, StoredRecord, first_wrong
 from lrbc_cli.results.job import FailedJob, Job, JobRecord
 from lrbc_cli.results.model import CalibrationRecord, CampaignRecord, ReductionRecord
 from lrbc_cli.results.plan import PlanRecord
+from lrbc_cli.results.rehearsal import RehearsalRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.structure import StructureRecord
+from lrbc_cli.updating.judging.evidence import Evidence
 
 R = TypeVar("R", bound=StoredRecord)
 S = TypeVar("S", bound=SealedRecord)
@@ -69,20 +71,23 @@ def write_sealed(path: Path, record: S) -> S:
     ConfigError
         Where the output folder cannot be written.
     """
-    sealed = record.model_copy(update={"digest": digest_of(record.tree())})
-    write(path, sealed)
-    return sealed
+    found = sealed(record)
+    content = _document(found.tree(), False)
+    write_bytes(path, content)
+    # Read again it is this one: a result that failed is read as a job's too.
+    _records.of(content, lambda: found, JobRecord if isinstance(found, FailedJob) else type(found))
+    return found
+
+
+def sealed(record: S) -> S:
+    """With a digest of itself."""
+    return record.model_copy(update={"digest": digest_of(record.tree())})
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
     """SHA-256 of what a record says, but for the digest itself; layout and order of keys do not count."""
     content = {key: value for key, value in tree.items() if key != "digest"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def write_json(path: Path, tree: Mapping[str, Any], *, compact: bool = False) -> str:
-    """Write one JSON document atomically, as ``write``; numbers that are not finite become null."""
-    return write_bytes(path, _document(plain(tree), compact))
 
 
 def _document(tree: Mapping[str, Any], compact: bool) -> bytes:
@@ -149,6 +154,25 @@ def read_job(output: Path, name: str, file: str = "result.json") -> Job | None:
     return job
 
 
+def write_evidence(folder: Path, evidence: Evidence) -> str:
+    """Store what an identification says of the bolts; returns the SHA-256 of the file."""
+    return write(folder / "evidence.json", EvidenceRecord.of(evidence))
+
+
+def read_evidence(folder: Path) -> Evidence:
+    """Read it back.
+
+    Raises
+    ------
+    DataError
+        Where it is missing, damaged or of another version.
+    """
+    record = read(folder / "evidence.json", EvidenceRecord)
+    if record is None:
+        raise DataError("this result file is missing", file=folder / "evidence.json", hint=EvidenceRecord.HINT)
+    return record.evidence
+
+
 def read_before(output: Path, jobs: Iterable[str]) -> list[str]:
     """SHA-256 of the files that the first finished job was made from with the HDF5 library that there is; none without one."""
     for name in jobs:
@@ -206,7 +230,7 @@ def _tree(path: Path, kind: type[StoredRecord], text: str) -> dict[str, Any]:
     return tree
 
 
-#: The documents under the output folder.
+#: The documents under the output folder, and the one beside a rehearsal.
 FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "campaign.json": (CampaignRecord,),
     "reduction.json": (ReductionRecord,),
@@ -216,6 +240,7 @@ FILES: dict[str, tuple[type[StoredRecord], ...]] = {
     "shapes.json": (ShapesRecord,),
     "result.json": (JobRecord, FailedJob),
     "evidence.json": (EvidenceRecord,),
+    "rehearsal.json": (RehearsalRecord,),
 }
 
 

@@ -20,11 +20,11 @@ from lrbc_cli.errors import ConfigError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.frf import write_frf
 from lrbc_cli.reduction.steps.grid import require_in_band
-from lrbc_cli.results.store import versions, write_json
+from lrbc_cli.results.rehearsal import RehearsalRecord
+from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.virtual.drift import ROOM, Scatter
 from lrbc_cli.virtual.structure import Settings, VirtualStructure
 
-REHEARSAL_FORMAT, REHEARSAL_VERSION = "lrbc-rehearsal", 1
 RECORD = "rehearsal.json"
 #: What a rehearsal says of its data.
 VIRTUAL = "Rehearsal: no measurements, FRFs drawn from the model itself with noise, drift and scatter of the joints."
@@ -102,7 +102,7 @@ def rehearse(
     lines: np.ndarray[Any, np.dtype[np.float64]],
     replace: bool = False,
     progress: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:
+) -> RehearsalRecord:
     """Measure a virtual structure, and write ``campaign.yaml``, ``frf/JOB.uff`` and ``rehearsal.json``.
 
     Parameters
@@ -125,8 +125,8 @@ def rehearse(
 
     Returns
     -------
-    dict
-        The content of ``rehearsal.json``: what was drawn. Nothing reads it.
+    RehearsalRecord
+        What was drawn; no command reads it.
 
     Raises
     ------
@@ -140,9 +140,7 @@ def rehearse(
     require_in_band(lines, inputs.campaign.reduction.band, hint="change reduction.band")
     settings = settings or Settings(scatter=declared_scatter(inputs))
     structure = VirtualStructure(inputs=inputs, settings=settings, seed=seed, cache=cache, frequency_hz=lines, progress=progress)
-    record: dict[str, Any] = {
-        "format": REHEARSAL_FORMAT,
-        "version": REHEARSAL_VERSION,
+    drawn: dict[str, Any] = {
         "campaign": inputs.campaign.path,
         "seed": seed,
         "settings": asdict(settings),
@@ -153,15 +151,14 @@ def rehearse(
     try:
         for job, removed in jobs.items():
             progress(f"measuring {job}")
-            frf, record["jobs"][job] = structure.measure(removed)
+            frf, drawn["jobs"][job] = structure.measure(removed)
             write_frf(files[job], frf)
         with atomic_write(out / FILE) as stream:
             stream.write(f"# A rehearsal of {inputs.campaign.path.name}, written by lrbc rehearse; {RECORD} says what was drawn.\n\n")
             stream.write(as_yaml(campaign_tree(inputs, jobs)))
     except OSError as error:
         raise ConfigError(f"the folder cannot be written ({error.strerror or error})", file=out, place="--out") from error
-    write_json(out / RECORD, record)
-    return record
+    return write_sealed(out / RECORD, RehearsalRecord.checked(drawn))
 
 
 def _require_targets(inputs: Inputs, files: Sequence[Path], replace: bool) -> None:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.errors import LrbcError, disk_is_full, on_one_line, unwritten
 from lrbc_cli.report.old import outdate
 from lrbc_cli.results.store import read_job

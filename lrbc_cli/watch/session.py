@@ -13,10 +13,11 @@ from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.identification.records import MIN_BAND, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
-from lrbc_cli.campaign.jobs.run import Outcome, run_jobs
+from lrbc_cli.campaign.jobs.run import run_jobs
+from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
-from lrbc_cli.campaign.reduced.stage import FrfSource, frf_source, obtain_reduction
+from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_source
 from lrbc_cli.config import Campaign, load_campaign
 from lrbc_cli.io.common import head
 from lrbc_cli.io.encoding import unfinished
@@ -101,9 +102,8 @@ class Session:
     def prepare(self) -> FrfSource:
         """FRFs of the reduced model, in memory; raises as ``obtain_reduction`` does."""
         if self._source is None:
-            settings, full = self.settings, self.campaign.update.evaluation == "full"
-            stage = None if full else obtain_reduction(self.inputs, settings.cache, accept=settings.accept, progress=self.progress)
-            self._source = frf_source(self.inputs, stage, self.progress)
+            settings = self.settings
+            self._source = obtain_source(self.inputs, settings.cache, accept=settings.accept, progress=self.progress)
         return self._source
 
     def complete(self, name: str) -> bool:

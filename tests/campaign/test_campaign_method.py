@@ -14,7 +14,7 @@ from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.config.settings import UpdateConfig
-from lrbc_cli.method import Facts, Method, formula, noise_source, resolve
+from lrbc_cli.method.resolve import Facts, Method, formula, noise_source, resolve
 from lrbc_cli.updating.statistics.model import STATISTICS
 
 JOBS = ["tight", "loose-2", "loose-all"]

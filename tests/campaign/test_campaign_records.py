@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from campaigns import Folder
 
-from lrbc_cli.campaign.identification.matching import about_measurement
+from lrbc_cli.campaign.digests import about_measurement
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.io.frf import read_frf, write_frf

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from lrbc_cli.campaign.structure import drawn_dofs, structure_of
 from lrbc_cli.campaign.updated.shapes import displacements, shapes_of
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read, write_json
+from lrbc_cli.results.store import read
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +113,6 @@ def test_the_record_is_checked(done: Folder, tmp_path: Path) -> None:
     assert (done.out / job / "shapes.json").stat().st_size < 100_000
     tree = record.tree()
     tree["shapes"][1]["real"] = tree["shapes"][1]["real"][1:]
-    write_json(tmp_path / "shapes.json", tree)
+    (tmp_path / "shapes.json").write_text(json.dumps(tree))
     with pytest.raises(DataError, match=r"shapes\[1\].real(.|\n)*324 values"):
         read(tmp_path / "shapes.json", ShapesRecord)

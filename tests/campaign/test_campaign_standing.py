@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 from campaigns import Folder, environment, finished, two_jobs
 
+from lrbc_cli.campaign.jobs.identity import Identity
+from lrbc_cli.campaign.jobs.rejudge import Standing, unchanged
 from lrbc_cli.campaign.jobs.standing import changes_of, other_baselines, other_reference, state_of
+from lrbc_cli.config import load_campaign
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.store import digest_of, read_before, read_job
 
@@ -257,12 +260,97 @@ def test_another_rule_judges_anew(frame: Folder, tmp_path: Path) -> None:
     assert frame.run("update", "--json").json["kept"] == ["tight", *OTHERS]
 
 
-def test_judging_anew_loads_no_more_than_it_needs() -> None:
-    """It takes seconds of waiting otherwise: what identifies, draws and optimises is imported where it is used."""
-    code = "import sys, lrbc_cli.cli.update; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    idle = {"matplotlib", "scipy.optimize", "scipy.interpolate", "scipy.signal", "lrbc_cli.reduction.build", "lrbc_cli.report.write"}
-    assert not (idle | {"lrbc_cli.campaign.identification.identify"}) & set(done.stdout.split())
+#: The command, which says on the last line of stdout what it loaded.
+LOADED = "import sys; from lrbc_cli.cli.main import main; main(sys.argv[1:], standalone_mode=False); print(*sys.modules)"
+
+#: What reads models, identifies and draws.
+IDLE = {"scipy.sparse", "scipy.linalg", "scipy.spatial", "scipy.optimize", "h5py", "matplotlib", "dask", "lrbc_cli.io.matrices.read"}
+IDLE |= {"lrbc_cli.campaign.reading.inputs", "lrbc_cli.campaign.identification.identify", "lrbc_cli.method.resolve"}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """Two jobs that were done where they lie: of a copy, the files that its results name are others."""
+    folder = two_jobs(tmp_path_factory.mktemp("here") / "frame")
+    assert folder.run("update").code == 0
+    return folder
+
+
+def standing(folder: Folder, *overrides: str) -> Standing | None:
+    return unchanged(load_campaign(folder.config, overrides), (), calibration=True)
+
+
+def test_judging_anew_loads_no_more_than_it_needs(here: Folder) -> None:
+    """It takes seconds of waiting otherwise: no model is read where the bytes of all files are known."""
+    line = [sys.executable, "-c", LOADED, "update", str(here.config), "--cache", str(here.cache), "--json"]
+    for confidence, judged in (("0.999", ["tight", *OTHERS]), ("0.999", []), ("0.95", ["tight", *OTHERS])):
+        more = ["--override", f"update.confidence={confidence}"]
+        done = subprocess.run([*line, *more], capture_output=True, text=True, check=True, env=environment())
+        tree, modules = done.stdout.rstrip().rsplit("\n", 1)
+        assert json.loads(tree)["judged"] == judged
+        assert not IDLE & set(modules.split())
+        # The model at hand, the same is to be done.
+        assert not any(run for run, _ in plans(here, *more).values())
+
+
+def test_without_a_model_the_same_is_said_and_written(here: Folder) -> None:
+    """Byte for byte, back and forth, and to the ear."""
+    output, other = here.out, ("--override", "update.confidence=0.98", "--override", "update.nuisances.room=21")
+    assert here.run("update", *other[2:]).code == 0
+    assert standing(here, other[-1]) is not None
+    quick = here.run("update", *other)
+    written = {path.relative_to(output): path.read_bytes() for path in output.rglob("*.*")}
+    assert here.run("update", *other[2:]).code == 0
+    # What was said of the inputs is not known: a model is read.
+    change(output / "campaign.json", lambda tree: tree.pop("reading"))
+    assert standing(here, other[-1]) is None
+    slow = here.run("update", *other)
+    assert (quick.stdout, quick.stderr) == (slow.stdout, slow.stderr)
+    assert "update.nuisances.room: 21 is what" in quick.stderr
+    assert {path.relative_to(output): path.read_bytes() for path in output.rglob("*.*")} == written
+    assert here.run("update").code == 0
+
+
+def test_a_change_besides_the_rule_needs_the_model(here: Folder) -> None:
+    assert standing(here, "update.confidence=0.9", "update.loose_change=-0.5", "update.largest_misfit=2.0") is not None
+    for override in ("update.loss_scale=2.0", "reduction.tolerance=2e-3", "jobs.loose-2.removed=[B1]", "description=x", "output=other"):
+        assert standing(here, override) is None, override
+    assert unchanged(load_campaign(here.config, ()), (), calibration=False) is None
+    files = [*here.data.rglob("*.csv"), here.data / "model" / "mass.mtx.gz", here.out / "structure.json", here.out / "reduction.json"]
+    for file in [file for file in files if file.name not in ("loose-all.csv",)]:
+        content = file.read_bytes()
+        file.write_bytes(content + b" ")
+        told = None if file.name == "reduction.json" else standing(here)
+        file.unlink()
+        assert told is None, file
+        assert standing(here) is None, file
+        file.write_bytes(content)
+    (here.out / "calibration.json").write_text("{}")
+    assert standing(here) is None
+    (here.out / "calibration.json").unlink()
+    assert standing(here) is not None
+
+
+def test_a_result_that_was_changed_needs_the_model(here: Folder) -> None:
+    for name in ("result.json", "evidence.json", "frf.csv"):
+        file = here.out / "loose-2" / name
+        content = file.read_bytes()
+        file.write_bytes(content.replace(b"1", b"2", 1))
+        assert standing(here) is None, name
+        file.write_bytes(content)
+    file = here.out / "loose-2" / "result.json"
+    content = file.read_bytes()
+    change(file, lambda tree: tree["provenance"].pop("origin"))
+    assert standing(here) is None
+    file.write_bytes(content)
+    # Of the reference job another measurement was identified since.
+    reference = here.out / "tight" / "result.json"
+    before = reference.read_bytes()
+    parts = here.result("tight")["provenance"]["parts"] | {"measurement": "0" * 64}
+    change(reference, lambda tree: tree["provenance"].update(parts=parts, identity=Identity.of(parts).digest))
+    assert standing(here) is None
+    reference.write_bytes(before)
+    assert standing(here) is not None
 
 
 def test_files_that_a_finished_job_was_made_from(frame_once: Folder, frame: Folder) -> None:

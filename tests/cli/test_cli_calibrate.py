@@ -20,6 +20,7 @@ from samples import reduced_cache
 import lrbc_cli
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.config import load_campaign
+from lrbc_cli.results.store import digest_of
 
 FACTORS = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
 
@@ -235,6 +236,39 @@ class TestWhetherItFits:
         (copy.data / "frf" / "tight.csv").unlink()
         assert "not comparable" in copy.run("reduce", "--dry-run").stderr
         assert copy.run("calibrate").code == 3
+
+
+#: Commands that compute with the model, and change nothing here.
+COMPUTING = [
+    ["check"],
+    ["status"],
+    ["plan", "--draws", "0"],
+    ["simulate", "--lines", "100,110", "--out", "out.csv"],
+    ["reduce", "--dry-run"],
+    ["update", "--dry-run"],
+]
+
+
+@pytest.mark.parametrize("words", [pytest.param(words, id=words[0]) for words in COMPUTING])
+def test_one_of_an_earlier_version_is_told(copy: Folder, words: list[str], tmp_path: Path) -> None:
+    """The same by all commands: left out, and no more than that."""
+    tree = stored(copy)
+    tree["parts"]["version"], tree["key"] = "0" * 64, "0" * 32
+    (copy.out / "calibration.json").write_text(json.dumps(tree | {"digest": digest_of(tree)}))
+    done = copy.run(*(str(tmp_path / word) if word == "out.csv" else word for word in words))
+    assert done.code == 0, done.stderr
+    assert "calibration: ignored: changed since: the version of the calibration; run `lrbc calibrate`" in done.stdout + done.stderr
+
+
+def test_watch_tells_one_that_it_does_not_make(tmp_path: Path) -> None:
+    folder = finished("two jobs").copy(tmp_path / "frame")
+    tree = folder.tree()
+    del tree["calibration"]
+    folder.write(tree)
+    (folder.out / "calibration.json").write_text("{}")
+    done = folder.run("watch", "--once")
+    assert done.code == 0, done.stderr
+    assert "warning: calibration: ignored: the campaign file has no 'calibration'" in done.stderr
 
 
 def test_rounds(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from campaigns import ROOT, lrbc
@@ -13,6 +14,8 @@ from samples import reduced_cache
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.config import load_campaign
 from lrbc_cli.io.frf import read_frf
+from lrbc_cli.results.rehearsal import RehearsalRecord
+from lrbc_cli.results.store import read, results_schema
 from lrbc_cli.virtual.campaign import declared_scatter, job_list
 
 FRAME = ROOT / "configs" / "frame.yaml"
@@ -40,7 +43,11 @@ def test_what_was_loosened_is_found(tmp_path: Path) -> None:
     tree = json.loads((out / "output" / "loose-B3-B4" / "result.json").read_text())
     assert {bolt["name"] for bolt in tree["bolts"] if bolt["verdict"] == "loose"} == {"B3", "B4"}
     assert tree["misfit_db"]["final"] < 0.5 * tree["misfit_db"]["initial"]
+    record = read(out / "rehearsal.json", RehearsalRecord)
+    assert record is not None
+    assert record.sealed
     drawn = json.loads((out / "rehearsal.json").read_text())
+    jsonschema.validate(drawn, results_schema())
     assert (drawn["seed"], drawn["settings"]["noise"]) == (1, 0.004)
     assert drawn["factors"].keys() == {"stiffness.structure", "mass.structure", "damping.structure"}
     loose, tight = drawn["jobs"]["loose-B3-B4"], drawn["jobs"]["tight-2"]

@@ -20,7 +20,7 @@ from lrbc_cli.report.parts.structure import script, structure_chart, structure_p
 from lrbc_cli.report.write import write_report, write_structure
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
-from lrbc_cli.results.store import read_job, write, write_json
+from lrbc_cli.results.store import read_job, write
 from lrbc_cli.results.structure import StructureRecord
 
 
@@ -112,7 +112,7 @@ def with_shapes(output: Path, name: str, nodes: int = 30) -> ShapesRecord:
     digest = write(output / name / "shapes.json", record)
     job = job_of(output, name).tree()
     job["provenance"]["files"] = {**(job["provenance"].get("files") or {}), "shapes.json": digest}
-    write_json(output / name / "result.json", job)
+    (output / name / "result.json").write_text(json.dumps(job))
     return record
 
 
@@ -192,7 +192,7 @@ def test_no_picture_without_coordinates(output: Path) -> None:
 def test_a_damaged_structure_is_told(output: Path) -> None:
     tree = plate(output).tree()
     del tree["bolts"][0]["position"]
-    write_json(output / "structure.json", tree)
+    (output / "structure.json").write_text(json.dumps(tree))
     with pytest.raises(DataError, match=r"structure.json(.|\n)*bolts\[0\].position"):
         write_report(output, workers=1)
 

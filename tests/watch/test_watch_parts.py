@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from lrbc_cli.campaign.files import passed_over
-from lrbc_cli.campaign.jobs.run import unseen
+from lrbc_cli.campaign.beside import passed_over, unseen
 from lrbc_cli.config import JobConfig, load_campaign
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.watch.arrivals import Arrivals

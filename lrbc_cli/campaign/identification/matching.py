@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
-from lrbc_cli.config.settings import JobConfig, MeasuredFile
+from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.config.structure import FileRecordRef, PointConfig, RecordRef
 from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import COMPONENTS, DofTable
@@ -333,16 +332,3 @@ def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | No
         return None
     text = ", ".join(f"{value:.6g}" for value in place)
     return f"the point given lies there when it is taken times 1000: write near: [{text}], in the units of the campaign"
-
-
-def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
-    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
-    found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
-    files = [file for files in job.measurements for file in files]
-    for response, record in job.records.items():
-        if isinstance(record, FileRecordRef) and record.file in files:
-            found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
-    own = [entry.format.model_dump(mode="json", exclude_unset=True) if isinstance(entry, MeasuredFile) else {} for entry in job.entries]
-    if any(own):
-        found["formats"] = own
-    return found

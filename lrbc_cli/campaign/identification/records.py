@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,13 @@ from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
+from lrbc_cli.remembered import Remembered
 from lrbc_cli.updating.statistics.residuals import DB
 
 #: Share of the band that the lines should cover, and of the lines that a coherence should hold.
 MIN_BAND, MIN_COHERENCE = 0.9, 0.8
+#: Files that were read: the reference job and the baselines are asked for by every job.
+_files = Remembered[FrfSet](16)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +276,7 @@ def _records_of(job: JobConfig, name: str) -> tuple[FrfSet, dict[str, str]]:
                 hint="was another file meant?",
             )
         hashes[file.as_posix()] = digest
-        found = read_frf(file, layout_of(job, file))
+        found = _files.of(digest.encode(), partial(read_frf, file, layout_of(job, file)), (str(file), repr(layout_of(job, file))))
         only = found.records[0]
         if len(found.records) == 1 and not only.name and only.response_node is None:
             named.append(file.stem)

@@ -9,7 +9,7 @@ from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
-from lrbc_cli.method import noise_source
+from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.noise import validation_ratio

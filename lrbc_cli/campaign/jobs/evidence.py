@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,9 @@ from lrbc_cli.campaign.identification.weights import validation_channels
 from lrbc_cli.campaign.jobs.identity import compared_baselines
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
-from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
-from lrbc_cli.results.evidence import EvidenceRecord
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read, write
 from lrbc_cli.updating.judging.evidence import (
     USED,
     VALIDATION,
@@ -40,9 +37,6 @@ from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.levels import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
-
-#: What is stored of an identification so that it can be judged by another rule.
-FILE = "evidence.json"
 
 
 def effective(group: ParameterGroup, p: Floats) -> Floats:
@@ -100,25 +94,6 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
     )
 
 
-def write_evidence(folder: Path, evidence: Evidence) -> str:
-    """Store it; returns the SHA-256 of the file."""
-    return write(folder / FILE, EvidenceRecord.of(evidence))
-
-
-def read_evidence(folder: Path) -> Evidence:
-    """Read it back.
-
-    Raises
-    ------
-    DataError
-        Where it is missing, damaged or of another version.
-    """
-    record = read(folder / FILE, EvidenceRecord)
-    if record is None:
-        raise DataError("this result file is missing", file=folder / FILE, hint=EvidenceRecord.HINT)
-    return record.evidence
-
-
 def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float | None, str]:
     """The channels that tell whether the model explains the measurement, their mean misfit, and why they are no validation channels."""
     independent, why = validation_channels(result.measurement.values, inputs.used, inputs.validation, inputs.statistics.validation)
@@ -160,26 +135,25 @@ def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"
 
 
-def beside_baselines(inputs: Inputs, evidence: Evidence, own: Measurement | None = None) -> Evidence:
-    """With a doubt where the measurement holds the numbers of a baseline's: judging looks for it, as no identification rests on those.
+def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -> str | None:
+    """In what way a job's measurement holds the numbers of a baseline's: judging asks for it, as no identification rests on those.
 
     Parameters
     ----------
     inputs : Inputs
-    evidence : Evidence
+    name : str
     own : Measurement or None
         What was identified; None: the job's files.
     """
     jobs, names = inputs.campaign.jobs, [response.name for response in inputs.responses]
-    others = () if evidence.doubted else compared_baselines(inputs, evidence.job)
-    for other in others:
-        own = own or read_measurement(inputs, jobs[evidence.job], evidence.job)
+    for other in compared_baselines(inputs.campaign.update, name):
+        own = own or read_measurement(inputs, jobs[name], name)
         with suppress(LrbcError):  # one that cannot be read is the failure of its own job
             measured = read_measurement(inputs, jobs[other], other)
             copied = copied_text(own, measured, other, names, inputs.statistics.validation)
             if copied:
-                return replace(evidence, doubted=copied)
-    return evidence
+                return copied
+    return None
 
 
 def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:

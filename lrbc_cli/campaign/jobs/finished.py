@@ -9,28 +9,26 @@ from typing import Any, Protocol
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.digests import origin
 from lrbc_cli.campaign.identification.correlate import FDAC_COLUMNS, correlation_of, correlation_tree, fdac_rows, mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
-from lrbc_cli.campaign.jobs.evidence import bands, beside_baselines, effective, evidence_of
+from lrbc_cli.campaign.jobs.evidence import bands, copied_baseline, effective, evidence_of
 from lrbc_cli.campaign.jobs.identity import Identity
-from lrbc_cli.campaign.jobs.judging import judged
+from lrbc_cli.campaign.jobs.judging import with_judgement
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.campaign.updated.modes import modes_tree
 from lrbc_cli.campaign.updated.shapes import shapes_of
 from lrbc_cli.model.terms import ParameterGroup
-from lrbc_cli.results.job import JobRecord, RestsOn
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.search.lcurve import LCurve
 from lrbc_cli.updating.statistics.residuals import decibel
-
-#: What of a result judging writes.
-JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
 
 #: Header and rows of a table.
 Table = tuple[list[str], list[list[Any]]]
@@ -82,11 +80,17 @@ def finish(
     """
     evidence = evidence_of(inputs, result, reference)
     identified = identified_tree(inputs, stage, result, reference)
-    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence, result.measurement), baselines)
+    copied = copied_baseline(inputs, result.name, result.measurement)
+    tree = with_judgement(inputs.campaign, inputs.method.rule, identified, evidence.beside(copied), baselines)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
     own, judgement = identities
-    tree["provenance"] |= {**own.tree(), "judgement": judgement.tree(), "rests_on": rests_on(reference, baselines)}
+    tree["provenance"] |= {
+        **own.tree(),
+        "origin": origin_of(inputs),
+        "judgement": judgement.tree() | {"copied": copied},
+        "rests_on": rests_on(reference, baselines),
+    }
     tables = {
         "profile.csv": profile_rows(tree),
         "frf.csv": frf_rows(inputs, result),
@@ -95,28 +99,10 @@ def finish(
     return Finished(name=result.name, tree=tree, tables=tables, evidence=evidence, shapes=shapes_of(inputs, stage, result))
 
 
-def judged_anew(
-    inputs: Inputs, stored: JobRecord, evidence: Evidence, baselines: Mapping[str, JobRecord], judgement: Identity, rests: RestsOn
-) -> JobRecord:
-    """A stored identification with another judgement; its other files stay as they are."""
-    identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
-    tree = with_judgement(inputs, identified, beside_baselines(inputs, evidence), baselines)
-    tree["provenance"] = {**tree["provenance"], "judgement": judgement.tree(), "rests_on": rests}
-    return JobRecord.checked(tree)
-
-
-def with_judgement(inputs: Inputs, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
-    """The content of ``result.json``: what was identified, and what that says of the bolts."""
-    said = judged(inputs, evidence, baselines)
-    prior = {**identified["prior"], "scatter": said.pop("scatter")}
-    provenance = {**identified["provenance"], "configuration": inputs.campaign.resolved()}
-    return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
-
-
 def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> JobRecord:
     """The same of an identification that is not written."""
     identified = identified_tree(inputs, stage, result, reference)
-    return JobRecord.checked(with_judgement(inputs, identified, evidence_of(inputs, result, reference), {}))
+    return JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, identified, evidence_of(inputs, result, reference), {}))
 
 
 def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
@@ -239,6 +225,11 @@ def _owners(inputs: Inputs, group: ParameterGroup) -> list[str | None] | None:
     if group.bolt is None or inputs.bolts is None:
         return None
     return [inputs.bolts.name[bolt] if bolt >= 0 else None for bolt in group.bolt.tolist()]
+
+
+def origin_of(inputs: Inputs) -> str | None:
+    """See ``digests.origin``; None where the campaign file does not say all."""
+    return origin(inputs.campaign, inputs.read_with) if inputs.read_with and not inputs.by_hand else None
 
 
 def calibration_tree(inputs: Inputs) -> dict[str, Any] | None:

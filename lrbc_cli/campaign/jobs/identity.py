@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lrbc_cli.campaign.identification.matching import about_measurement
+from lrbc_cli.campaign.digests import about_measurement, content_of, digest
 from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.numbers import NUMBERS
-from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced import cache
+from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.config.settings import files_of
-from lrbc_cli.errors import DataError
-from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.updating.judging.decide import DecisionRule
+
+if TYPE_CHECKING:
+    # Whoever judges anew needs no model.
+    from lrbc_cli.campaign.reading.inputs import Inputs
 
 #: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
 IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 29, 8
@@ -54,7 +55,7 @@ class Identity:
     @classmethod
     def of(cls, parts: dict[str, str]) -> Identity:
         """Of its parts."""
-        return cls(cache.digest(sorted(parts.items()))[:32], parts)
+        return cls(digest(sorted(parts.items()))[:32], parts)
 
 
 def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Identity:
@@ -75,7 +76,7 @@ def identification(inputs: Inputs, model: Mapping[str, str], name: str) -> Ident
 
 
 def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
-    campaign, digest = inputs.campaign, cache.digest
+    campaign = inputs.campaign
     resolved = campaign.resolved()
     reduction, use = ("band", "tolerance", "limits", "version"), inputs.calibration
     calibrated = [] if use is None else [(key, value.log10.tolist(), value.damping_exponent) for key, value in use.boundary.items()]
@@ -99,45 +100,36 @@ def _own(inputs: Inputs, model: Mapping[str, str], name: str) -> dict[str, str]:
         "responses": digest(
             {key: value.get("record") for key, value in resolved["responses"].items()}, [[r.name, r.quantity] for r in inputs.responses]
         ),
-        "measurement": _measurement(inputs, name),
+        "measurement": _measurement(campaign, name),
     }
 
 
-def _measurement(inputs: Inputs, name: str) -> str:
+def _measurement(campaign: Campaign, name: str) -> str:
     """Digest of a job's files and of what is said of them."""
-    job = inputs.campaign.jobs[name]
-
-    def contents(path: Path) -> str | None:
-        # A file that cannot be read is the failure of its own job, when that is run.
-        try:
-            return file_hash(path)
-        except DataError:
-            return None
-
-    return cache.digest(
-        about_measurement(inputs.campaign.resolved(), job, name),
-        [[contents(file) for file in files] for files in job.measurements],
-        None if job.coherence is None else [contents(file) for file in files_of(job.coherence)],
+    job = campaign.jobs[name]
+    return digest(
+        about_measurement(campaign.resolved(), job, name),
+        [[content_of(file) for file in files] for files in job.measurements],
+        None if job.coherence is None else [content_of(file) for file in files_of(job.coherence)],
     )
 
 
-def compared_baselines(inputs: Inputs, name: str) -> list[str]:
+def compared_baselines(update: UpdateConfig, name: str) -> list[str]:
     """The baselines of whose measurements that of a job must not be a copy."""
-    update = inputs.campaign.update
     return [] if update.reference in (None, name) else [other for other in update.baselines if other != name]
 
 
-def judgement(inputs: Inputs, name: str) -> Identity:
+def judgement(campaign: Campaign, rule: DecisionRule, name: str) -> Identity:
     """What the judgement of a job's identification rests on, but for the tight states, see ``standing``."""
-    update = inputs.campaign.update
+    update = campaign.update
     return Identity.of(
         {
-            "version": cache.digest(JUDGEMENT_VERSION, NUMBERS["judgement"]),
-            "rule": cache.digest(sorted(asdict(inputs.method.rule).items())),
-            "role": cache.digest(role_of(update, name)),
-            "baselines": cache.digest([(other, _measurement(inputs, other)) for other in compared_baselines(inputs, name)]),
+            "version": digest(JUDGEMENT_VERSION, NUMBERS["judgement"]),
+            "rule": digest(sorted(asdict(rule).items())),
+            "role": digest(role_of(update, name)),
+            "baselines": digest([(other, _measurement(campaign, other)) for other in compared_baselines(update, name)]),
             # What is known of the bolts is told with the verdicts.
-            "removed": cache.digest(list(inputs.campaign.jobs[name].removed) if states_removed(inputs) else None),
+            "removed": digest(list(campaign.jobs[name].removed) if states_removed(campaign) else None),
         }
     )
 

@@ -7,8 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
-from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.config import UpdateConfig
+from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.decide import (
     BASELINE,
@@ -26,29 +25,32 @@ from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
 
+#: What of a result judging writes.
+JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
+
 
 def role_of(update: UpdateConfig, name: str) -> str:
     """What a job is in its campaign."""
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
-def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
+def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
     """The part of ``result.json`` that judging writes, over what the identification wrote.
 
     Parameters
     ----------
-    inputs : Inputs
+    campaign : Campaign
+    rule : DecisionRule
     evidence : Evidence
     baselines : mapping
         Stored results of the baselines that the verdicts rest on.
     """
-    campaign, name = inputs.campaign, evidence.job
-    update = campaign.update
+    name, update = evidence.job, campaign.update
     scatter = scatter_of_records(baselines.values())
-    judgement = judge(evidence, inputs.method.rule, role_of(update, name), scatter)
+    judgement = judge(evidence, rule, role_of(update, name), scatter)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
-    warnings += [*evidence.warnings, *suspects(judgement), *contradicted(inputs, name, judgement)]
+    warnings += [*evidence.warnings, *suspects(judgement), *contradicted(campaign, name, judgement)]
     warnings += [text for text in [lenient_text(update)] if text]
     unvalidated = [valid.reason] if valid.passed is None else []
     several = [f"{', '.join(loose) or 'none'} ({share:.2f})" for loose, share in judgement.alternatives]
@@ -59,8 +61,8 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     return {
         "status": status,
         "reason": reason,
-        "removed": list(campaign.jobs[name].removed) if states_removed(inputs) else None,
-        "bolts": bolt_trees(inputs, evidence, judgement),
+        "removed": list(campaign.jobs[name].removed) if states_removed(campaign) else None,
+        "bolts": bolt_trees(campaign, evidence, judgement),
         "alternatives": [{"loose": list(loose), "probability": share} for loose, share in judgement.alternatives],
         "taken_as_tight": taken_as_tight(update, name, judgement),
         "validity": {
@@ -68,7 +70,7 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
             "held_out_db": valid.misfit_db if valid.compared == VALIDATION else None,
         },
         "scatter": scatter.rms,
-        "decision_rule": asdict(inputs.method.rule),
+        "decision_rule": asdict(rule),
         "warnings": warnings,
         "notes": [
             *evidence.data_warnings,
@@ -81,10 +83,47 @@ def judged(inputs: Inputs, evidence: Evidence, baselines: Mapping[str, JobRecord
     }
 
 
-def bolt_trees(inputs: Inputs, evidence: Evidence, judgement: Judgement) -> list[dict[str, Any]]:
+def with_judgement(
+    campaign: Campaign, rule: DecisionRule, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]
+) -> dict[str, Any]:
+    """The content of ``result.json``: what was identified, and what that says of the bolts."""
+    said = judged(campaign, rule, evidence, baselines)
+    prior = {**identified["prior"], "scatter": said.pop("scatter")}
+    provenance = {**identified["provenance"], "configuration": campaign.resolved()}
+    return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
+
+
+def judged_anew(
+    campaign: Campaign,
+    rule: DecisionRule,
+    stored: JobRecord,
+    evidence: Evidence,
+    baselines: Mapping[str, JobRecord],
+    provenance: Mapping[str, Any],
+) -> JobRecord:
+    """A stored identification with another judgement; its other files stay as they are.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    rule : DecisionRule
+    stored : JobRecord
+    evidence : Evidence
+    baselines : mapping
+        Stored results of the baselines that the verdicts rest on.
+    provenance : mapping
+        What changes of the provenance: ``judgement``, ``rests_on``, ``origin``.
+    """
+    identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
+    tree = with_judgement(campaign, rule, identified, evidence, baselines)
+    tree["provenance"] |= provenance
+    return JobRecord.checked(tree)
+
+
+def bolt_trees(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> list[dict[str, Any]]:
     """``bolts`` of ``result.json``."""
-    removed = inputs.campaign.jobs[evidence.job].removed
-    stated = states_removed(inputs)
+    removed = campaign.jobs[evidence.job].removed
+    stated = states_removed(campaign)
     return [
         {
             "name": verdict.name,
@@ -103,9 +142,9 @@ def bolt_trees(inputs: Inputs, evidence: Evidence, judgement: Judgement) -> list
     ]
 
 
-def states_removed(inputs: Inputs) -> bool:
+def states_removed(campaign: Campaign) -> bool:
     """Whether the campaign says which bolts are removed: then a job without that key has none removed."""
-    return any(job.removed for job in inputs.campaign.jobs.values())
+    return any(job.removed for job in campaign.jobs.values())
 
 
 def taken_as_tight(update: UpdateConfig, name: str, judgement: Judgement) -> dict[str, Any] | None:
@@ -136,10 +175,10 @@ def suspects(judgement: Judgement) -> list[str]:
     ]
 
 
-def contradicted(inputs: Inputs, name: str, judgement: Judgement) -> list[str]:
+def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[str]:
     """A warning where bolts that are stated to be removed are judged tight."""
-    update = inputs.campaign.update
-    removed = inputs.campaign.jobs[name].removed if role_of(update, name) == JOB else ()
+    update = campaign.update
+    removed = campaign.jobs[name].removed if role_of(update, name) == JOB else ()
     tight = [bolt.name for bolt in judgement.bolts if bolt.name in removed and bolt.verdict == TIGHT]
     if not tight:
         return []

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from lrbc_cli.campaign.jobs.evidence import read_evidence
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
 from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
-from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
-from lrbc_cli.results.store import read_job
+from lrbc_cli.results.store import read_evidence, read_job
+from lrbc_cli.updating.judging.decide import DecisionRule
 from lrbc_cli.updating.judging.evidence import Evidence
+
+if TYPE_CHECKING:
+    from lrbc_cli.campaign.reading.inputs import Inputs
 
 NOTHING = "nothing changed"
 
@@ -51,6 +56,19 @@ class JobPlan:
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
 
     @property
+    def knows_copies(self) -> bool:
+        """Whether the finished result says if its measurement is that of a baseline that there is now."""
+        stored = None if self.record is None else self.record.provenance.judgement
+        same = stored is not None and stored.parts.get("baselines") == self.judgement.parts["baselines"]
+        return same and stored is not None and "copied" in stored.model_fields_set
+
+    @property
+    def copied(self) -> str | None:
+        """What it says of that."""
+        stored = None if self.record is None else self.record.provenance.judgement
+        return None if stored is None else stored.copied
+
+    @property
     def kept(self) -> bool:
         """Nothing is done, whatever other jobs find."""
         return not (self.run or self.judge or self.waits)
@@ -61,35 +79,38 @@ class JobPlan:
         return "runs" if self.run else "judged anew" if self.judge else "kept"
 
 
-def needs(inputs: Inputs, name: str) -> tuple[str | None, tuple[str, ...]]:
+def needs(campaign: Campaign, name: str) -> tuple[str | None, tuple[str, ...]]:
     """The reference job and the baselines that the verdicts of a job rest on."""
-    update = inputs.campaign.update
+    update = campaign.update
     if update.reference in (None, name):
         return None, ()
     # A baseline does not know the others: its result must not rest on which of them is done.
     return update.reference, () if name in update.baselines else update.baselines
 
 
-def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
+def decided(
+    campaign: Campaign, rule: DecisionRule, identity_of: Callable[[str], Identity], names: Sequence[str], force: bool = False
+) -> list[JobPlan]:
     """Decide for each job what is done; changes nothing. Jobs come after those that they rest on, as ``choose_jobs`` orders them.
 
     Parameters
     ----------
-    inputs : Inputs
-    parts : dict
-        See ``cache.key_parts``.
+    campaign : Campaign
+    rule : DecisionRule
+    identity_of : callable
+        What the identification of a job rests on now.
     names : sequence of str
     force : bool
         Identify finished jobs again.
     """
-    output = inputs.campaign.output
+    output = campaign.output
     plans: dict[str, JobPlan] = {}
     for name in names:
-        own, judged = identification(inputs, parts, name), judgement(inputs, name)
+        own, judged = identity_of(name), judgement(campaign, rule, name)
         plans[name] = _alone(output / name, JobPlan(name=name, run=True, reason="no result yet", identity=own, judgement=judged))
         if force and not plans[name].run:
             plans[name] = replace(plans[name], run=True, judge=False, reason="--force", record=None)
-        reference, baselines = needs(inputs, name)
+        reference, baselines = needs(campaign, name)
         if plans[name].run or reference is None:
             continue
         first = [other for other in (reference, *baselines) if other not in plans or plans[other].run or plans[other].waits]
@@ -103,6 +124,11 @@ def plan(inputs: Inputs, parts: dict[str, str], names: Sequence[str], force: boo
                 # With the rule that judges these it is judged anew too; what their verdicts will be is not known yet.
                 plans[name] = _judged(plans[name], output, f"changed: the judgement of {', '.join(anew)}")
     return list(plans.values())
+
+
+def plan(inputs: Inputs, parts: Mapping[str, str], names: Sequence[str], force: bool = False) -> list[JobPlan]:
+    """The same with the model at hand, of which ``cache.key_parts`` gives the parts."""
+    return decided(inputs.campaign, inputs.method.rule, partial(identification, inputs, parts), names, force)
 
 
 def _alone(folder: Path, job: JobPlan) -> JobPlan:
@@ -167,7 +193,7 @@ def settled(job: JobPlan, output: Path, now: RestsOn, reference: str | None) -> 
     return job if anew is None else _judged(job, output, anew)
 
 
-def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
+def choose_jobs(campaign: Campaign, wanted: Sequence[str]) -> list[str]:
     """The jobs to run, in the campaign's order, the reference job first and added where a wanted job is compared with it.
 
     Raises
@@ -175,7 +201,6 @@ def choose_jobs(inputs: Inputs, wanted: Sequence[str]) -> list[str]:
     ConfigError
         Where a job is unknown or there is none.
     """
-    campaign = inputs.campaign
     for name in wanted:
         campaign.require_job(name, "--job")
     if not campaign.jobs:

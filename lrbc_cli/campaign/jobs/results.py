@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from lrbc_cli import __version__
-from lrbc_cli.campaign.jobs.evidence import write_evidence
-from lrbc_cli.campaign.jobs.finished import Finished, calibration_tree
+from lrbc_cli.campaign.jobs.finished import Finished, calibration_tree, origin_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import ReductionStage
 from lrbc_cli.errors import DataError
 from lrbc_cli.reduction.steps.unseen import CONFIDENCE, SHARE
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.model import CampaignRecord, ReductionRecord
-from lrbc_cli.results.store import read_job, versions, write, write_sealed
+from lrbc_cli.results.store import read_job, versions, write, write_evidence, write_sealed
 from lrbc_cli.results.tables import write_csv
 
 
@@ -33,12 +33,7 @@ def write_result(output: Path, finished: Finished) -> JobRecord:
     if finished.shapes is not None:
         files["shapes.json"] = write(folder / "shapes.json", finished.shapes, compact=True)
     tree = finished.tree | {"provenance": finished.tree["provenance"] | {"files": files}}
-    return write_judgement(output, JobRecord.checked(tree))
-
-
-def write_judgement(output: Path, record: JobRecord) -> JobRecord:
-    """Write the result.json of a job; its other files stay as they are."""
-    return write_sealed(output / record.job / "result.json", record)
+    return write_sealed(folder / "result.json", JobRecord.checked(tree))
 
 
 def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity: str | None) -> None:
@@ -59,9 +54,10 @@ def write_failure(output: Path, inputs: Inputs, name: str, reason: str, identity
     write_sealed(path, FailedJob.checked(tree))
 
 
-def write_campaign(output: Path, inputs: Inputs) -> None:
-    """Write ``campaign.json``: what the report needs to know of the campaign."""
-    campaign = inputs.campaign
+def write_campaign(output: Path, inputs: Inputs, files: Mapping[str, str] | None = None) -> None:
+    """Write ``campaign.json``: what the report needs to know of the campaign; with hashes of what ``lrbc update`` wrote beside it."""
+    campaign, use = inputs.campaign, inputs.calibration
+    origin = None if files is None else origin_of(inputs)
     bolts = [] if inputs.bolts is None else [{"name": n, "position": p} for n, p in zip(inputs.bolts.name, inputs.bolts.xyz, strict=True)]
     record = CampaignRecord.checked(
         {
@@ -79,7 +75,15 @@ def write_campaign(output: Path, inputs: Inputs) -> None:
                 for i, r in enumerate(inputs.responses)
             ],
             # Empty: the jobs rest on the model as exported although there is a calibration.
-            "calibration": None if inputs.calibration is None else (inputs.calibration.key if inputs.calibration.used else ""),
+            "calibration": None if use is None else (use.key if use.used else ""),
+            "reading": None
+            if origin is None
+            else {
+                "origin": origin,
+                "warnings": [*inputs.warnings, *inputs.method.warnings],
+                "calibration": None if use is None else {"used": use.used, "stale": use.stale, "text": use.text},
+                "files": files,
+            },
             "tool": {"name": "lrbc", "version": __version__},
         }
     )

@@ -5,85 +5,29 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from lrbc_cli.campaign.files import passed_over, unnamed
+from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
-from lrbc_cli.campaign.jobs.finished import finish, judged_anew
+from lrbc_cli.campaign.jobs.evidence import copied_baseline
+from lrbc_cli.campaign.jobs.finished import finish, origin_of
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
+from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
 from lrbc_cli.campaign.jobs.remote import Cluster
-from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_judgement, write_reduction, write_result
-from lrbc_cli.campaign.jobs.standing import findings_of, rests_on
+from lrbc_cli.campaign.jobs.results import write_campaign, write_failure, write_reduction, write_result
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced import cache
-from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, frf_source, obtain_reduction, with_rows
+from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, obtain_source, with_rows
 from lrbc_cli.campaign.structure import structure_of
-from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError, LrbcError, NumericalError
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.results.store import read_job, write_sealed
-from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
+from lrbc_cli.results.store import read_job, sealed, write
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(kw_only=True)
-class Outcome:
-    """What happened to the jobs of one call.
-
-    Attributes
-    ----------
-    results : dict
-        Result by job, kept ones included.
-    kept, judged, failed : lists of str
-        Kept as they were, judged anew, failed.
-    errors : dict
-        The error of each failed job.
-    unseen : str
-        Why there may be measurements that this call knows nothing of.
-    beside : list of str
-        Files beside those of the jobs that no job names, in words.
-    """
-
-    results: dict[str, JobRecord] = field(default_factory=dict)
-    kept: list[str] = field(default_factory=list)
-    judged: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-    errors: dict[str, LrbcError] = field(default_factory=dict)
-    unseen: str = ""
-    beside: list[str] = field(default_factory=list)
-
-    @property
-    def loose(self) -> bool:
-        """Whether a bolt is judged loose in any job."""
-        return any(record.names("loose") for record in self.results.values())
-
-    @property
-    def findings(self) -> dict[str, JobFinding]:
-        """What each job says of the bolts."""
-        return findings_of(self.results, [*self.results, *self.failed])
-
-    @property
-    def not_clear(self) -> dict[str, list[str]]:
-        """What keeps these jobs from being an all-clear, by job; empty where they are one."""
-        found = not_clear(self.findings)
-        if self.unseen:
-            found.setdefault("", []).append(self.unseen)
-        return found
-
-    def exit_code(self, fail_on_loose: bool) -> int:
-        """The exit code of ``interface.md``."""
-        if self.failed:
-            kinds = {error.exit_code for error in self.errors.values()}
-            if not self.results and len(kinds) == 1:
-                return kinds.pop()
-            return 5
-        if not fail_on_loose:
-            return 0
-        return 6 if self.loose else 7 if self.not_clear else 0
 
 
 def run_jobs(
@@ -128,22 +72,12 @@ def run_jobs(
     ReductionStage or None
         None where nothing had to run, or for full-order evaluation.
     """
-    names = [name for name in choose_jobs(inputs, wanted) if name not in missing]
+    names = [name for name in choose_jobs(inputs.campaign, wanted) if name not in missing]
     parts = cache.key_parts(inputs) if source is None else source.parts
     outcome, stage = _Run(inputs, folder, plan(inputs, parts, names, force), progress, remote).all(accept, workers, source)
     outcome.unseen = "" if wanted else unseen(inputs.campaign)
     outcome.beside = [] if wanted else unnamed(inputs.campaign)
     return outcome, stage
-
-
-def unseen(campaign: Campaign) -> str:
-    """Why there may be measurements in a watched folder that are nobody's job; empty where there are none."""
-    watched = campaign.watch
-    if watched is None:
-        return ""
-    if not watched.in_reach:
-        return f"{watched.folder}, the watched folder, is not there"
-    return "; ".join(passed_over(campaign))
 
 
 class _Run:
@@ -167,21 +101,18 @@ class _Run:
         campaign, outcome, self.workers = self.inputs.campaign, self.outcome, workers
         for p in self.plans.values():
             if p.kept:
-                self._keep(p)
+                keep(p, outcome, self.progress)
         todo = [name for name in self.names if name not in outcome.results]
-        write_campaign(self.output, self.inputs)
-        write_sealed(self.output / "structure.json", structure_of(self.inputs))
+        # The record of the campaign, written last, says that this is its structure.
+        drawn = write(self.output / "structure.json", sealed(structure_of(self.inputs)))
+        write_campaign(self.output, self.inputs, {"structure.json": drawn})
         if source is not None:
             source = replace(source, inputs=self.inputs, progress=self.progress)
-            self.stage = source.stage
-            if self.stage is not None:
-                write_reduction(self.output, self.inputs, self.stage)
         elif any(self.plans[name].run or self.plans[name].waits for name in todo) or not (self.output / "reduction.json").is_file():
-            if campaign.update.evaluation != "full":
-                self.stage = obtain_reduction(self.inputs, self.folder, accept=accept, progress=self.progress)
-                write_reduction(self.output, self.inputs, self.stage)
-            source = frf_source(self.inputs, self.stage, self.progress)
+            source = obtain_source(self.inputs, self.folder, accept=accept, progress=self.progress)
+        self.stage = None if source is None else source.stage
         if self.stage is not None:
+            write_reduction(self.output, self.inputs, self.stage)
             self.stage, lacking = with_rows(self.inputs, self.stage)
             if lacking:
                 log.warning("no deflection shapes: %s (`lrbc reduce --force` keeps it)", lacking)
@@ -195,17 +126,11 @@ class _Run:
                     _run_all(run, partial(self._identified, source), self._done, workers, self._give_up)
             outcome.kept.sort(key=self.names.index)
         finally:
-            write_table(self.output, list(campaign.jobs))
+            write_table(self.output, list(campaign.jobs), outcome.results)
         return outcome, self.stage
 
-    def _keep(self, p: JobPlan) -> None:
-        self.outcome.kept.append(p.name)
-        if p.record is not None:
-            self.outcome.results[p.name] = p.record
-        self.progress(f"{p.name}: kept, {p.reason}")
-
     def _tight_states(self, name: str) -> tuple[JobRecord | None, dict[str, JobRecord]]:
-        known, baselines = needs(self.inputs, name)
+        known, baselines = needs(self.inputs.campaign, name)
         before = None if known is None else tight_state(self.inputs, self.outcome, known, self.stage)
         return before, {other: self.outcome.results[other] for other in baselines if other in self.outcome.results}
 
@@ -220,12 +145,11 @@ class _Run:
         if p.run:
             return True
         if p.judge and p.evidence is not None and p.record is not None:
-            record = judged_anew(self.inputs, p.record, p.evidence, baselines, p.judgement, now)
-            self.outcome.results[name] = write_judgement(self.output, record)
-            self.outcome.judged.append(name)
-            self.progress(f"{name}: judged anew, {p.reason}")
+            copied = p.copied if p.knows_copies else copied_baseline(self.inputs, name)
+            rests, campaign = (origin_of(self.inputs), copied), self.inputs.campaign
+            judge_one(campaign, self.inputs.method.rule, p, self.outcome, (baselines, now), rests, self.progress)
         else:
-            self._keep(p)
+            keep(p, self.outcome, self.progress)
         return False
 
     def _identified(self, source: FrfSource, name: str) -> JobRecord:

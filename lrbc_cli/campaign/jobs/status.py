@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 
-from lrbc_cli.campaign.files import passed_over
+from lrbc_cli.campaign.beside import passed_over
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -88,14 +88,14 @@ def status(inputs: Inputs, folder: Path) -> CampaignStatus:
     """
     parts, campaign = cache.key_parts(inputs), inputs.campaign
     decision = cache.look_up(folder, parts)
-    plans = {p.name: p for p in plan(inputs, parts, choose_jobs(inputs, ()))} if campaign.jobs else {}
+    plans = {p.name: p for p in plan(inputs, parts, choose_jobs(campaign, ()))} if campaign.jobs else {}
     jobs = {name: _status(inputs, plans[name]) for name in campaign.jobs}
     found = CampaignStatus(jobs, None, decision, _page(inputs), passed_over(campaign))
     ahead = len(found.named("new", "failed")) + sum(plans[name].run or plans[name].waits for name in found.named("stale"))
     known = [job.seconds for job in jobs.values() if job.seconds is not None]
     if not ahead:
         return replace(found, seconds_left=0.0)
-    reduction = 0.0 if decision.hit or campaign.update.evaluation == "full" else _reduction_seconds(inputs)
+    reduction = 0.0 if decision.hit or inputs.method.full_order else _reduction_seconds(inputs)
     left = None if not known or reduction is None else reduction + ahead * median(known)
     return replace(found, seconds_left=left)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lrbc_cli.errors import DataError
@@ -37,12 +37,20 @@ CAMPAIGN_COLUMNS = [
 ]
 
 
-def write_table(output: Path, jobs: Sequence[str]) -> None:
-    """Write ``campaign.csv``, one row a job that has a result."""
+def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord]) -> None:
+    """Write ``campaign.csv``, one row a job that has a result.
+
+    Parameters
+    ----------
+    output : Path
+    jobs : sequence of str
+    known : mapping
+        Results that need not be read.
+    """
     rows: list[list[str | float | None]] = []
     for name in jobs:
         try:
-            job = read_job(output, name)
+            job = known.get(name) or read_job(output, name)
         except DataError:
             continue
         if isinstance(job, FailedJob):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from lrbc_cli.arrays import Floats
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import NuisanceConfig
-from lrbc_cli.method import Facts, resolve
+from lrbc_cli.method.resolve import Facts, resolve
 from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.shifts import load_shifts
 

@@ -45,7 +45,7 @@ from lrbc_cli.config.structure import FieldDamping, ProportionalDamping, Respons
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.hdf5.tools import came_through
 from lrbc_cli.io.sparse import MatrixFile
-from lrbc_cli.method import Facts, Method, resolve
+from lrbc_cli.method.resolve import Facts, Method, resolve
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable, PointTable
 from lrbc_cli.model.factors import Recipe
 from lrbc_cli.model.fem import FeModel
@@ -115,6 +115,8 @@ class Inputs:
         Columns of the model's loads that are derivatives to a shift of each hammer along its surface; None without ``nuisances.hammer``.
     calibration : CalibrationUse or None
         Whether ``model`` contains the factors of a stored calibration; None as exported, or where the campaign has none.
+    read_with : str
+        See ``digests.surroundings``; empty where a stored calibration was not looked for.
     by_hand : mapping
         Fields of the method that are given from Python, for experiments.
     """
@@ -133,6 +135,7 @@ class Inputs:
     recipe: Recipe = field(repr=False)
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
+    read_with: str = ""
     by_hand: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property

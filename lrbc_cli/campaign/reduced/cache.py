@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import tempfile
@@ -12,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import platformdirs
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.digests import digest
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.errors import ConfigError, DataError
@@ -51,41 +49,6 @@ PARTS = {
     "limits": "held_out or max_size",
     "version": "the version of the algorithm",
 }
-
-
-def cache_folder(folder: Path | None) -> Path:
-    """The folder of the cache: as given, or the platform's user cache.
-
-    Raises
-    ------
-    ConfigError
-        Where there cannot be such a folder.
-    """
-    found = (folder or Path(platformdirs.user_cache_dir("lrbc", appauthor=False))).resolve()
-    try:
-        # What look_up asks for: a name as long as any in the cache.
-        (found / ("0" * 32) / "model.h5").is_file()
-    except OSError as error:
-        raise ConfigError(
-            f"the cache cannot be used ({error.strerror or error})", file=found, hint="name another folder with --cache or LRBC_CACHE"
-        ) from error
-    return found
-
-
-def digest(*parts: Any) -> str:
-    """SHA-256 of values: arrays, sparse matrices and what JSON holds; of what they are, not of how they are stored."""
-    h = hashlib.sha256()
-    for part in parts:
-        if sp.issparse(part):
-            h.update(repr(part.shape).encode())
-            for array in (part.indptr.astype(np.int64), part.indices.astype(np.int64), part.data):
-                h.update(np.ascontiguousarray(array).tobytes())
-        elif isinstance(part, np.ndarray):
-            h.update(repr((part.shape, part.dtype.str)).encode() + np.ascontiguousarray(part).tobytes())
-        else:
-            h.update(repr(part).encode())
-        h.update(b"|")
-    return h.hexdigest()
 
 
 def key_parts(inputs: Inputs) -> dict[str, str]:

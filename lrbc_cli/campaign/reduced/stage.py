@@ -20,7 +20,7 @@ from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, require_memory
 from lrbc_cli.campaign.structure import drawn_dofs
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.method import formula
+from lrbc_cli.method.resolve import formula
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.reduced.affine import AffineModel
@@ -327,3 +327,9 @@ def frf_source(inputs: Inputs, stage: ReductionStage | None, progress: Callable[
     return FrfSource(
         inputs=inputs, stage=stage, kind=formula(inputs.campaign.update.evaluation, inputs.model.terms.size, size), progress=progress
     )
+
+
+def obtain_source(inputs: Inputs, folder: Path, *, accept: bool = False, progress: Callable[[str], None] = lambda _: None) -> FrfSource:
+    """FRFs that jobs are identified with, see ``obtain_reduction``; no reduced model is asked for where the method does without."""
+    stage = None if inputs.method.full_order else obtain_reduction(inputs, folder, accept=accept, progress=progress)
+    return frf_source(inputs, stage, progress)

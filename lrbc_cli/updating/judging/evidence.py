@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.posterior.mixture import ChangeSamples
-from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot, spots
+
+if TYPE_CHECKING:
+    # Judging needs nothing of what samples or finds places.
+    from lrbc_cli.updating.posterior.mixture import ChangeSamples
+    from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
@@ -215,6 +219,10 @@ class Evidence:
     reference_used_misfit_db: float | None = None
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
 
+    def beside(self, copied: str | None) -> Evidence:
+        """With a doubt where the measurement is a copy in some way, unless there is one already."""
+        return self if copied is None or self.doubted else replace(self, doubted=copied)
+
 
 def at_bolts(
     groups: Sequence[Edge | Joints],
@@ -233,6 +241,8 @@ def at_bolts(
     change_of : callable or None
         Posterior of the change of a bolt by its number, spot and difference, where the job was identified against a tight state.
     """
+    from lrbc_cli.updating.unknowns.places import Joints, spots
+
     found = []
     for b, (name, spot) in enumerate(zip(names, spots(groups, xyz) if len(names) else [], strict=True)):
         position = (float(xyz[b, 0]), float(xyz[b, 1]), float(xyz[b, 2]))

@@ -30,9 +30,6 @@ class Resonances:
     half_width: float = 0.06
 
 
-#: A peak falls so far at the ends of its half-power bandwidth [dB].
-HALF_POWER_DB = 10.0 * np.log10(2.0)
-
 #: The default, for those who call a part alone.
 RESONANCES = Resonances()
 
@@ -61,6 +58,7 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
     valid = np.isfinite(H) & (np.abs(H) > 0)
     level = np.where(valid, decibel(np.where(valid, H, 1.0)), np.nan)
     keep: Bools = np.zeros(frequency_hz.size, dtype=bool)
+    half_power_db = 10.0 * np.log10(2.0)
     # Each response shows other resonances; the mean spectrum shows those that several share without the noise of each. A mean of
     # decibels also takes in some lines between antiresonances; with the mean power instead, fewer rigs were identified well.
     spectra = [level[:, r] for r in range(level.shape[1]) if valid[:, r].any()]
@@ -80,7 +78,7 @@ def around_resonances(frequency_hz: Floats, H: Complexes, rule: Resonances = RES
                 while 0 <= at < filled.size and filled[at] > filled[peak] - rule.depth_db:
                     near = abs(frequency_hz[at] - frequency_hz[peak]) <= rule.half_width * frequency_hz[peak] or abs(at - peak) <= 2
                     # Where damping is heavy a few lines at the top of a peak tell less than there are unknowns.
-                    half = filled[peak] - HALF_POWER_DB <= filled[at] <= filled[peak]
+                    half = filled[peak] - half_power_db <= filled[at] <= filled[peak]
                     if not (near or half):
                         break
                     keep[at] = True

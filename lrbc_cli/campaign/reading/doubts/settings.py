@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.settings import UpdateConfig
-from lrbc_cli.method import rule_of
+from lrbc_cli.method.rule import rule_of
 
 
 def setting_slips(campaign: Campaign) -> Iterator[str]:

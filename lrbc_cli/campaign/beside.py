@@ -1,0 +1,47 @@
+"""Measurements that may lie about and are nobody's job."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from lrbc_cli.campaign.protect import input_files
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.watch import HIDDEN
+
+
+def passed_over(campaign: Campaign) -> list[str]:
+    """What to do about measurements in the watched folder and below it that are nobody's, in words."""
+    if campaign.watch is None:
+        return []
+    return list(campaign.watch.passed_over({path for path, _ in input_files(campaign)}, campaign.output))
+
+
+def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
+    """Files beside those of the jobs, of the same kinds, that no job names: a measurement that is forgotten is an alarm that is missed."""
+    if campaign.watch is not None:
+        return []
+    known = {path.resolve() for path, _ in input_files(campaign)}
+    kinds: dict[Path, set[str]] = {}
+    for job in campaign.jobs.values():
+        for file in job.all_files:
+            kinds.setdefault(file.parent, set()).add(file.suffix.lower())
+    found = []
+    for folder, suffixes in kinds.items():
+        with suppress(OSError):
+            files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
+            beside = [path.name for path in files if path.resolve() not in known and not path.name.startswith(HIDDEN)]
+            if beside:
+                named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
+                found.append(f"no job names {named} in {folder}: where that is a measurement, add a job for it")
+    return found
+
+
+def unseen(campaign: Campaign) -> str:
+    """Why there may be measurements in a watched folder that are nobody's job; empty where there are none."""
+    watched = campaign.watch
+    if watched is None:
+        return ""
+    if not watched.in_reach:
+        return f"{watched.folder}, the watched folder, is not there"
+    return "; ".join(passed_over(campaign))

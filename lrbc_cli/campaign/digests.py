@@ -1,0 +1,96 @@
+"""Digests of what results rest on: of values, of a measurement, and of all beside the input files that reading them depends on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import lrbc_cli
+from lrbc_cli.config import Campaign
+from lrbc_cli.config.settings import JobConfig, MeasuredFile
+from lrbc_cli.config.structure import FileRecordRef
+from lrbc_cli.errors import DataError
+from lrbc_cli.io.atomic import file_hash
+from lrbc_cli.method.rule import RULE
+from lrbc_cli.results.store import versions
+
+CALIBRATION_FILE = "calibration.json"
+
+
+def digest(*parts: Any) -> str:
+    """SHA-256 of values: arrays, sparse matrices and what JSON holds; of what they are, not of how they are stored."""
+    h = hashlib.sha256()
+    for part in parts:
+        if hasattr(part, "nnz"):
+            h.update(repr(part.shape).encode())
+            for array in (part.indptr.astype(np.int64), part.indices.astype(np.int64), part.data):
+                h.update(np.ascontiguousarray(array).tobytes())
+        elif isinstance(part, np.ndarray):
+            h.update(repr((part.shape, part.dtype.str)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            h.update(repr(part).encode())
+        h.update(b"|")
+    return h.hexdigest()
+
+
+def about_measurement(resolved: Mapping[str, Any], job: JobConfig, name: str) -> dict[str, Any]:
+    """What a job says of its measurement but the files themselves: those that records name by their position, as paths may change."""
+    found = {key: value for key, value in resolved["jobs"][name].items() if key not in ("frf", "coherence", "repeats", "removed")}
+    files = [file for files in job.measurements for file in files]
+    for response, record in job.records.items():
+        if isinstance(record, FileRecordRef) and record.file in files:
+            found["records"] = found["records"] | {response: [files.index(record.file), record.number, record.name]}
+    own = [entry.format.model_dump(mode="json", exclude_unset=True) if isinstance(entry, MeasuredFile) else {} for entry in job.entries]
+    if any(own):
+        found["formats"] = own
+    return found
+
+
+@cache
+def program() -> str:
+    """Of this program's sources and of the versions that it computes with: another one may read the same files otherwise."""
+    h, root = hashlib.sha256(repr(versions()).encode()), Path(lrbc_cli.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        h.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return h.hexdigest()
+
+
+def surroundings(campaign: Campaign, calibration: bool) -> str:
+    """Of what inputs are read with: the program, and the stored calibration with the measurement that tells whether it fits.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    calibration : bool
+        A stored calibration is used where it fits.
+    """
+    job = None if campaign.calibration is None else campaign.jobs[campaign.calibration.job]
+    files = [campaign.output / CALIBRATION_FILE, *([] if job is None else job.all_files)]
+    return digest(program(), calibration, [content_of(file) for file in files])
+
+
+def origin(campaign: Campaign, read_with: str) -> str:
+    """Of all that a result comes from but its input files: ``surroundings``, and the settings but those that only judge."""
+    settings, given = campaign.resolved(), campaign.model_dump(by_alias=True, exclude_unset=True)
+    for key in RULE:
+        settings["update"].pop(key)
+        given.get("update", {}).pop(key, None)
+    # A default that is written out may be told to be of no use.
+    return digest(read_with, settings, _keys(given))
+
+
+def _keys(value: Any) -> Any:
+    return {key: _keys(item) for key, item in value.items()} if isinstance(value, Mapping) else None
+
+
+def content_of(path: Path) -> str | None:
+    """SHA-256 of a file; None where it cannot be read, which is told where it is read."""
+    try:
+        return file_hash(path)
+    except (DataError, OSError):
+        return None

@@ -1,0 +1,172 @@
+"""Finished jobs judged by another rule, without a model where the bytes of all files tell that nothing else changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from lrbc_cli.campaign.beside import unnamed, unseen
+from lrbc_cli.campaign.digests import content_of, origin, surroundings
+from lrbc_cli.campaign.jobs.identity import Identity
+from lrbc_cli.campaign.jobs.judging import judged_anew
+from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, settled
+from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
+from lrbc_cli.campaign.jobs.table import write_table
+from lrbc_cli.campaign.protect import input_files
+from lrbc_cli.config import Campaign
+from lrbc_cli.errors import DataError
+from lrbc_cli.method.rule import rule_of
+from lrbc_cli.results.job import JobRecord, RestsOn
+from lrbc_cli.results.model import CampaignRecord, ReadingRecord
+from lrbc_cli.results.store import read, read_job, write_sealed
+from lrbc_cli.updating.judging.decide import DecisionRule
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Jobs of which none has to be identified, because all that they come from is as it was.
+
+    Attributes
+    ----------
+    plans : tuple of JobPlan
+        Judged anew or kept.
+    said : ReadingRecord
+        What was said of the inputs when they were read.
+    """
+
+    plans: tuple[JobPlan, ...] = field(repr=False)
+    said: ReadingRecord
+
+
+def unchanged(campaign: Campaign, wanted: Sequence[str], *, calibration: bool) -> Standing | None:
+    """The finished jobs, known by the bytes of all files; None where something changed besides the rule, or cannot be told this way.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    wanted : sequence of str
+        Jobs; all where empty.
+    calibration : bool
+        A stored calibration is used where it fits.
+
+    Raises
+    ------
+    ConfigError
+        See ``choose_jobs``.
+    """
+    names, output, contents = choose_jobs(campaign, wanted), campaign.output, cache(content_of)
+
+    def as_written(folder: Path, files: Mapping[str, str]) -> bool:
+        return all(contents(folder / name) == digest for name, digest in files.items())
+
+    def as_it_was(name: str, record: object, now: str) -> bool:
+        if not isinstance(record, JobRecord) or record.provenance.origin != now:
+            return False
+        known = record.provenance.inputs
+        return _files_of(campaign, name) <= set(known) and as_written(Path(), known)
+
+    try:
+        told = read(output / "campaign.json", CampaignRecord)
+        # Without bolts there are settings that only then are said to be of no use.
+        if told is None or not told.sealed or told.reading is None or campaign.bolts is None or not (output / "reduction.json").is_file():
+            return None
+        now = origin(campaign, surroundings(campaign, calibration))
+        if told.reading.origin != now or not as_written(output, told.reading.files):
+            return None
+        records = {name: record for name in names if isinstance(record := read_job(output, name), JobRecord)}
+        if not all(as_it_was(name, records.get(name), now) for name in names):
+            return None
+    except DataError:
+        return None
+
+    def identity_of(name: str) -> Identity:
+        # As it was, but for the reference job, which may have been identified again.
+        reference, parts = campaign.update.reference, records[name].provenance.parts or {}
+        own = {} if reference is None or "reference" not in parts else {"reference": records[reference].provenance.identity or ""}
+        return Identity.of({**parts, **own})
+
+    plans = decided(campaign, rule_of(campaign.update), identity_of, names)
+    if any(p.run or p.waits or (p.judge and not p.knows_copies) for p in plans):
+        return None
+    return Standing(tuple(plans), told.reading)
+
+
+def _files_of(campaign: Campaign, name: str) -> set[str]:
+    """The files that the campaign file names for a job and for what all jobs share."""
+    named = ((path, keys) for path, keys in input_files(campaign) if keys and keys[0] != "watch")
+    return {path.as_posix() for path, keys in named if keys[0] != "jobs" or keys[1] == name}
+
+
+def judge_finished(campaign: Campaign, found: Standing, *, all_jobs: bool, progress: Progress) -> Outcome:
+    """Judge them by the rule that there is now, and write what that says.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    found : Standing
+    all_jobs : bool
+        They are all jobs of the campaign, so that files of which it knows nothing are told.
+    progress : callable
+    """
+    outcome, rule = Outcome(), rule_of(campaign.update)
+    try:
+        for p in found.plans:
+            reference, names = needs(campaign, p.name)
+            baselines = {other: outcome.results[other] for other in names if other in outcome.results}
+            now = rests_on(None if reference is None else outcome.results[reference], baselines)
+            plan = settled(p, campaign.output, now, campaign.update.reference)
+            if plan.judge:
+                judge_one(campaign, rule, plan, outcome, (baselines, now), (found.said.origin, plan.copied), progress)
+            else:
+                keep(plan, outcome, progress)
+    finally:
+        write_table(campaign.output, list(campaign.jobs), outcome.results)
+    outcome.unseen, outcome.beside = (unseen(campaign), unnamed(campaign)) if all_jobs else ("", [])
+    return outcome
+
+
+def judge_one(
+    campaign: Campaign,
+    rule: DecisionRule,
+    p: JobPlan,
+    outcome: Outcome,
+    tight: tuple[Mapping[str, JobRecord], RestsOn],
+    rests: tuple[str | None, str | None],
+    progress: Progress,
+) -> None:
+    """Judge a finished job anew, and write its result.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    rule : DecisionRule
+    p : JobPlan
+        With the finished result and its evidence.
+    outcome : Outcome
+        Takes the result.
+    tight : pair
+        Results of the baselines, and what the verdicts rest on.
+    rests : pair of str or None
+        See ``digests.origin``; in what way its measurement is that of a baseline.
+    progress : callable
+    """
+    assert p.record is not None
+    assert p.evidence is not None
+    (baselines, now), (come_from, copied) = tight, rests
+    provenance = {"origin": come_from, "judgement": p.judgement.tree() | {"copied": copied}, "rests_on": now}
+    record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied), baselines, provenance)
+    outcome.results[p.name] = write_sealed(campaign.output / p.name / "result.json", record)
+    outcome.judged.append(p.name)
+    progress(f"{p.name}: judged anew, {p.reason}")
+
+
+def keep(p: JobPlan, outcome: Outcome, progress: Progress) -> None:
+    """Leave a finished job as it is."""
+    outcome.kept.append(p.name)
+    if p.record is not None:
+        outcome.results[p.name] = p.record
+    progress(f"{p.name}: kept, {p.reason}")
