@@ -22,6 +22,7 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
     if campaign.watch is not None:
         return []
     known = {path.resolve() for path, _ in input_files(campaign)}
+    results = campaign.output.resolve()
     kinds: dict[Path, set[str]] = {}
     for job in campaign.jobs.values():
         for file in job.all_files:
@@ -29,7 +30,9 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
     found = []
     for folder, suffixes in kinds.items():
         with suppress(OSError):
-            files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
+            # What this program has written there is no measurement.
+            entries = () if folder.resolve() == results else folder.iterdir()
+            files = sorted(path for path in entries if path.suffix.lower() in suffixes and path.is_file())
             beside = [path.name for path in files if path.resolve() not in known and not path.name.startswith(HIDDEN)]
             if beside:
                 named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")

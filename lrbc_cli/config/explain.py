@@ -74,7 +74,7 @@ def explain(error: ValidationError, document: Document, model: type[BaseModel]) 
     found = [_explain_one(detail, document, model) for detail in details]
     first, others = found[0], list(dict.fromkeys(f"{other.place} ({other.problem})" for other in found[1:]))
     if others:
-        more = f"then look at {'; '.join(others[:4])}" + (f"; and {len(others) - 4} more" if len(others) > 4 else "")
+        more = f"also wrong: {'; '.join(others[:4])}" + (f"; and {len(others) - 4} more" if len(others) > 4 else "")
         first = ConfigError(
             first.problem,
             file=first.file,
@@ -118,7 +118,7 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
         if isinstance(keys[-1], int):
             lengths = [len(get_args(option)) for option in _annotations(model, keys[:-1]) if get_origin(option) is tuple]
             return document.error("the wrong number of entries", *keys[:-1], expected=f"exactly {max(lengths)}", found=keys[-1])
-        return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys))
+        return document.error(f"the key '{keys[-1]}' is missing", *keys, expected=_description(model, keys), hint="add it")
     expected = EXPECTED[kind].format(**context) if kind in EXPECTED else detail["msg"]
     # As YAML writes it.
     expected = "true" if expected == "True" else expected

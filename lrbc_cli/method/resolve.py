@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from lrbc_cli.config.settings import UpdateConfig
 from lrbc_cli.method.rule import rule_of
-from lrbc_cli.updating.judging.decide import DecisionRule
+from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
 

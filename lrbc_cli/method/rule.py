@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lrbc_cli.config.settings import UpdateConfig
-from lrbc_cli.updating.judging.decide import DecisionRule
+from lrbc_cli.updating.judging.rule import DecisionRule
 
 #: Keys of ``update`` that decide, and change no identification.
 RULE = ("confidence", "loose_change", "largest_misfit")

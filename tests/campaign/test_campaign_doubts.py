@@ -10,10 +10,11 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
-from lrbc_cli.campaign.identification.doubts import noise_level, offset_texts, own_fault_text, unreached, worsened
+from lrbc_cli.campaign.identification.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI
+from lrbc_cli.results.job import JobRecord, MisfitRecord
 from lrbc_cli.updating.comparison.scale import Offset
 
 G = "{acc1: 0.1019716, acc2: 0.1019716, acc3: 0.1019716, acc4: 0.1019716}"
@@ -84,6 +85,13 @@ def test_a_measurement_alone_that_is_not_explained(frame: Folder) -> None:
     # What is known is said, and no more is guessed.
     known = own_fault_text(inputs, np.array([9.0, 8.0, 10.0, 9.5]), "tight", "noise, it seems")
     assert known.endswith("the fault is likely in this measurement; noise, it seems")
+
+
+@pytest.mark.parametrize(("used", "held_out", "said"), [(0.4, np.nan, False), (2.0, 2.1, False), (1.0, 2.6, True), (2.6, np.nan, True)])
+def test_the_hammer_is_not_suspected_beside_a_reference_job_that_is_explained_coarsely(used: float, held_out: float, said: bool) -> None:
+    misfit = MisfitRecord(initial=5.0, final=used, held_out_initial=5.0, held_out_final=held_out, responses={})
+    text = coarse_text(JobRecord.model_construct(job="tight", misfit_db=misfit))
+    assert ("explained to 2.60 dB only: improve model" in text) == said == bool(text)
 
 
 def test_one_sensor_in_another_unit_and_one_reversed(frame: Folder) -> None:
@@ -174,10 +182,13 @@ def test_far_above_the_noise(misfit: float, noise: float | None, warned: bool) -
 
 
 def test_an_end_above_the_start() -> None:
-    assert worsened(2.19, 2.0) is None
-    assert worsened(2.19, 2.19) is None
-    assert worsened(None, 2.0) is None
-    text = worsened(2.19, 3.71)
+    assert worsened(2.19, 2.0, None) is None
+    assert worsened(2.19, 2.19, None) is None
+    assert worsened(None, 2.0, None) is None
+    # A fit that reaches the data: whatever the plain mean was before, nothing is wrong.
+    assert worsened(0.53, 0.61, None) is None
+    assert worsened(1.4, 1.5, 0.9) is None
+    text = worsened(2.19, 3.71, None)
     assert text is not None
     assert "from 2.19 dB at the start values to 3.71 dB" in text
 

@@ -49,6 +49,15 @@ def test_the_same_results(frame: Folder, address: str) -> None:
     assert "warning" not in outcome.stderr
 
 
+@pytest.mark.parametrize("address", ["foo", "no-such-host.invalid:8786"])
+def test_an_address_of_no_machine_is_told_at_once(address: str) -> None:
+    with pytest.raises(ConfigError, match="no Dask scheduler answers") as caught, cluster(address):
+        pass
+    assert caught.value.found is not None
+    assert address in caught.value.found
+    assert caught.value.hint is not None
+
+
 def test_a_worker_needs_no_file(frame: Folder) -> None:
     study = lrbc.load(frame.config, cache=frame.cache)
     measured = {job: study.read(job) for job in ("tight", "loose-2")}

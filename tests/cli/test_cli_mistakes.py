@@ -1250,3 +1250,11 @@ def test_a_calibration_leaves_the_springs_of_the_matrix_as_they_are(tmp_path: Pa
     done = lrbc("run", folder.config, "--cache", tmp_path / "cache", "--fail-on-loose")
     assert done.code == 6, done.stderr
     assert "b5-loose: B5 loose" in done.stdout
+
+
+def test_results_beside_the_measurements_are_no_measurements(tmp_path: Path) -> None:
+    folder = make_frame(tmp_path)
+    (folder.data / "frf" / "campaign.csv").write_text("job\n")
+    line = ("check", folder.config, "--cache", reduced_cache("frame"))
+    assert "no job names campaign.csv" in lrbc(*line).stdout
+    assert "no job names" not in lrbc(*line, "--override", f"output={folder.data / 'frf'}").stdout

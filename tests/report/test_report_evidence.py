@@ -107,14 +107,14 @@ def test_bolts_outside_are_grey_and_have_no_number(rich: Path) -> None:
 
 def test_bolts_outside_are_counted_apart(rich: Path) -> None:
     _, jobs = jobs_of(rich)
-    assert tables.loose_of(jobs[1]) == "4 of 15 judged loose, 2 outside"
+    assert tables.loose_of(jobs[1]) == "4 of 15 judged loose, 1 inconclusive, 2 outside"
     assert tables.hits(jobs) == (
         "Of 4 bolts known to be removed, 4 are judged loose, 0 inconclusive, 0 tight. "
         "Of 26 bolts known to be in place, 25 are judged tight, 1 inconclusive, 0 loose. 4 more are outside, where nothing is observable."
     )
     page = parsed(rich)
     text = " ".join(page.texts)
-    assert "4 of 15 judged loose, 2 outside" in text
+    assert "4 of 15 judged loose, 1 inconclusive, 2 outside" in text
     assert "n/c outside: no term reaches it, not observable" in text
     rows = rows_of(page_text(rich), "What was found, job by job")
     head = [cell.split()[0] for cell in rows[0]]

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lrbc_cli.report.drawing.chart import Chart, Curve, Marks, Panel, Span, Tiles, decade_axis, linear_axis
+from lrbc_cli.report.drawing.format import over_force
 from lrbc_cli.report.drawing.layout import lay_out
 from lrbc_cli.report.drawing.png import draw, is_current, publish
 from lrbc_cli.report.drawing.style import PROBABILITIES, STYLES, css, luminance
@@ -353,3 +354,20 @@ def test_figures_for_print_have_widths_of_journals(tmp_path, width, expected):
     assert float(box) / 72 * 25.4 == pytest.approx(expected, abs=0.01)
     assert b"/FontFile2" in content
     assert b"/CreationDate" not in content
+
+
+@pytest.mark.parametrize("count", [6, 12, 20, 100])
+def test_names_under_bars_do_not_run_together(count: int) -> None:
+    """Those looked for first are there, and a character lies between any two."""
+    names = [f"R{k:02d}" for k in range(count)]
+    ticks = figures._some(names, first=[count - 1])
+    assert (count - 1, names[-1]) in ticks
+    slot = (430.0 - 60.0) / (count + 0.2)
+    places = [place for place, _ in ticks]
+    assert min(np.diff(places)) * slot >= 4 * 0.6 * 9.0
+    assert len(ticks) == count or count > 12
+
+
+@pytest.mark.parametrize(("unit", "written"), [("m/s²/N", "(m/s²)/N"), ("Pa/N", "Pa/N"), ("(m/s²)/N", "(m/s²)/N"), ("1/N", "1/N")])
+def test_units_of_frfs_can_be_read_in_one_way(unit: str, written: str) -> None:
+    assert over_force(unit) == written

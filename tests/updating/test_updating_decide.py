@@ -11,19 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.judging.decide import (
-    BASELINE,
-    JOB,
-    NO_SCATTER,
-    REFERENCE,
-    BoltVerdict,
-    DecisionRule,
-    TightScatter,
-    judge,
-    scatter_of,
-    validity,
-)
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, judge, scatter_of, validity
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
+from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
 

@@ -163,6 +163,19 @@ def test_noise_is_no_lack_of_lines(noisy, said) -> None:
     assert all(part in text for part in said)
 
 
+def test_a_few_sharp_peaks_are_no_noise() -> None:
+    """Of two sharp peaks in two responses nothing tells that they are apart for noise."""
+    f = np.arange(20.0, 400.0, 1.0)
+    centres = np.array([[60.5, 120.0, 180.5, 240.0, 300.5], [63.0, 121.5, 182.0, 242.0, 302.5]]).T
+    widths = np.full(centres.shape, 3.0)
+    widths[0, 0], widths[0, 1] = 0.2, 0.2
+    centres[0] = 60.0, 63.0
+    H = (1.0 / (centres**2 - f[:, None, None] ** 2 + 1j * centres * widths)).sum(axis=1)
+    found = unresolved(f, H)
+    assert (found.peaks.size, found.sharp.size) == (10, 2)
+    assert too_wide((f, H)) is None
+
+
 def test_resonances_between_the_lines_are_no_noise() -> None:
     """All responses have them at the same lines."""
     f = np.arange(20.0, 400.0, 2.0)

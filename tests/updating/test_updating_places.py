@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.judging.decide import JOB, REFERENCE, DecisionRule
+from lrbc_cli.updating.judging.decide import JOB, REFERENCE
 from lrbc_cli.updating.judging.decide import judge as decide
 from lrbc_cli.updating.judging.evidence import Evidence, at_bolts
+from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.unknowns.places import Edge, Joints, foot, misplaced, pitch_of, places
 
 Y = np.linspace(0.0, 0.5, 51)

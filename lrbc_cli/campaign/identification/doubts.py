@@ -15,6 +15,7 @@ from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.statistics.residuals import coherence_sigma
 
@@ -197,6 +198,16 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
     return f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again"
 
 
+def coarse_text(reference: JobRecord) -> str:
+    """That the misfit may be the model's, where it explains the reference job too coarsely for a change from it; else nothing."""
+    misfit = reference.misfit_db
+    before = max(db for db in (misfit.final, misfit.held_out_final, 0.0) if np.isfinite(db))
+    # As where no all-clear is given: a change is the difference of two states, each as wrong as this one.
+    if np.hypot(before, before) <= DecisionRule.validated_misfit:
+        return ""
+    return f"{reference.job} itself is explained to {before:.2f} dB only: improve model or calibration before the measurement is doubted"
+
+
 def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
     """Responses that have left their level in the reference job, in words; empty where none has, or the lines are others."""
     own, tight = result.measurement, result.tight
@@ -219,13 +230,18 @@ def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -
     return float(np.sqrt(2.0 / np.pi) * chosen.mean()) if chosen.size else None
 
 
+def _wanted(noise_db: float | None) -> float:
+    """Misfit in dB down to which a fit reaches the data, as far as their noise lets it."""
+    return max(LARGE_MISFIT, FAR_ABOVE_NOISE * (noise_db or 0.0))
+
+
 def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | None = None) -> str | None:
     """A warning where a fit to a measurement stays far above its noise.
 
     Intervals take what is left for noise about the right optimum. Far above the noise the fit may stand in another valley, or lack what
     the structure has: then its curvature says nothing of how far the truth is.
     """
-    limit = max(LARGE_MISFIT, FAR_ABOVE_NOISE * (noise_db or 0.0))
+    limit = _wanted(noise_db)
     if misfit_db <= limit:
         return None
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
@@ -236,9 +252,13 @@ def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | N
     )
 
 
-def worsened(initial_db: float | None, final_db: float | None) -> str | None:
-    """A warning where the misfit over all lines of the responses used rose."""
-    if initial_db is None or final_db is None or not final_db > initial_db + SHOWN:
+def worsened(initial_db: float | None, final_db: float | None, noise_db: float | None) -> str | None:
+    """A warning where the misfit over all lines of the responses used rose, and the fit does not reach the data.
+
+    A fit that begins at its end weighs the lines that tell most, so that the plain mean over all of them may rise within what noise and
+    model leave anyway: nothing is wrong then.
+    """
+    if initial_db is None or final_db is None or not final_db > max(initial_db + SHOWN, _wanted(noise_db)):
         return None
     return f"the mean misfit of the responses used rose from {initial_db:.2f} dB at the start values to {final_db:.2f} dB over all lines"
 
@@ -269,12 +289,13 @@ def doubts(
     if reference is not None and reference.explained:
         wide = too_wide((result.measurement.frequency_hz, result.measurement.values[:, inputs.used]), rule=inputs.statistics.resolution)
         fault = ("sensors are exchanged, it seems" if swapped else wide) or _levels_off(inputs, result, reference.job)
-        compared += f"; {own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
+        coarse = "" if fault else coarse_text(reference)
+        compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
     found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name).values()]
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
-    further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit)]
+    further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None], compared, swapped or None
 
 
@@ -305,5 +326,6 @@ def calibration_doubts(
 ) -> list[str]:
     """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB]."""
     found = list(offset_texts(inputs, factors_of(inputs, measurement, states), job).values())
-    further = [unreached(misfit[1], noise_level(measurement, inputs.campaign.jobs[job], inputs.used)), worsened(*misfit)]
+    noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
+    further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]

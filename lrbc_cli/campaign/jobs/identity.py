@@ -11,7 +11,7 @@ from lrbc_cli.campaign.jobs.judging import role_of, states_removed
 from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.config.settings import files_of
-from lrbc_cli.updating.judging.decide import DecisionRule
+from lrbc_cli.updating.judging.rule import DecisionRule
 
 if TYPE_CHECKING:
     # Whoever judges anew needs no model.

@@ -9,18 +9,9 @@ from typing import Any
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
 from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.results.job import JobRecord
-from lrbc_cli.updating.judging.decide import (
-    BASELINE,
-    JOB,
-    REFERENCE,
-    TIGHT,
-    BoltVerdict,
-    Judgement,
-    TightScatter,
-    judge,
-    scatter_of,
-)
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
+from lrbc_cli.updating.judging.rule import TIGHT, DecisionRule, TightScatter
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"

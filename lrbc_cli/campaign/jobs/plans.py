@@ -14,8 +14,8 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.results.job import FailedJob, JobRecord, RestsOn
 from lrbc_cli.results.store import read_evidence, read_job
-from lrbc_cli.updating.judging.decide import DecisionRule
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.judging.rule import DecisionRule
 
 if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs

@@ -21,7 +21,7 @@ from lrbc_cli.method.rule import rule_of
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.results.model import CampaignRecord, ReadingRecord
 from lrbc_cli.results.store import read, read_job, write_sealed
-from lrbc_cli.updating.judging.decide import DecisionRule
+from lrbc_cli.updating.judging.rule import DecisionRule
 
 Progress = Callable[[str], None]
 

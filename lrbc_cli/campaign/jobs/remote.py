@@ -7,6 +7,7 @@ workers need no file of the campaign and no folder in common.
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
@@ -118,6 +119,7 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
     """
     try:
         from distributed import Client
+        from distributed.comm import parse_address, parse_host_port
     except ImportError as error:
         raise ConfigError(
             "--scheduler needs Dask, which is not installed", found=str(error), hint="pip install 'lrbc[cluster]', on every worker too"
@@ -126,6 +128,10 @@ def cluster(address: str, *, seconds: float = 10.0) -> Iterator[Cluster]:
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
+        # A client of an address that names no machine, or no port, ends with a traceback of its own.
+        scheme, host = parse_address(address)
+        if scheme in {"tcp", "tls"}:
+            socket.getaddrinfo(*parse_host_port(host))
         client = Client(address, timeout=seconds, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(

@@ -325,6 +325,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
     theta = parameters.initial
     record: Job | None = None
     if state is not None and state.job is not None:
+        inputs.campaign.require_job(state.job, f"--state {request.state}")
         theta = job_values(inputs, state.job, parameters)
         record, source = read_job(campaign.output, state.job), state.job
     elif reference is not None:

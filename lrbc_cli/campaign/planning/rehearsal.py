@@ -30,8 +30,9 @@ from lrbc_cli.config import JobConfig
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, LOOSE, NO_SCATTER, TIGHT, TightScatter, judge, scatter_of
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.frf import reduced_model

@@ -24,6 +24,12 @@ def signed(value: float | None, digits: int = 1) -> str:
     return text.replace("-", "−") if float(text) else text[1:]
 
 
+def over_force(unit: str) -> str:
+    """Write the unit of an FRF, a quotient over a force, so that it can be read in one way: (m/s²)/N."""
+    above, slash, below = unit.rpartition("/")
+    return f"({above}){slash}{below}" if "/" in above and not above.startswith("(") else unit
+
+
 def count(value: float | None) -> str:
     """Write a whole number, thousands apart."""
     return fixed(value, 0)

@@ -67,7 +67,8 @@ def names_beside(
             low = x + dx - {"middle": 0.5, "start": 0.0, "end": 1.0}[anchor] * width
             box = (low, low + width, y + dy - 4.0, y + dy + 4.0)
             if low >= least and box[1] <= most and not any(box[0] < b and a < box[1] and box[2] < d and c < box[3] for a, b, c, d in boxes):
-                boxes.append(box)
+                # Two names are not to be read as one.
+                boxes.append((box[0] - _DOT, box[1] + _DOT, *box[2:]))
                 place = places[index] + np.array([dx, dy]) / scale
                 words.append(Word(role="text", x=float(place[0]), y=float(place[1]), text=names[index], size=size, anchor=anchor))
                 if (dx, dy, anchor) in far:

@@ -206,8 +206,17 @@ def mark_names(scene: Scene, bolts: Mapping[str, Floats], scale: float, limits: 
     names = [*bolts, *(point.name for _, point in scene.marks)]
     places = np.array([*bolts.values(), *(point.position for _, point in scene.marks)]).reshape(-1, 3) @ view
     terms = scene.segments.get("term", np.empty((0, 2, 3)))
-    along = np.concatenate([terms[:, 0] + share * (terms[:, 1] - terms[:, 0]) for share in np.linspace(0.0, 1.0, 16)])
-    return names_beside(names, places, along @ view, scale, limits, first=first, size=7.5)
+    stubs = [lines for role, lines in scene.segments.items() if role not in {"mesh", "term"}]
+    lines = np.concatenate([terms, *stubs])
+    along = np.concatenate([lines[:, 0] + share * (lines[:, 1] - lines[:, 0]) for share in np.linspace(0.0, 1.0, 16)])
+    taken = [_box(word, scale) for word in ([] if scene.plane else _rulers(scene, scale)) if isinstance(word, Word)]
+    return names_beside(names, places, along @ view, scale, limits, first=first, size=7.5, taken=taken)
+
+
+def _box(word: Word, scale: float) -> tuple[float, float, float, float]:
+    """Left, right, low and high edge of a word with its middle at a point, in points."""
+    half = 0.5 * GLYPH * word.size * len(word.text)
+    return word.x * scale - half, word.x * scale + half, word.y * scale - 0.5 * word.size, word.y * scale + 0.5 * word.size
 
 
 def layers(scene: Scene) -> list[tuple[int, str, Floats]]:

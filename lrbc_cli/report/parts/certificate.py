@@ -13,6 +13,16 @@ from lrbc_cli.report.parts.tables import names_of
 from lrbc_cli.results.job import Job
 from lrbc_cli.results.model import ReductionRecord
 
+#: What the kinds of certificate vectors are.
+_STATES = {
+    "free": "without the terms",
+    "loose": "a hundredth of the local stiffness of the structure",
+    "local": "equal to it",
+    "clamped": "10⁴ times it",
+    "beyond": "10⁹ times it",
+    "random": "drawn for each term, from 10⁻⁴ to 10⁶ times",
+}
+
 
 def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> list[Markup | None]:
     """Return the parts of the section; jobs that rest on another reduced model are named."""
@@ -34,6 +44,9 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
         text += ": that is above the tolerance. " if bound > reduction.tolerance else ". "
     text += f"The tolerance of {fmt.small(reduction.tolerance)} is {'reached' if reduction.reached else 'NOT reached'}."
     parts: list[Markup | None] = [tag("p", text)]
+    kinds = list(dict.fromkeys(kind for line in measured.held_out for kind in line.errors))
+    if told := [f"{kind}: {_STATES[kind]}" for kind in kinds if kind in _STATES]:
+        parts.append(tag("p", "States of the updated terms at which it is measured: " + "; ".join(told) + "."))
     if others := [job.job for job in jobs if _key(job) not in (None, reduction.cache.key)]:
         names = names_of(others)
         parts.append(tag("p", tag("strong", f"The results of {names} rest on another reduced model"), "; lrbc update runs them again."))
@@ -43,7 +56,6 @@ def certificate_parts(reduction: ReductionRecord, jobs: Sequence[Job] = ()) -> l
     pictures = [tag("div", drawn(chart), legend(chart)) for chart in charts]
     parts.append(tag("div", *pictures, class_="grid pairs") if pictures else None)
     if measured.held_out:
-        kinds = list(dict.fromkeys(kind for line in measured.held_out for kind in line.errors))
         rows: list[list[str | Cell]] = [
             [f"{fmt.fixed(line.frequency_hz, digits)} Hz", *(fmt.small(line.errors.get(kind)) for kind in kinds)]
             for line in measured.held_out

@@ -8,6 +8,7 @@ from dataclasses import replace as changed
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.report.drawing import format as fmt
 from lrbc_cli.report.drawing.chart import (
     Area,
     Axis,
@@ -25,6 +26,8 @@ from lrbc_cli.report.drawing.chart import (
     number,
     span_of,
 )
+from lrbc_cli.report.drawing.layout import RIGHT, SMALL
+from lrbc_cli.report.drawing.names import GLYPH
 from lrbc_cli.report.drawing.style import SERIES, STEPS
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.report.places import bolts_of
@@ -40,6 +43,8 @@ _BEYOND_DB = 15.0
 _DENSE = 2400
 #: Shares of the way to the edge that the layers of an open band reach; together they fade.
 _FADES = (0.25, 0.5, 0.75, 1.0)
+#: Of the figures of a job in small, in points.
+_WIDTH = 430.0
 _OUTSIDE = "outside: not observable"
 _STATES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 
@@ -100,7 +105,7 @@ def profile_chart(job: JobRecord, scales: dict[str, tuple[float, float]]) -> Cha
     loose = [bolt.name for bolt in bolts if bolt.verdict == "loose"]
     found = f"judged loose: {', '.join(loose)}" if loose else "no bolt is judged loose"
     alt = f"Identified {', '.join(groups)} of job {job.job}: " + (found if job.bolts else "no bolts given") + "."
-    return Chart(title=job.job, subtitle=changes_of(job), alt=alt, panels=panels, width=430.0, height=230.0 + 170.0 * (len(panels) - 1))
+    return Chart(title=job.job, subtitle=changes_of(job), alt=alt, panels=panels, width=_WIDTH, height=230.0 + 170.0 * (len(panels) - 1))
 
 
 def _profile_panel(group: Parameter, bolts: Sequence[tuple[Bolt, float]], scale: tuple[float, float], title: str, unsure: str) -> Panel:
@@ -184,7 +189,9 @@ def _joint_panel(
         )
     y = decade_axis(f"{title}{f' [{group.unit}]' if group.unit else ''}", bottom, top)
     y = changed(y, ticks=tuple(tick for tick in y.ticks if scale[0] <= tick[0] <= scale[1]))
-    return Panel(x=Axis("bolt", -0.6, count - 0.4, _some(owners)), y=y, items=tuple(items))
+    # Those with a stripe are looked for first.
+    first = [k for wanted in ("loose", "undecided") for k, verdict in enumerate(verdicts) if verdict == wanted]
+    return Panel(x=Axis("bolt", -0.6, count - 0.4, _some(owners, first)), y=y, items=tuple(items))
 
 
 def _band(place: Floats, value: Floats, lower: Floats, upper: Floats, limits: tuple[float, float]) -> list[Item]:
@@ -247,7 +254,7 @@ def channel_chart(job: JobRecord) -> Chart | None:
     )
     panel = Panel(x=x, y=linear_axis("misfit [dB]", 0.0, 1.05 * high, 4), items=tuple(items))
     return Chart(
-        title=f"Misfit by channel · {job.job}", subtitle=f"mean of those used {mean}", alt=alt, panels=(panel,), width=430.0, height=190.0
+        title=f"Misfit by channel · {job.job}", subtitle=f"mean of those used {mean}", alt=alt, panels=(panel,), width=_WIDTH, height=190.0
     )
 
 
@@ -257,10 +264,16 @@ def _bars(half: float, values: Floats) -> tuple[Floats, Floats]:
     return np.column_stack([place - half, place + half, nothing]).ravel(), np.column_stack([values, values, nothing]).ravel()
 
 
-def _some(names: Sequence[str | None]) -> tuple[tuple[float, str], ...]:
-    """Names as ticks, as many as there is room for."""
-    every = max(1, int(np.ceil(len(names) * max(len(name or "") for name in names) / 60)))
-    return tuple((float(k), name or "") for k, name in enumerate(names) if k % every == 0)
+def _some(names: Sequence[str | None], first: Sequence[int] = ()) -> tuple[tuple[float, str], ...]:
+    """Names as ticks, a character apart, as many as there is room for: those ``first``, then one in so many of the others."""
+    letter = GLYPH * SMALL * (len(names) + 0.2) / (_WIDTH - Chart.left - RIGHT)
+    half = [0.5 * letter * (len(name or "") + 1) for name in names]
+    every = max(1, int(np.ceil(2.0 * max(half))))
+    chosen: list[int] = []
+    for k in [*first, *range(0, len(names), every)]:
+        if names[k] and all(abs(k - other) >= half[k] + half[other] for other in chosen):
+            chosen.append(k)
+    return tuple((float(k), names[k] or "") for k in sorted(chosen))
 
 
 def frf_chart(job: JobRecord, response: ResponseRecord, frf: Frf, tight: tuple[str, Frf] | None = None) -> Chart:
@@ -328,7 +341,7 @@ def overlay_chart(
         magnitude.append(Marks(role="selected", x=lines_hz, y=None, label="lines used", at=0.018))
     phase += [Curve(state, frequency, _wrapped(columns.get(f"{state}_phase_deg", empty)), label) for state, label in drawn]
     x = linear_axis("frequency [Hz]", float(frequency.min()), float(frequency.max()), 8)
-    levels_axis = linear_axis(f"dB re 1 {response.unit}", *_level_range(levels), 6)
+    levels_axis = linear_axis(f"dB re 1 {fmt.over_force(response.unit)}", *_level_range(levels), 6)
     degrees = Axis("phase [°]", -190.0, 190.0, tuple((float(k), number(k)) for k in (-180, -90, 0, 90, 180)))
     panels = [Panel(x=x, y=levels_axis, items=tuple(magnitude), weight=2.3), Panel(x=x, y=degrees, items=tuple(phase), weight=1.0)]
     known = bool(np.isfinite(coherence).any())

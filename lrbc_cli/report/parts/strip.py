@@ -116,7 +116,7 @@ def verdict_key(jobs: Sequence[JobRecord]) -> list[Item]:
     bolts = [bolt for job in jobs for bolt in job.bolts]
     words = [(0, "tight"), (PROBABILITIES - 1, "loose")]
     if any(bolt.probability_loose is not None for bolt in bolts):
-        words = [(0, "loose with 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
+        words = [(0, "probability loose 0 %"), (PROBABILITIES // 2, "50 %"), (PROBABILITIES - 1, "100 %")]
     key: list[Item] = [Tiles(f"p{step}", np.empty((0, 4)), text) for step, text in words]
     if any(bolt.outside for bolt in bolts):
         key.append(Tiles("outside", np.empty((0, 4)), f"{NOT_COVERED} outside: no term reaches it, not observable"))
@@ -198,8 +198,8 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     places = np.array([[bolt.position[across], level(bolt.position)] for bolt in bolts])
     items += bolt_items(bolts, places, explained=job.explained)
     nodes = [(x, level(point)) for positions in lines for x, point in zip(positions[:, across], positions, strict=True)]
-    names, loose = [bolt.name for bolt in bolts], [index for index, bolt in enumerate(bolts) if bolt.verdict == "loose"]
-    items += names_beside(names, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high), first=loose)
+    names, sought = [bolt.name for bolt in bolts], [index for index, bolt in enumerate(bolts) if bolt.verdict in {"loose", "undecided"}]
+    items += names_beside(names, places, np.array(nodes).reshape(-1, 2), scale, (x_axis.low, x_axis.high), first=sought)
     found = job.names("loose")
     alt = f"Map of the bolts of job {job.job}: " + (f"loose {', '.join(found) or 'none'}." if job.explained else "no verdict.")
     subtitle = loose_of(job) if job.explained else "no verdict"

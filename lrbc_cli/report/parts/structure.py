@@ -61,7 +61,7 @@ def structure_chart(record: StructureRecord, job: JobRecord | None = None, among
         extra += bolt_items([bolt for bolt in found if bolt is not None], places[judged], explained=job.explained)
     left = 50.0 if scene.plane else 12.0
     panel, height, scale = panel_of(scene, _WIDTH, left, extra)
-    first = [index for index, bolt in enumerate(found) if bolt is not None and bolt.verdict == "loose"]
+    first = [index for index, bolt in enumerate(found) if bolt is not None and bolt.verdict in {"loose", "undecided"}]
     words = mark_names(scene, bolts, scale, (panel.x.low, panel.x.high), first)
     panel = replace(panel, items=(*panel.items, *words))
     title, subtitle = (record.campaign, "") if job is None else (job.job, loose_of(job) if job.explained else "no verdict")

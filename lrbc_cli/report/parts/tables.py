@@ -37,9 +37,9 @@ def status_badge(job: Job) -> Markup:
 
 
 def loose_of(job: JobRecord) -> str:
-    """Count the loose bolts among those that a term reaches, and the others."""
-    outside = len(job.bolts) - len(job.observable)
-    return f"{len(job.names('loose'))} of {len(job.observable)} judged loose" + (f", {outside} outside" if outside else "")
+    """Count the loose bolts among those that a term reaches, the inconclusive ones, which are no better than unknown, and the others."""
+    counts = [(len(job.names("undecided")), WORDS["undecided"]), (len(job.bolts) - len(job.observable), "outside")]
+    return ", ".join([f"{len(job.names('loose'))} of {len(job.observable)} judged loose", *(f"{n} {what}" for n, what in counts if n)])
 
 
 def names_of(names: Sequence[str], order: Sequence[str] = ()) -> str:

@@ -195,7 +195,9 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
     found = [unresolved(*each, rule) for each in measured]
     peaks, sharp = (np.sort(np.concatenate([getattr(each, name) for each in found])) for name in ("peaks", "sharp"))
     # Resonances show in several responses at the same line, noise there as often as at others.
-    noise = sum(each.together for each in found) < rule.together * sum(each.chance for each in found)
+    # Where chance alone would hardly bring two together, that none are together says nothing.
+    chance = sum(each.chance for each in found)
+    noise = chance >= 1.0 and sum(each.together for each in found) < rule.together * chance
     if sharp.size <= (rule.noisy if noise else rule.most) * peaks.size:
         return None
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
