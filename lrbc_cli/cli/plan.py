@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
+from lrbc_cli.campaign.planning.files import write_plan
+from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say

@@ -28,7 +28,7 @@ from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.certify import port_errors, random_vectors, residual_errors
 from lrbc_cli.reduction.steps.compress import Compressor
-from lrbc_cli.reduction.steps.estimate import Estimator, Sweep
+from lrbc_cli.reduction.steps.estimate import Effectivity, Estimator, Sweep
 from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
 from lrbc_cli.reduction.steps.unseen import ROUNDING_LEVEL, distance, unseen_bound
 
@@ -45,9 +45,6 @@ PATIENCE, ROUNDED = 4, 1e-8
 #: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
 COMPRESSION, STRICTER = 0.1, 0.1
 
-#: By how much an estimate may prove too large.
-LEAST_EFFECTIVITY = 0.1
-
 
 class _Clock:
     def __init__(self) -> None:
@@ -59,22 +56,6 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[stage] += now - self._last
         self._last = now
-
-
-class _Effectivity:
-    """Measured over estimated error at lines that were solved: how far the estimate is believed.
-
-    Points of very many terms are so costly that an estimate that proves too large is believed less.
-    """
-
-    def __init__(self, many: bool) -> None:
-        self.value, self._least, self._known = 1.0, LEAST_EFFECTIVITY if many else 1.0, not many
-
-    def see(self, error: float, expected: float) -> None:
-        if expected > 0:
-            seen = float(np.clip(error / expected, self._least, 10.0))
-            self.value = max(self.value, seen) if self._known else seen
-            self._known = True
 
 
 @dataclass(frozen=True)
@@ -95,7 +76,7 @@ class Reducer:
         self.lines = FullLines(self.problem)
         self.basis = self.problem.empty_basis()
         self.estimator = Estimator(self.problem)
-        self.effectivity = _Effectivity(self.problem.many)
+        self.effectivity = Effectivity(self.problem.many)
         # Large bases are costlier than points.
         self.deflation = max((10 if self.problem.many else 1) * DEFLATION * options.tolerance, 1e-12)
         self.loss = COMPRESSION * options.tolerance

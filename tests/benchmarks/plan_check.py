@@ -30,7 +30,8 @@ from scipy.special import betaincinv
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import read_inputs
 from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.campaign.planning.plan import Request, make_plan, write_plan
+from lrbc_cli.campaign.planning.files import write_plan
+from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.config import load_campaign

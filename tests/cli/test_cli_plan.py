@@ -237,7 +237,7 @@ def test_a_finished_job_is_a_state(box: Folder) -> None:
 def test_nothing_is_detectable_beside_a_reference_job_that_is_unexplained(box: Folder) -> None:
     assert any(bolt["verdict"] == "detectable" for bolt in planned(box)["bolts"])
     tree = box.tree()
-    tree["update"]["largest_misfit"] = 1e-12
+    tree["update"]["largest_misfit"] = 1e-20
     box.write(tree)
     box.run("update", "--job", "tight")
     assert box.result("tight")["status"] == "unexplained"

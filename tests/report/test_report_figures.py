@@ -16,7 +16,7 @@ from lrbc_cli.report.drawing.layout import lay_out
 from lrbc_cli.report.drawing.png import draw, is_current, publish
 from lrbc_cli.report.drawing.style import PROBABILITIES, STYLES, css, luminance
 from lrbc_cli.report.drawing.svg import path, svg
-from lrbc_cli.report.parts import figures
+from lrbc_cli.report.parts import certificate, figures
 from lrbc_cli.report.parts.damping import damping_chart
 from lrbc_cli.report.parts.lcurve import l_curve_chart
 from lrbc_cli.results.job import CornerRecord, LCurveRecord
@@ -157,10 +157,10 @@ def test_reduction_charts_stand_zero_errors(finished):
     line = replace(reduction.certificate.held_out[0], errors={"free": 0.0, "random": 1e-5})
     step = replace(reduction.trace[0], estimate=np.zeros_like(reduction.trace[0].estimate))
     odd = replace(reduction, certificate=replace(reduction.certificate, held_out=(line,)), trace=(step,))
-    for chart in (figures.certificate_chart(odd), figures.trace_chart(odd)):
+    for chart in (certificate.certificate_chart(odd), certificate.trace_chart(odd)):
         ElementTree.fromstring(svg(chart))
-    assert figures.certificate_chart(replace(reduction, certificate=replace(reduction.certificate, held_out=()))) is None
-    assert figures.trace_chart(replace(reduction, trace=())) is None
+    assert certificate.certificate_chart(replace(reduction, certificate=replace(reduction.certificate, held_out=()))) is None
+    assert certificate.trace_chart(replace(reduction, trace=())) is None
 
 
 def test_channels_show_what_the_result_says(finished):

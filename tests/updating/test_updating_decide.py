@@ -345,6 +345,9 @@ def test_a_joint_that_took_up_an_error_of_the_model_is_neither_loose_nor_tight()
         found = judge(evidence(*states(level, change)), RULE).bolts[-1]
         assert found.verdict == expected
         assert ("far stiffer than the other bolts" in str(found.note)) == (level > 1.0)
+    # Nor does it tell how tight joints of a baseline scatter.
+    assert scatter_of([judge(evidence(*states(1.12, -1.1)), RULE, BASELINE).bolts]).rms < 0.01
+    assert scatter_of([judge(evidence(*states(0.06, -1.1)), RULE, BASELINE).bolts]).rms > 0.4
 
 
 def row(*tight: float, difference: float = 0.0, std: float = 0.1, groups: tuple[int, ...] = (0,)) -> list[BoltEvidence]:

@@ -16,7 +16,7 @@ from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.search.levels import Race, descend, gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution
 from lrbc_cli.updating.search.search import search
-from lrbc_cli.updating.search.starts import LEVELS, hops, other_levels
+from lrbc_cli.updating.search.starts import LEVELS, between, hops, other_levels
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
 PAIRS = [(k, k + 1) for k in range(PADS - 1)]
@@ -171,3 +171,14 @@ def test_without_the_lines_of_a_ridge_a_descent_leaves_the_wrong_valley() -> Non
     ends = [followed(several, 3.0 + 0.05 * rng.normal(size=several.model.parameters.size)) for _ in range(8)]
     assert min(before for before, _ in ends) > 0.03
     assert sum(end.evaluation.misfit_db < 5e-3 for _, end in ends) >= 6
+
+
+def test_a_closer_table_holds_the_wider_one_and_reaches_from_slight_to_free() -> None:
+    closer = np.array(between(LEVELS))
+    assert set(LEVELS) <= set(closer.round(12).tolist())
+    assert closer.size == 4 * len(LEVELS)
+    assert closer[0] == pytest.approx(LEVELS[0] / 4)
+    assert closer[-1] == LEVELS[-1]
+    assert np.all(np.diff(closer) < 0)
+    # No gap is wider than a quarter of the wider table's.
+    assert np.abs(np.diff(closer)).max() <= np.abs(np.diff(LEVELS)).max() / 4 + 1e-12

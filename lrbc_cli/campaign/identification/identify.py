@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -18,7 +18,7 @@ from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of, st
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
-from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
+from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
@@ -28,15 +28,16 @@ from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
+from lrbc_cli.updating.search.ends import other_ends
 from lrbc_cli.updating.search.lcurve import curve_notes, l_curve
-from lrbc_cli.updating.search.levels import Level, descend, gauss_newton_by_levels, other_ends
+from lrbc_cli.updating.search.levels import Level, descend, gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
-from lrbc_cli.updating.search.starts import alone, prior_draws
+from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.unknowns.places import pitch_of
-from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbours, node_shapes
+from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
 
@@ -143,12 +144,7 @@ class _Job:
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
         known = tight.values[np.ix_(self.selected, self.inputs.used)]
-        valid = np.isfinite(known) & (np.abs(known) > 0)
-        ratio = np.where(valid, self._tight_frf() / np.where(valid, known, 1.0), np.nan)
-        level = 20.0 * np.log10(np.abs(ratio))
-        most = self.statistics.errors.most_correction_db
-        limited = ratio * 10.0 ** ((np.clip(level, -most, most) - level) / 20.0)
-        return self.measured() * limited
+        return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
 
     def of_reference(self) -> Measurement | None:
         """The measurement of the reference job; None in that itself, or where it cannot be read."""
@@ -160,15 +156,8 @@ class _Job:
         except DataError:
             return None
 
-    def _pairs(self) -> list[tuple[int, int]]:
-        """Columns of bolts side by side, which may have loosened together."""
-        assert self.inputs.bolts is not None
-        columns = self.shapes.bolts
-        found = neighbours(self.parameters, self.inputs.bolts.xyz, self.shapes)
-        return [(int(columns[a]), int(columns[b])) for a, b in found if columns[a] != columns[b]]
-
-    def fit(self, measured: Complexes, relative: bool) -> Fit:
-        """Minimise; the weight of the prior by the method."""
+    def fit(self, measured: Complexes, relative: bool, *, unexplained_db: float = 3.0) -> Fit:
+        """Minimise; the weight of the prior by the method. An end that leaves more than so much is not yet believed."""
         method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
         eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
         misfit = self._misfit(measured, eta, relative)
@@ -176,7 +165,7 @@ class _Job:
         curve, sought = None, 0
         further = {} if span is not None else calibrated_start(self.inputs, self.parameters)
         known = tuple(further.values())
-        begin, names = self.prior if span is not None else self.start, None if self.inputs.bolts is None else self.inputs.bolts.name
+        begin = self.prior if span is not None else self.start
         if weight == "l-curve":
             curve = l_curve(misfit, begin, bounds)
             misfit = misfit.with_eta(curve.chosen)
@@ -184,20 +173,19 @@ class _Job:
         if method.optimiser == "bfgs":
             solution = self._descend(misfit, begin)
         else:
-            joints = self.shapes.joint_columns
-            mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
-            if span is not None:
-                wide = self._smoothed(misfit, relative) if joints else []
-                further, sought = search(misfit, self.shapes, bounds, self._pairs(), names=names)
-                if wide:
-                    # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
-                    tabled, more = search(wide[0], self.shapes, bounds, self._pairs(), names=names)
-                    led, most = narrowed(wide, tabled, bounds, span)
-                else:
-                    (led, most), more = prior_draws(misfit, self.shapes, bounds, further), 0
-                further, sought = further | led, sought + more + most
             stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
-            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, span=span, joints=joints, mirrors=mirrors, **stop)
+            mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
+            beside: dict[str, Any] = {"span": span, "joints": self.shapes.joint_columns, "mirrors": mirrors}
+            if span is not None:
+                further, sought = self._sought(misfit, relative)
+            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, **beside, **stop)
+            if span is not None and solution.evaluation.misfit_db > unexplained_db:
+                # The table may have stepped over a narrow valley: before anything is blamed, a closer one.
+                closer, more = self._table(misfit, between(LEVELS))
+                first, places = solution, {"the end without it": solution.theta} | closer
+                again = gauss_newton_by_levels(misfit, begin, bounds, further=places, **beside, **stop)
+                solution, sought = min(first, again, key=lambda end: end.evaluation.total), sought + more
+                sought += (first.evaluations + again.evaluations) - solution.evaluations
         if solution.status == "failed":
             raise NumericalError(f"job {self.name}: {solution.reason}")
         if method.follows_noise:
@@ -217,13 +205,29 @@ class _Job:
             evaluations=evaluations,
         ).after(sought)
 
+    def _table(self, misfit: Misfit, levels: Sequence[float] = LEVELS) -> tuple[dict[str, Floats], int]:
+        """States of loosened bolts by a table, described; bolts side by side may have loosened together. And evaluations."""
+        bolts = self.inputs.bolts
+        assert bolts is not None
+        pairs = neighbouring_columns(self.parameters, bolts.xyz, self.shapes)
+        return search(misfit, self.shapes, self.parameters.bounds, pairs, names=bolts.name, levels=levels)
+
+    def _sought(self, misfit: Misfit, relative: bool) -> tuple[dict[str, Floats], int]:
+        """States from which to descend, described; and evaluations."""
+        bounds, span = self.parameters.bounds, self.shapes.T
+        wide = self._smoothed(misfit, relative) if self.shapes.joint_columns else []
+        further, sought = self._table(misfit)
+        if wide:
+            # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
+            tabled, more = self._table(wide[0])
+            led, most = narrowed(wide, tabled, bounds, span)
+        else:
+            (led, most), more = prior_draws(misfit, self.shapes, bounds, further), 0
+        return further | led, sought + more + most
+
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
-        # A ratio of two measurements has the noise of both, as far as it is known.
-        parts = [part for part in (self.sigma, self.tight_sigma if relative else None) if part is not None]
-        sigma: Floats | None = None
-        if parts:
-            unknown = np.all([np.isnan(part) for part in parts], axis=0)
-            sigma = np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in parts)))
+        # A ratio of two measurements has the noise of both.
+        sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)
         options, errors = self.method.residual, self.statistics.errors
         model, rows = self.model, self._rows()
         return Misfit(model, measured, self.prior, eta, rows, options=options, sigma=sigma, errors=errors, sharp=self.sharp)

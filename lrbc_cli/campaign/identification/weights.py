@@ -112,3 +112,28 @@ def ratio_of(inputs: Inputs, measurement: Measurement, job: JobConfig, selected:
     if sigma is not None and level:
         left = left * noise_weights(sigma, level)
     return validation_ratio(mean_of(left[:, channels]), mean_of(left[:, used]))
+
+
+def joint_sigma(*parts: Floats | None) -> Floats | None:
+    """(F, R) standard deviation of what several measurements make up, as far as it is known of each [dB]; NaN where of none."""
+    known = [part for part in parts if part is not None]
+    if not known:
+        return None
+    unknown = np.all([np.isnan(part) for part in known], axis=0)
+    return np.where(unknown, np.nan, np.sqrt(sum(np.nan_to_num(part, posinf=np.inf) ** 2 for part in known)))
+
+
+def correction(model: Complexes, measured: Complexes, most_db: float) -> Complexes:
+    """(F, R) factor that takes the model discrepancy of the tight state out of another measurement, see ``most_correction_db``.
+
+    Parameters
+    ----------
+    model, measured : (F, R) complex arrays
+        Of the tight state.
+    most_db : float
+        Its magnitude is limited to this: beyond it the two have different resonances there.
+    """
+    valid = np.isfinite(measured) & (np.abs(measured) > 0)
+    ratio = np.where(valid, model / np.where(valid, measured, 1.0), np.nan)
+    level = 20.0 * np.log10(np.abs(ratio))
+    return np.asarray(ratio * 10.0 ** ((np.clip(level, -most_db, most_db) - level) / 20.0))

@@ -34,7 +34,7 @@ from lrbc_cli.updating.judging.evidence import (
     carried,
 )
 from lrbc_cli.updating.posterior.confidence import Band, band
-from lrbc_cli.updating.search.levels import near_tie
+from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
 from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
 

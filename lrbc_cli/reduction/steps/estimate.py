@@ -163,3 +163,24 @@ def _times(A: Any, X: Complexes) -> Complexes:
     flat = X.transpose(1, 0, 2).reshape(r, -1)
     out = (A @ flat.real) + 1j * (A @ flat.imag)
     return np.asarray(out.reshape(A.shape[0], F, k).transpose(1, 0, 2))
+
+
+#: By how much an estimate may prove too large.
+LEAST_EFFECTIVITY = 0.1
+
+
+class Effectivity:
+    """Measured over estimated error at lines that were solved: how far the estimate is believed.
+
+    Points of very many terms are so costly that an estimate that proves too large is believed less.
+    """
+
+    def __init__(self, many: bool) -> None:
+        self.value, self._least, self._known = 1.0, LEAST_EFFECTIVITY if many else 1.0, not many
+
+    def see(self, error: float, expected: float) -> None:
+        """Take a measured and an estimated error."""
+        if expected > 0:
+            seen = float(np.clip(error / expected, self._least, 10.0))
+            self.value = max(self.value, seen) if self._known else seen
+            self._known = True

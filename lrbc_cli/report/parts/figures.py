@@ -15,7 +15,6 @@ from lrbc_cli.report.drawing.chart import (
     Chart,
     Curve,
     Item,
-    LevelLine,
     Marks,
     Note,
     Panel,
@@ -28,11 +27,10 @@ from lrbc_cli.report.drawing.chart import (
 )
 from lrbc_cli.report.drawing.layout import RIGHT, SMALL
 from lrbc_cli.report.drawing.names import GLYPH
-from lrbc_cli.report.drawing.style import SERIES, STEPS
 from lrbc_cli.report.parts.tables import loose_of
 from lrbc_cli.report.places import bolts_of
 from lrbc_cli.results.job import Bolt, JobRecord, Parameter
-from lrbc_cli.results.model import ReductionRecord, ResponseRecord
+from lrbc_cli.results.model import ResponseRecord
 from lrbc_cli.results.tables import Frf
 
 #: Below this ordinary coherence a measured line is shaded as doubtful.
@@ -391,64 +389,3 @@ def _wrapped(degrees: Floats) -> Floats:
     wrapped = (degrees + 180.0) % 360.0 - 180.0
     wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
     return wrapped
-
-
-def certificate_chart(reduction: ReductionRecord) -> Chart | None:
-    """Return the measured errors at lines outside the basis, per kind of parameter vector; None without held-out lines."""
-    held_out, worst_error = reduction.certificate.held_out, reduction.certificate.worst
-    if not held_out:
-        return None
-    kinds = list(dict.fromkeys(kind for line in held_out for kind in line.errors))
-    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
-    for index, kind in enumerate(kinds):
-        lines = [line for line in held_out if kind in line.errors]
-        x = np.array([line.frequency_hz for line in lines])
-        y = np.array([_log10(line.errors[kind]) for line in lines])
-        items.append(Marks(role=f"series{index % SERIES}", x=x, y=y, label=kind))
-    low, high = span_of(
-        [mark.y for mark in items if isinstance(mark, Marks) and mark.y is not None] + [np.array([_log10(reduction.tolerance)])]
-    )
-    y_axis = decade_axis("measured relative error", low - 0.3, high + 0.3)
-    worst = "" if np.isnan(worst_error) else f" The worst is {worst_error:.1e}, the tolerance {reduction.tolerance:.0e}."
-    alt = f"Measured error of the reduced model at {len(held_out)} held-out lines, parameter vectors {', '.join(kinds)}.{worst}"
-    panel = Panel(
-        x=linear_axis("frequency [Hz]", float(reduction.band_hz[0]), float(reduction.band_hz[1]), 8), y=y_axis, items=tuple(items)
-    )
-    return Chart(title="Measured error", subtitle="at lines outside the basis", alt=alt, panels=(panel,), width=620.0, height=300.0)
-
-
-def trace_chart(reduction: ReductionRecord) -> Chart | None:
-    """Return the estimated error over the band after each adaptive step; None without a trace."""
-    # Steps at held-out lines leave the estimate as it was.
-    steps = [step for step in reduction.trace if np.any(np.isfinite(step.estimate))]
-    if not steps:
-        return None
-    items: list[Item] = [LevelLine("tolerance", _log10(reduction.tolerance), "tolerance")]
-    curves: list[Curve] = []
-    expanded = {point.frequency_hz for point in reduction.expansion_points}
-    for index, step in enumerate(steps):
-        shade = STEPS - 1 if len(steps) == 1 else round(index * (STEPS - 1) / (len(steps) - 1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            estimate = np.log10(np.maximum(step.estimate, 0.0))
-        estimate[~np.isfinite(estimate)] = np.nan
-        points = sum(1 for other in reduction.trace if other.step <= step.step and other.factorised_hz in expanded)
-        name = "compressed" if step.factorised_hz is None else f"{points} points"
-        label = f"{name}: {step.size:g} DOFs" if len(steps) <= 8 or index in {0, len(steps) - 1} else ""
-        curves.append(Curve(f"step{shade}", step.frequency_hz, estimate, label))
-    taken = np.array([point.frequency_hz for point in reduction.expansion_points])
-    if taken.size:
-        items.append(Marks(role="taken", x=taken, y=None, label="expansion points", at=0.02))
-    low, high = span_of([curve.y for curve in curves] + [np.array([_log10(reduction.tolerance)])])
-    x_low, x_high = span_of([curve.x for curve in curves] + [taken])
-    alt = f"Estimated error over frequency after each of {len(steps)} adaptive steps, with the tolerance and the expansion points."
-    panel = Panel(
-        x=linear_axis("frequency [Hz]", x_low, x_high, 8),
-        # At the points themselves the estimate is next to nothing.
-        y=decade_axis("estimated relative error", max(low - 0.5, _log10(reduction.tolerance) - 5.0), high + 0.3),
-        items=(*items, *curves),
-    )
-    return Chart(title="Estimated error", subtitle="after each adaptive step", alt=alt, panels=(panel,), width=620.0, height=300.0)
-
-
-def _log10(value: float) -> float:
-    return float(np.log10(value)) if value > 0 else float("nan")

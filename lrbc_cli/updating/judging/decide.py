@@ -177,8 +177,10 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Tigh
     risen = {bolt.name: _beside_risen(bolt, rise) for bolt in evidence.bolts if (rise := far.get(bolt.name, 0.0)) > 0.0 and bolt.joint}
     known = [risen.get(bolt.name, bolt) for bolt in evidence.bolts]
     found = tuple(_verdict(bolt, evidence, rule, role, scatter, level, valid.explained) for bolt in known)
-    if valid.explained:
-        found = tuple(replace(v, note=RISEN) if v.name in risen and v.verdict == UNDECIDED else v for v in found)
+    if valid.explained and role != REFERENCE:
+        # Of a baseline, too: what such a joint does is no scatter of tight ones.
+        known_loose = {v.name for v in found if v.verdict == LOOSE}
+        found = tuple(replace(v, note=RISEN, verdict=UNDECIDED) if v.name in risen.keys() - known_loose else v for v in found)
     if role == REFERENCE and valid.explained:
         found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
     rises = tuple(v.name for v in found if _risen(v, rule))

@@ -23,6 +23,12 @@ Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
 LEVELS = (-0.3, -0.7, -1.2, -2.0, -3.0)
 
 
+def between(levels: Sequence[float], parts: int = 4) -> tuple[float, ...]:
+    """The same with further ones between them and zero, in so many equal parts."""
+    known = np.array([0.0, *levels])
+    return tuple(np.interp(np.arange(1, parts * len(levels) + 1) / parts, np.arange(known.size), known).tolist())
+
+
 def alone(one: int, other: int) -> list[tuple[int, int]]:
     """Two joints that are exchanged with no others."""
     return [(one, other)]

@@ -145,6 +145,12 @@ def neighbours(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> l
     return found
 
 
+def neighbouring_columns(parameters: Parameterisation, bolts: Floats, shapes: Shapes) -> list[tuple[int, int]]:
+    """Columns of ``neighbours``, of those that have one of their own."""
+    found = ((int(shapes.bolts[a]), int(shapes.bolts[b])) for a, b in neighbours(parameters, bolts, shapes))
+    return [(a, b) for a, b in found if a != b]
+
+
 def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior = VALUE_PRIOR, prior: BoltPrior = BOLT_PRIOR) -> Shapes:
     """One change a bolt: of all the values that it owns, or through a hat along its edge that reaches to the neighbouring bolts.
 
