@@ -303,23 +303,23 @@ def partial(*means: float, std: float = 0.02, mean: float | None = None) -> Bolt
 
 class TestSpringsOfAJoint:
     @pytest.mark.parametrize(
-        ("means", "verdict"),
+        ("means", "verdict", "alone"),
         [
-            ((0.0, 0.0, 0.0), "tight"),
-            ((0.1, -0.2, -0.1), "tight"),
+            ((0.0, 0.0, 0.0), "tight", False),
+            ((0.1, -0.2, -0.1), "tight", False),
             # Their mean alone is that of a tight joint: no all-clear.
-            ((0.0, 0.0, -0.78), "undecided"),
-            ((0.0, 0.0, -1.2), "loose"),
-            ((-1.5, -1.6, -1.4), "loose"),
+            ((0.0, 0.0, -0.78), "undecided", True),
+            # Rocking that falls while the axial spring rises is how errors of the model look beside loose bolts: no alarm by that alone.
+            ((0.25, 0.3, -1.5), "undecided", True),
+            ((-0.6, -0.6, -1.2), "loose", False),
+            ((-0.35, -0.35, -1.3), "loose", True),
+            ((-1.5, -1.6, -1.4), "loose", False),
         ],
     )
-    def test_a_joint_is_no_tighter_than_its_loosest_spring(self, means: tuple[float, ...], verdict: str) -> None:
+    def test_a_joint_is_no_tighter_than_its_loosest_spring(self, means: tuple[float, ...], verdict: str, alone: bool) -> None:
         found = one(partial(*means))
-        assert found.verdict == verdict
-        alone = verdict != "tight" and min(means) < 3 * np.mean(means) + 1e-9
-        assert ("g2 alone changed by" in str(found.note)) == bool(alone)
-        probability = found.probability_loose or 0.0
-        assert RULE.word(probability) == verdict
+        assert found.verdict == verdict == RULE.word(found.probability_loose or 0.0)
+        assert ("g2 alone changed by" in str(found.note)) == alone
 
     def test_what_the_data_do_not_tell_of_one_group_decides_nothing(self) -> None:
         assert one(replace(partial(0.0, 0.0), change=Change(mean=0.0, std=0.05))).verdict == "tight"
