@@ -321,8 +321,13 @@ class TestSpringsOfAJoint:
         assert found.verdict == verdict == RULE.word(found.probability_loose or 0.0)
         assert ("g2 alone changed by" in str(found.note)) == alone
 
-    def test_what_the_data_do_not_tell_of_one_group_decides_nothing(self) -> None:
-        assert one(replace(partial(0.0, 0.0), change=Change(mean=0.0, std=0.05))).verdict == "tight"
+    def test_the_probability_is_the_mean_of_the_joint_and_of_its_loosest_spring(self) -> None:
+        """As the guide says it: the springs of one group scatter by their own deviation as well."""
+        scatter, deviation = RULE.joint_scatter, 0.15
+        own = np.hypot(scatter, deviation)
+        whole = norm.cdf((-RULE.joint_margin * scatter + 0.26) / np.hypot(0.05, RULE.joint_spread * scatter))
+        alone = norm.cdf((-RULE.joint_margin * own + 0.78) / np.hypot(0.02, RULE.joint_spread * own))
+        assert one(partial(0.0, 0.0, -0.78)).probability_loose == pytest.approx(0.5 * (whole + alone), rel=1e-9)
 
     @given(st.lists(st.floats(-3.0, 1.0), min_size=2, max_size=4))
     def test_no_group_makes_a_joint_tighter(self, means: list[float]) -> None:

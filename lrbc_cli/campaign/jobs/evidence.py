@@ -274,7 +274,7 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
 def _partial_changes(
     inputs: Inputs, result: Identification, parts: Sequence[Part], reference: JobRecord | None
 ) -> tuple[PartialChange, ...]:
-    """Changes of a joint's springs by group, of those that the data tell better than the prior of their deviation does."""
+    """Changes of a joint's springs by group, where they are known to within what tight ones deviate from each other."""
     knowledge, prior = result.posterior, inputs.statistics.bolts
     if len({group.name for group, _, _ in parts}) < 2:
         return ()

@@ -104,7 +104,7 @@ class Change:
     unfelt : tuple of str
         Groups of which that is true where others of the bolt are felt: of these springs the change is told by the others alone.
     parts : tuple of PartialChange
-        Of a joint with springs in several groups, those that the data tell better than the prior does: one may lose what the others hold.
+        Of a joint with springs in several groups, those whose change is known to within ``deviation``: one may lose what the others hold.
     """
 
     mean: float
