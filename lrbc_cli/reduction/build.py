@@ -12,6 +12,7 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -20,17 +21,16 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
-from lrbc_cli.reduction.problem.basis import check_orthonormal, new_directions
+from lrbc_cli.reduction.problem.basis import Projected, check_orthonormal, new_directions
 from lrbc_cli.reduction.problem.full import full_operators, full_ports
 from lrbc_cli.reduction.problem.problem import Problem
-from lrbc_cli.reduction.problem.vectors import certificate_vectors
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
-from lrbc_cli.reduction.steps.certify import port_errors, random_vectors, residual_errors
+from lrbc_cli.reduction.steps.certify import measured_vectors, port_errors, residual_errors, vector_count
 from lrbc_cli.reduction.steps.compress import Compressor
 from lrbc_cli.reduction.steps.estimate import Effectivity, Estimator, Sweep
 from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
-from lrbc_cli.reduction.steps.unseen import ROUNDING_LEVEL, distance, unseen_bound
+from lrbc_cli.reduction.steps.unseen import distance, unseen_bound
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -39,8 +39,11 @@ FIRST_POINTS = 3
 #: a rich basis needs fewer factorisations, and is compressed afterwards.
 DEFLATION = 1e-3
 
-#: Points without progress after which what is left counts as rounding, and the errors below which that is looked for.
-PATIENCE, ROUNDED = 4, 1e-8
+#: Points without progress after which errors that may be rounding count as that.
+PATIENCE = 4
+
+#: Every which line of the grid is looked at for all vectors of the certificate: at each some of them resonate.
+SPARSER = 4
 
 #: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
 COMPRESSION, STRICTER = 0.1, 0.1
@@ -60,11 +63,27 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A basis that may be the last: the sweep of the rich one, that of the compressed one, and the rich model once it was compressed."""
+    """A basis that may be the last.
+
+    Attributes
+    ----------
+    rich, sweep : Sweep
+        Of the rich basis, and of the one compressed from it.
+    full : ReducedModel
+        The rich model.
+    basis : Projected
+        Of the rich basis.
+    """
 
     rich: Sweep
     sweep: Sweep
-    full: ReducedModel | None = field(default=None, repr=False)
+    full: ReducedModel = field(repr=False)
+    basis: Projected = field(repr=False)
+
+    @property
+    def compressed(self) -> bool:
+        """Whether it was."""
+        return self.sweep is not self.rich
 
 
 class Reducer:
@@ -82,6 +101,8 @@ class Reducer:
         self.loss = COMPRESSION * options.tolerance
         #: Whether ``max_size`` cuts away what the tolerance needs, so that further points are of no use.
         self.capped = False
+        #: Rounding in the latest sweep, at the worst line.
+        self.rounding = 0.0
         self.exact: dict[float, PortFrf] = {}
         self.enriched: list[float] = []
         self.held_out: list[float] = []
@@ -119,7 +140,7 @@ class Reducer:
                 candidate = self.compress(rich, progress)
                 if not self.certify(candidate, progress):
                     return self._finish(candidate)
-            elif not self._visit_worst(_Candidate(rich, rich), 1, progress):
+            elif not self._visit_worst(self._uncompressed(rich), 1, progress):
                 continue
             rich = self._sweep(seen=True)
 
@@ -184,10 +205,10 @@ class Reducer:
 
     def compress(self, rich: Sweep, progress: Callable[[str], None] = lambda _: None) -> _Candidate:
         """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
-        full, limit, size = self.reduced(), self.options.max_size, self.basis.size
+        whole, limit, size = self._uncompressed(rich), self.options.max_size, self.basis.size
         # With very many terms it would save little, and each comparison costs as much as several full lines.
         if limit is None and (self.problem.many or self.is_small):
-            return _Candidate(rich, rich, full)
+            return whole
         compressor = Compressor(self.problem, self.basis, rich, self.estimator, self.loss)
         counts = compressor.search(self.options.tolerance)
         self.capped = limit is not None and sum(counts) > limit
@@ -209,7 +230,10 @@ class Reducer:
             )
         )
         progress(f"   compressed  r = {self.basis.size:4d}  from {size}")
-        return _Candidate(rich, sweep, full)
+        return replace(whole, sweep=sweep)
+
+    def _uncompressed(self, rich: Sweep) -> _Candidate:
+        return _Candidate(rich, rich, self.reduced(), self.basis.projected())
 
     def _changed(self) -> None:
         """Errors are those of another basis now; it can be measured again only where the exact port FRFs are known."""
@@ -255,7 +279,7 @@ class Reducer:
             errors = self.measure(line, self.reduced())
             error = max(errors.values())
             self.effectivity.see(error, float(np.interp(frequency, self.estimator.grid.lines_hz, candidate.sweep.estimate)))
-            if candidate.full is not None and error > 0.5 * tolerance and self._lost_by_compression(line, candidate.full, error):
+            if error > 0.5 * tolerance and self._lost_by_compression(line, candidate, error):
                 self.loss *= STRICTER
             order = added = 0
             self.clock.lap("certificate")
@@ -286,15 +310,18 @@ class Reducer:
             self.problem.model, self.problem.scale, model, line.factorisation, self.basis.lift, lambda amplitudes: inputs @ amplitudes
         )
 
-    def _lost_by_compression(self, line: FullLine, full: ReducedModel, error: float) -> bool:
+    def _lost_by_compression(self, line: FullLine, candidate: _Candidate, error: float) -> bool:
         """Whether the rich model is much better than the compressed one at a line."""
-        return line.exact is not None and max(self.errors(line.frequency_hz, full).values()) < 0.5 * error
+        return (
+            line.exact is not None and candidate.compressed and max(self.errors(line.frequency_hz, candidate.full).values()) < 0.5 * error
+        )
 
     # -- what all three need ----------------------------------------------------------------------------------------
 
     def _sweep(self, *, seen: bool = False) -> Sweep:
         """Estimate the error over the band; the trace shows it as what the last factorisation led to."""
-        sweep = self.estimator.sweep(self.basis)
+        sweep = self.estimator.sweep(self.basis.projected())
+        self.rounding = float(sweep.rounding.max())
         if seen:
             self.trace[-1] = replace(self.trace[-1], estimate=sweep.estimate)
         self.clock.lap("estimate")
@@ -316,7 +343,7 @@ class Reducer:
         if self.basis.size >= self.problem.model.size:
             return "the basis is as large as the model"
         errors = [step.measured_error for step in self.trace if step.measured_error is not None]
-        if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE]) and max(errors[-PATIENCE:]) < ROUNDED:
+        if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE]) and max(errors[-PATIENCE:]) < self.rounding:
             return "rounding"
         return ""
 
@@ -340,18 +367,26 @@ class Reducer:
     # -- the end ----------------------------------------------------------------------------------------------------
 
     def _unseen(self, candidate: _Candidate) -> float:
-        """Bound of the error at lines that were not solved in full."""
-        grid, rich, sweep = self.estimator.grid.lines_hz, candidate.rich, candidate.sweep
-        tolerance, lines = self.options.tolerance, np.array(self.held_out)
-        # The certificate has more vectors than the sweep: where it measured, its differences correct those.
-        final = np.array([max(self.measured[line].values()) for line in self.held_out])
-        if self.problem.many or candidate.full is None:
-            return unseen_bound(final, np.interp(lines, grid, sweep.estimate), sweep.estimate, np.zeros(()), tolerance)
-        worst = np.array([max(self.errors(line, candidate.full).values()) for line in self.held_out])
-        lost = distance(rich.ports, sweep.ports, self.estimator.vectors, self.problem.quantities, self.estimator.local)
-        computed = np.interp(lines, grid, lost)
-        lost = lost * max(1.0, float(np.max((final - worst) / np.maximum(computed, ROUNDING_LEVEL))))
-        return unseen_bound(worst, np.interp(lines, grid, rich.estimate), rich.estimate, lost, tolerance)
+        """Bound of the error at lines that were not solved in full, from estimates for all vectors of the certificate."""
+        problem, lines = self.problem, np.array(self.held_out)
+        terms, scale = problem.model.terms, problem.scale
+        grid = np.union1d(self.estimator.grid.lines_hz[::SPARSER], lines)
+        rich = self.estimator.sweep(candidate.basis, grid, lambda ports: list(chain(*measured_vectors(ports, terms, scale).values())))
+        measured, lost = [max(self.measured[line].values()) for line in self.held_out], np.zeros(grid.size)
+        if candidate.compressed:
+            measured = [max(self.errors(line, candidate.full).values()) for line in self.held_out]
+            final = self.reduced().ports(rich.ports.s)
+            lost = distance(rich.ports, final, rich.vectors, problem.quantities, self.estimator.local)
+        at = np.searchsorted(grid, lines)
+        return unseen_bound(
+            np.array(measured),
+            rich.estimate[at],
+            rich.rounding[at],
+            estimate=rich.estimate,
+            rounded=rich.rounding,
+            lost=lost,
+            tolerance=problem.options.tolerance,
+        )
 
     def _finish(self, candidate: _Candidate) -> Reduction:
         for part in self.basis.fields:
@@ -362,8 +397,6 @@ class Reducer:
         # No bound below what was measured.
         unseen = max(self._unseen(candidate), max((line.worst for line in lines), default=0.0))
         self.clock.lap("certificate")
-        terms = problem.model.terms
-        vectors = certificate_vectors(terms, problem.scale, np.array([1j]), random_vectors(terms.size))
         reached = all(line.worst <= options.tolerance for line in lines)
         return Reduction(
             model=replace(self.reduced(), extras=groups),
@@ -382,7 +415,7 @@ class Reducer:
             coupling=problem.Z.coupling.text,
             sizes=tuple(self.basis.sizes),
             full_size=problem.model.size,
-            vectors=sum(len(kind) for kind in vectors.values()),
+            vectors=vector_count(problem.model.terms),
             machine={
                 "platform": platform.platform(),
                 "processor": platform.processor() or platform.machine(),

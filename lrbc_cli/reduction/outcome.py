@@ -8,7 +8,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.reduction.reduced.model import ReducedModel
 
 #: Increased whenever the same input would give another basis.
-ALGORITHM_VERSION = 12
+ALGORITHM_VERSION = 13
 
 
 @dataclass(frozen=True)

@@ -82,14 +82,16 @@ def test_a_restricted_projection_is_that_of_the_smaller_basis(name):
     rng = np.random.default_rng(0)
     turns = [la.qr(rng.normal(size=(size, size // 2)), mode="economic")[0] for size in P.sizes]
     T = la.block_diag(*turns)
-    operators, sketches, inputs, outputs = R.basis.operators, [P.sketched(i) for i in range(3)], P.inputs, P.outputs
+    rich_one = P.projected()
+    operators, inputs, outputs = rich_one.operators, rich_one.inputs, rich_one.outputs
     states = rng.normal(size=(T.shape[1], 2))
     lifted = P.lift(T @ states)
     P.restrict(turns)
     for found, full in zip(R.basis.operators, operators, strict=True):
         np.testing.assert_allclose(found, T.T @ full @ T, rtol=0, atol=1e-11 * np.abs(full).max())
-    for i, full in enumerate(sketches):
-        np.testing.assert_allclose(P.sketched(i), full @ T, rtol=0, atol=1e-11 * np.abs(full).max())
+    small = P.projected()
+    for found, full in zip((*small.sketches, *small.turned), (*rich_one.sketches, *rich_one.turned), strict=True):
+        np.testing.assert_allclose(found, full @ T, rtol=0, atol=1e-11 * np.abs(full).max())
     np.testing.assert_allclose(P.inputs, T.T @ inputs, rtol=0, atol=1e-12 * np.abs(inputs).max())
     np.testing.assert_allclose(P.outputs, outputs @ T, rtol=0, atol=1e-12 * np.abs(outputs).max())
     np.testing.assert_allclose(P.lift(states), lifted, rtol=0, atol=1e-12 * np.abs(lifted).max())
@@ -109,10 +111,10 @@ class TestCompression:
     @pytest.mark.parametrize("name", MODELS)
     def test_it_keeps_the_responses_of_the_rich_model(self, name):
         R = rich(MODELS[name]())
-        sweep, size = R.estimator.sweep(R.basis), R.basis.size
+        sweep, size = R.estimator.sweep(R.basis.projected()), R.basis.size
         R.compress(sweep)
         assert R.basis.size < size
-        lost = distance(sweep.ports, R.estimator.sweep(R.basis).ports, R.estimator.vectors, R.problem.quantities)
+        lost = distance(sweep.ports, R.estimator.sweep(R.basis.projected()).ports, sweep.vectors, R.problem.quantities)
         # Searched at some of the lines, it holds at all of them.
         assert lost.max() <= ELSEWHERE * COMPRESSION * R.options.tolerance
         assert np.sort(lost)[: lost.size * 9 // 10].max() <= COMPRESSION * R.options.tolerance
@@ -156,7 +158,7 @@ class TestCompression:
 
     def test_a_limit_of_the_size_is_kept(self):
         R = rich(box())
-        compressor = Compressor(R.problem, R.basis, R.estimator.sweep(R.basis), R.estimator, 1e-9)
+        compressor = Compressor(R.problem, R.basis, R.estimator.sweep(R.basis.projected()), R.estimator, 1e-9)
         for limit in (R.basis.size - 1, 30, 12):
             counts = compressor.within(limit)
             assert limit - 4 <= sum(counts) <= limit
@@ -176,7 +178,7 @@ class TestCompression:
 def test_errors_by_residuals_are_those_by_exact_ports(name):
     model = MODELS[name]()
     R = rich(model, points=(150.0, 300.0))
-    R.compress(R.estimator.sweep(R.basis))
+    R.compress(R.estimator.sweep(R.basis.projected()))
     reduced = R.reduced()
     for frequency in (60.0, 385.0):
         [line] = R.lines.solve([frequency])
@@ -268,15 +270,32 @@ class TestBound:
         kept = 0
         for _ in range(2000):
             ratio = rng.lognormal(-2.0, 0.7, size=5)
-            bound = unseen_bound(1e-3 * ratio, np.full(5, 1e-3), estimate, np.zeros(200))
+            bound = unseen_bound(1e-3 * ratio, np.full(5, 1e-3), np.zeros(5), estimate=estimate, rounded=np.zeros(200))
             kept += stats.lognorm.cdf(bound / 1e-3, 0.7, scale=np.exp(-2.0)) >= 0.95
         assert 0.935 <= kept / 2000 <= 0.965
 
-    def test_what_compression_lost_is_added(self):
-        measured, expected = np.array([1e-5, 2e-5, 3e-5]), np.full(3, 1e-4)
-        plain = unseen_bound(measured, expected, np.full(9, 1e-4), np.zeros(9))
-        assert unseen_bound(measured, expected, np.full(9, 1e-4), np.full(9, 5e-5)) == pytest.approx(plain + 5e-5)
-        assert np.isnan(unseen_bound(measured[:1], expected[:1], np.full(9, 1e-4), np.zeros(9)))
+    def test_what_compression_lost_and_rounding_are_added(self):
+        measured, expected, none = np.array([1e-5, 2e-5, 3e-5]), np.full(3, 1e-4), np.zeros(3)
+        band = {"estimate": np.full(9, 1e-4), "rounded": np.zeros(9)}
+        plain = unseen_bound(measured, expected, none, **band)
+        assert unseen_bound(measured, expected, none, **band, lost=np.full(9, 5e-5)) == pytest.approx(plain + 5e-5)
+        assert unseen_bound(measured, expected, none, **(band | {"rounded": np.full(9, 5e-5)})) == pytest.approx(plain + 5e-5)
+        assert np.isnan(unseen_bound(measured[:1], expected[:1], none[:1], **band))
+
+    def test_lines_where_rounding_may_be_all_do_not_tell(self):
+        """Else one of them, far above an estimate of next to nothing, would raise the bound by orders of magnitude."""
+        measured, expected = np.array([1e-5, 2e-5, 3e-5, 3e-4]), np.array([1e-4, 1e-4, 1e-4, 1e-12])
+        low, band = np.full(3, 1e-9), {"estimate": np.full(9, 1e-4), "rounded": np.full(9, 1e-4)}
+        told = unseen_bound(measured[:3], expected[:3], low, **band)
+        assert unseen_bound(measured, expected, np.append(low, 1e-4), **band) == pytest.approx(told)
+        # What is far above both was foreseen by neither.
+        assert unseen_bound(measured, expected, np.append(low, 1e-6), **band) > 100 * told
+
+    def test_with_rounding_alone_it_is_what_rounding_comes_to(self):
+        none, rounding = np.full(4, 1e-12), np.full(4, 1e-4)
+        assert unseen_bound(rounding, none, rounding, estimate=none, rounded=2 * rounding) == pytest.approx(2e-4)
+        # A tenth of it measured, a tenth of it believed.
+        assert unseen_bound(0.1 * rounding, none, rounding, estimate=none, rounded=2 * rounding) == pytest.approx(2e-5)
 
     @pytest.mark.parametrize("name", MODELS)
     def test_true_errors_are_below_it(self, name):

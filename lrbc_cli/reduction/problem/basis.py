@@ -139,6 +139,39 @@ def check_orthonormal(field: Field) -> float:
     return defect
 
 
+@dataclass(frozen=True, kw_only=True)
+class Projected:
+    """All that residuals and responses of a reduced model take, without the basis itself, which may be as large as the memory.
+
+    Attributes
+    ----------
+    operators : three (r, r) arrays
+        Projected K, C, M.
+    inputs, dual : (r, m) and (r, q) float arrays
+        Vᵀ B_ext, and Vᵀ times the dual right-hand sides.
+    outputs : (p, r) float array
+        L_ext V.
+    sketches, turned : three (fields * rows, r) arrays
+        Of K V, C V and M V; and of the transposed operators, the same where those were not asked for.
+    sketched_inputs, sketched_dual : (fields * rows, m) and (fields * rows, q) float arrays
+    sizes : list of int
+        Reduced DOFs of each field.
+    rows : int
+        Of the sketch, a field.
+    """
+
+    operators: tuple[Any, Any, Any]
+    inputs: Floats
+    dual: Floats
+    outputs: Floats
+    sketches: tuple[Any, Any, Any]
+    turned: tuple[Any, Any, Any]
+    sketched_inputs: Floats
+    sketched_dual: Floats
+    sizes: list[int]
+    rows: int
+
+
 class Projection:
     """Operators projected on the growing basis, block by block of the fields, and a random sketch of their residuals.
 
@@ -174,7 +207,7 @@ class Projection:
         sketch: int = 96,
     ) -> None:
         self.fields = fields
-        self.rows = sketch
+        self.rows, self._transposed = sketch, transposed
         count = range(len(fields))
         weights = [residual_weight[field.dofs] for field in fields]
         # A quotient by an array is in coordinate form, whose rows and columns SciPy before 1.16 cannot take out.
@@ -277,9 +310,23 @@ class Projection:
             start += field.Q.shape[1]
         return out
 
-    def sketched(self, which: int, *, transposed: bool = False) -> Any:
-        """Sketch of K V, C V or M V (or of Kᵀ V ...), (fields * rows, r)."""
-        return self._assemble((self._turned_sketches if transposed else self._sketches)[which], [self.rows] * len(self.fields))
+    def projected(self) -> Projected:
+        """What it is now, apart from what it becomes."""
+        heights = [self.rows] * len(self.fields)
+        K, C, M = (self._assemble(sketches, heights) for sketches in self._sketches)
+        turned = [self._assemble(sketches, heights) for sketches in self._turned_sketches] if self._transposed else [K, C, M]
+        return Projected(
+            operators=self.operators,
+            inputs=self.inputs,
+            dual=self.dual,
+            outputs=self.outputs,
+            sketches=(K, C, M),
+            turned=(turned[0], turned[1], turned[2]),
+            sketched_inputs=self.sketched_inputs,
+            sketched_dual=self.sketched_dual,
+            sizes=self.sizes,
+            rows=self.rows,
+        )
 
     def _assemble(self, blocks: dict[tuple[int, int], Any], heights: list[int]) -> Any:
         sizes = self.sizes

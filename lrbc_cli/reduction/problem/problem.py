@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import ReductionOptions
-from lrbc_cli.reduction.problem.basis import RESIDUAL_STIFFNESS, Field, Projection, energy_weight
+from lrbc_cli.reduction.problem.basis import RESIDUAL_STIFFNESS, Field, Projected, Projection, energy_weight
 from lrbc_cli.reduction.problem.full import full_operators
 from lrbc_cli.reduction.problem.norms import quantity_groups
 from lrbc_cli.reduction.problem.vectors import band_omega, local_scale, reference_values
@@ -118,7 +118,7 @@ class Problem:
             transposed=not self.Z.symmetric,
         )
 
-    def structure_of(self, basis: Projection) -> int:
+    def structure_of(self, basis: Projection | Projected) -> int:
         """Structural ones of the reduced DOFs."""
         return 0 if self.model.is_acoustic.all() else basis.sizes[0]
 

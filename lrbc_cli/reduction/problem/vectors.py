@@ -16,7 +16,8 @@ FILL_LIMIT = 4096
 KINDS = {"loose": (-2.0, -2.0), "local": (0.0, 0.0), "clamped": (4.0, 1.0), "beyond": (9.0, 2.0)}
 
 #: Kinds of certificate vectors in the order in which they are shown.
-ERROR_KINDS = ("free", *KINDS, "random")
+RESONANT = "resonant"
+ERROR_KINDS = ("free", *KINDS, "random", RESONANT)
 
 #: Range in decades around the local value from which random vectors are drawn.
 RANDOM_DECADES = ((-4.0, 6.0), (-4.0, 1.0))

@@ -10,13 +10,18 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.fem import FeModel
+from lrbc_cli.model.terms import LowRankTerms
 from lrbc_cli.reduction.outcome import HeldOut
 from lrbc_cli.reduction.problem.full import full_ports
 from lrbc_cli.reduction.problem.norms import local_responses, quantity_groups, relative_error
-from lrbc_cli.reduction.problem.vectors import band_omega, certificate_vectors, local_scale
+from lrbc_cli.reduction.problem.resonant import resonant_vectors
+from lrbc_cli.reduction.problem.vectors import KINDS, RESONANT, band_omega, certificate_vectors, local_scale
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.solve.dynamic import Factorisation
+
+#: Sets of shares in which the terms are raised to a resonance at a line.
+PATTERNS = 4
 
 
 def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: PortFrf) -> dict[str, float]:
@@ -33,7 +38,7 @@ def port_errors(model: FeModel, scale: Floats, exact: PortFrf, approximate: Port
     groups = quantity_groups(model)
     local = local_responses(model, complex(exact.s[0]), exact.input_of)
     out = {}
-    for kind, vectors in certificate_vectors(model.terms, scale, exact.s, random_vectors(model.terms.size)).items():
+    for kind, vectors in measured_vectors(exact, model.terms, scale).items():
         out[kind] = max(relative_error(groups, approximate.evaluate(D)[0], exact.evaluate(D)[0], exact.H00[0], local) for D in vectors)
     return out
 
@@ -68,9 +73,9 @@ def residual_errors(
     s = np.array([factorisation.s])
     groups, n_in = quantity_groups(model), model.B.shape[1]
     local = local_responses(model, factorisation.s, reduced.input_of)
-    kinds = certificate_vectors(model.terms, scale, s, count=random_vectors(model.terms.size))
-    vectors = [D for Ds in kinds.values() for D in Ds]
     ports = reduced.ports(s, workers=1)
+    kinds = measured_vectors(ports, model.terms, scale)
+    vectors = [D for Ds in kinds.values() for D in Ds]
     Z = reduced.dynamic_stiffness(s, reduced.reference_dynamic(s))[0]
     driven = [ports.drive(D) for D in vectors]
     amplitudes = np.hstack([np.vstack([np.eye(n_in), u[0]]) for _, u in driven])
@@ -91,6 +96,20 @@ def residual_errors(
 def random_vectors(terms: int) -> int:
     """How many random parameter vectors a line is measured with: fewer where each is a large system."""
     return 16 if terms <= 150 else 4
+
+
+def measured_vectors(ports: PortFrf, terms: LowRankTerms, scale: Floats) -> dict[str, list[Complexes]]:
+    """Parameter vectors for which the error at a line is measured, by kind; those that resonate on it follow from its port FRFs."""
+    drawn = random_vectors(terms.size)
+    kinds = certificate_vectors(terms, scale, ports.s, drawn)
+    resonant = resonant_vectors(ports, terms, scale, patterns=PATTERNS, count=drawn // PATTERNS)
+    return kinds | ({RESONANT: resonant} if resonant else {})
+
+
+def vector_count(terms: LowRankTerms) -> int:
+    """How many those are."""
+    drawn = random_vectors(terms.size)
+    return 1 + len(KINDS) + drawn + PATTERNS * min(drawn // PATTERNS, int(np.sum(terms.power == 0)))
 
 
 def lines_between(band_hz: tuple[float, float], points: Sequence[float], count: int) -> Floats:

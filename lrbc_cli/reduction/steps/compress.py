@@ -63,9 +63,9 @@ class Compressor:
     basis : Projection
         The rich one.
     sweep : Sweep
-        Of that basis.
+        Of that basis: its vectors are those of the comparison.
     estimator : Estimator
-        That made the sweep: its vectors are those of the comparison.
+        That made the sweep.
     limit : float
         Relative difference of y that is allowed.
     """
@@ -82,7 +82,7 @@ class Compressor:
         checks = max(CHECKS * 100 // max(problem.model.terms.size, 100), 3)
         worst = np.argsort(sweep.estimate, kind="stable")[-checks:]
         at = np.union1d(np.linspace(0, count - 1, min(checks, count)).round().astype(int), worst)
-        self._at, self._ports, self._vectors, self._local = at, sweep.ports, estimator.vectors, estimator.local
+        self._at, self._ports, self._vectors, self._local = at, sweep.ports, sweep.vectors, estimator.local
 
     def turns(self, counts: Sequence[int]) -> list[Floats]:
         """The first columns of each field."""

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.reduction.problem.basis import Projection
+from lrbc_cli.reduction.problem.basis import Projected
 from lrbc_cli.reduction.problem.norms import ROUNDING, SILENT, local_responses
 from lrbc_cli.reduction.problem.problem import Problem
+from lrbc_cli.reduction.problem.resonant import resonant_vectors
 from lrbc_cli.reduction.problem.vectors import certificate_vectors
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.reduced.sweep import ReducedSolver
 from lrbc_cli.reduction.steps.grid import Grid
 from lrbc_cli.reduction.threads import in_chunks
 
+#: States that resonate on a line of the grid.
+RESONANCES = 2
+
 #: Lines of the grid; fewer where each costs more, by the number of terms.
 GRID_LINES = 120
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sweep:
     """What one pass of the reduced system over the band gives.
 
@@ -30,24 +35,32 @@ class Sweep:
     ----------
     estimate : (count,) float array
         Estimated relative error of y, worst over a few parameter vectors.
+    rounding : (count,) float array
+        What of it is rounding, of the full solution as of the reduced one, and no larger basis mends.
     ports : PortFrf
         Of the reduced model at the grid.
+    vectors : list of (F, nt) complex arrays
+        Dynamic values of the terms for which the error was estimated.
     spread : list of (r_f, r_f) float arrays
         Sum of x xᵀ over all normalised solutions, primal and dual, real and imaginary parts, of each field: how they fill the basis.
     """
 
     estimate: Floats
+    rounding: Floats
     ports: PortFrf
+    vectors: list[Complexes]
     spread: list[Floats]
 
 
 class Estimator:
     """Residual estimate on a grid of lines.
 
-    The error of a response is ``z_lᵀ R u``, with R the residual of the reduced solutions for all inputs, u the inputs that a parameter
-    vector makes (auxiliary ones included), and z_l the dual solution; by Galerkin orthogonality only the error of the dual counts, so that
-    |e_l| is about |R_dual| |R u| in rows scaled by the diagonals of M and K. Residuals enter through a random sketch, so that they do
-    not drown in round-off as in the expanded normal form (Balabanov and Nouy 2019).
+    The error of a response is ``z_lᵀ r``, with r the residual of the reduced solution and z_l the full dual solution, both for one
+    parameter vector. By Galerkin orthogonality only the error of the dual counts, so that |e_l| is about
+    ``|R_dual (e_l + v_l)| |R (e + u)|`` in rows scaled by the diagonals of M and K: R and R_dual are the residuals for all inputs and
+    outputs at the reference values, u and v_l what the terms add to them. Residuals enter through a random sketch, so that they do not
+    drown in round-off as in the expanded normal form (Balabanov and Nouy 2019). Rounding is not orthogonal to anything: entries of Z that
+    are wrong in the last digit make an error of ``eps |z_l| |x|`` in the same scale.
 
     Parameters
     ----------
@@ -56,8 +69,6 @@ class Estimator:
     Attributes
     ----------
     grid : Grid
-    vectors : list of (F, nt) complex arrays
-        Dynamic values of the terms for which the error is estimated.
     local : (R,) float array
         From ``local_responses``.
     """
@@ -69,82 +80,140 @@ class Estimator:
         count = int(np.clip(GRID_LINES * (100 / max(model.terms.size, 1)) ** 1.25, 16, GRID_LINES))
         count = max(count, 3 * problem.options.held_out)
         self.grid = Grid(low, high, count)
-        s = 2j * np.pi * self.grid.lines_hz
-        chosen = certificate_vectors(model.terms, problem.scale, s, count=1 if problem.many else 2)
-        kinds = ("free", "clamped", "random") if problem.many else ("free", "loose", "local", "clamped", "random")
-        self.vectors = [D for kind in kinds for D in chosen[kind]]
-        self.local = local_responses(model, complex(s[count // 2]), problem.input_of)
-        self._acoustic_response = np.asarray(abs(problem.dual).T @ model.is_acoustic.astype(float)) > 0
+        self.local = local_responses(model, 2j * np.pi * float(self.grid.lines_hz[count // 2]), problem.input_of)
+        # A response to several hammer points is one place.
+        self._places = np.unique(problem.dual_of[: problem.responses], return_index=True)[1]
+        acoustic = model.is_acoustic.astype(float)
+        self._in_air = np.concatenate([(abs(model.L) @ acoustic)[self._places], abs(model.terms.right).T @ acoustic]) > 0
 
-    def sweep(self, basis: Projection) -> Sweep:
-        """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis."""
-        problem = self._problem
-        s = 2j * np.pi * self.grid.lines_hz
+    def states(self, ports: PortFrf) -> list[Complexes]:
+        """A few parameter vectors from free to clamped, drawn ones and such as resonate at the lines, (F, nt) dynamic values each."""
+        terms, scale, many = self._problem.model.terms, self._problem.scale, self._problem.many
+        chosen = certificate_vectors(terms, scale, ports.s, count=1 if many else 2)
+        kinds = ("free", "clamped", "random") if many else ("free", "loose", "local", "clamped", "random")
+        return [D for kind in kinds for D in chosen[kind]] + resonant_vectors(
+            ports, terms, scale, patterns=1, count=0 if many else RESONANCES
+        )
+
+    def sweep(self, basis: Projected, lines_hz: Floats | None = None, states: Callable[[PortFrf], list[Complexes]] | None = None) -> Sweep:
+        """Solve the reduced system over the band: estimated error, port FRFs, and how its solutions fill the basis.
+
+        Parameters
+        ----------
+        basis : Projected
+        lines_hz : (F,) float array or None
+            Other lines than the grid.
+        states : callable or None
+            Parameter vectors for port FRFs of some of the lines, others than ``states``.
+        """
+        problem, states = self._problem, states or self.states
+        s = 2j * np.pi * (self.grid.lines_hz if lines_hz is None else lines_hz)
         symmetric = problem.Z.symmetric
         solver = ReducedSolver(basis.operators, problem.structure_of(basis), basis.inputs, basis.dual, symmetric=symmetric)
         turn = solver.turn
-        SK, SC, SM = (basis.sketched(i) @ turn for i in range(3))
-        TK, TC, TM = (SK, SC, SM) if symmetric else tuple(basis.sketched(i, transposed=True) @ turn for i in range(3))
+        SK, SC, SM = (sketch @ turn for sketch in basis.sketches)
+        TK, TC, TM = (SK, SC, SM) if symmetric else (sketch @ turn for sketch in basis.turned)
         L, theta_B, theta_dual = basis.outputs @ turn, basis.sketched_inputs, basis.sketched_dual
-        kappa = problem.Z.coupling.kappa
-        R, n_in = problem.responses, problem.loads
         H = np.empty((s.size, L.shape[0], theta_B.shape[1]), dtype=complex)
-        estimate = np.zeros(s.size)
-        ends = np.cumsum([0, *basis.sizes])
-        spreads: dict[int, list[Floats]] = {}
+        estimate, rounding = np.zeros(s.size), np.zeros(s.size)
+        fields = list(itertools.pairwise(np.cumsum([0, *basis.sizes])))
+        parts: dict[int, tuple[list[Floats], list[Complexes]]] = {}
 
         def work(part: slice) -> None:
             z = s[part, None, None]
             X, Y = solver.solve(s[part])
             H[part] = _times(L, X)
-            # Rows of the acoustic field scaled as in the symmetrised system, by |l| = 1/|kappa s²|.
-            weight = _row_weight(s[part], basis, kappa)[:, :, None]
-            rest = weight * (theta_dual - (z**2 * _times(TM, Y) + z * _times(TC, Y) + _times(TK, Y)))
-            dual_norm = np.linalg.norm(rest, axis=1)
-            if kappa is not None:
-                dual_norm = dual_norm * np.where(self._acoustic_response[None, :], np.abs(kappa * s[part, None] ** 2), 1.0)
-            dual_norm = dual_norm[:, problem.dual_of[:R]]
-            ports = problem.ports(H[part], s[part])
-            driven = [ports.drive(D[part]) for D in self.vectors]
-            # What drives the system for every input and vector: the input itself and what the terms add.
-            unit = np.broadcast_to(np.eye(n_in, dtype=complex), (part.stop - part.start, n_in, n_in))
-            u = np.concatenate([np.concatenate([unit, aux], axis=1) for _, aux in driven], axis=2)
-            x = X @ u
-            residual = np.linalg.norm(weight * (_times(theta_B, u) - (z**2 * _times(SM, x) + z * _times(SC, x) + _times(SK, x))), axis=1)
-            size = np.abs(s[part, None] ** problem.model.output_power[None, :])
-            for at, (y, _) in enumerate(driven):
-                of_vector = residual[:, at * n_in : (at + 1) * n_in]
-                estimate[part] = np.maximum(estimate[part], self._relative(of_vector, dual_norm * size, y, ports.H00))
+            weight, of_fields = self._weights(s[part], basis)
+            primal = weight * (theta_B - (z**2 * _times(SM, X) + z * _times(SC, X) + _times(SK, X)))
+            dual = weight * (theta_dual - (z**2 * _times(TM, Y) + z * _times(TC, Y) + _times(TK, Y)))
             both = np.concatenate([X, Y], axis=2)
-            spreads[part.start] = [_spread(_times(turn[low:high, low:high], both[:, low:high])) for low, high in itertools.pairwise(ends)]
+            filled = [_times(turn[low:high, low:high], both[:, low:high]) for low, high in fields]
+            x, y = np.split(np.concatenate([a * b for a, b in zip(of_fields, filled, strict=True)], axis=1), [X.shape[2]], axis=2)
+            pairs = (primal, self._outputs(dual, primal, s[part])), (x, self._outputs(y, x, s[part]))
+            ports = problem.ports(H[part], s[part])
+            vectors = states(ports)
+            for D in vectors:
+                missed, rounded = self._relative(ports, *pairs, D)
+                estimate[part], rounding[part] = np.maximum(estimate[part], missed), np.maximum(rounding[part], rounded)
+            parts[part.start] = [_spread(field) for field in filled], vectors
 
         in_chunks(s.size, work, chunk=solver.chunk(s.size))
         # In the order of the lines, whichever thread came first: sums must not depend on it.
-        spread = [np.sum(parts, axis=0) for parts in zip(*(spreads[at] for at in sorted(spreads)), strict=True)]
-        return Sweep(estimate, problem.ports(H, s), spread)
+        spreads, vectors = zip(*(parts[at] for at in sorted(parts)), strict=True)
+        return Sweep(
+            estimate=estimate,
+            rounding=np.finfo(float).eps * rounding,
+            ports=problem.ports(H, s),
+            vectors=[np.concatenate(some) for some in zip(*vectors, strict=True)],
+            spread=[np.sum(some, axis=0) for some in zip(*spreads, strict=True)],
+        )
 
-    def _relative(self, residual: Floats, dual: Floats, y: Complexes, reference: Complexes) -> Floats:
-        """(F,) estimated relative error for one parameter vector, the worst over inputs and quantities."""
+    def _weights(self, s: Complexes, basis: Projected) -> tuple[Floats, list[Any]]:
+        """The acoustic field is scaled as in the symmetrised system, by |l| = 1/|kappa s²|: its root for sketched rows, and for fields."""
+        kappa, rows = self._problem.Z.coupling.kappa, np.ones((s.size, basis.rows * len(basis.sizes), 1))
+        if kappa is None:
+            return rows, [1.0] * len(basis.sizes)
+        of_air = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None, None]
+        rows[:, basis.rows :] = of_air
+        return rows, [1.0, of_air]
+
+    def _outputs(self, dual: Complexes, primal: Complexes, s: Complexes) -> Complexes:
+        """(F, k, places + nt) what belongs to the distinct responses and to the outputs of the terms, in the symmetrised system."""
+        problem, kappa = self._problem, self._problem.Z.coupling.kappa
+        of = problem.dual_of
+        of_terms = dual[:, :, of[problem.responses :]] if of.size > problem.responses else primal[:, :, problem.loads :]
+        both = np.concatenate([dual[:, :, of[self._places]], of_terms], axis=2)
+        return np.asarray(both if kappa is None else both * np.where(self._in_air, -kappa * s[:, None] ** 2, 1.0)[:, None, :])
+
+    def _relative(
+        self, ports: PortFrf, residuals: tuple[Complexes, Complexes], solutions: tuple[Complexes, Complexes], D: Complexes
+    ) -> tuple[Floats, Floats]:
+        """(F,) what the basis misses and what rounding moves, in units of its step, relative to y, for one parameter vector.
+
+        Parameters
+        ----------
+        ports : PortFrf
+        residuals, solutions : pairs of (F, k, m) complex arrays
+            Of all inputs, and of the places of the responses and the outputs of the terms.
+        D : (F, nt) complex array
+        """
+        problem, places = self._problem, self._places
+        n_in, of = problem.loads, problem.dual_of[: problem.responses]
+        y, u = ports.drive(D)
+        to_quantity = ports.s[:, None] ** problem.model.output_power
+        H0p = ports.H0p[:, places] / to_quantity[:, places, None]
+        mirrored = replace(
+            ports, H00=y[:, places], H0p=H0p, Hp0=H0p.transpose(0, 2, 1), Hpp=ports.Hpp.transpose(0, 2, 1), input_of=np.arange(places.size)
+        )
+        v = mirrored.drive(D)[1]
+
+        def heard(dual: Complexes) -> Floats:
+            norm = np.linalg.norm(dual[:, :, : places.size] + dual[:, :, places.size :] @ v, axis=1)
+            return np.asarray(norm[:, of] * np.abs(to_quantity))
+
+        missed = np.linalg.norm(residuals[0][:, :, :n_in] + residuals[0][:, :, n_in:] @ u, axis=1)
+        # Each input is solved for by itself: their roundings do not cancel where their solutions do.
+        size = np.sum(np.abs(solutions[0]) ** 2, axis=1)[:, None]
+        rounded = np.sqrt(size[:, 0, :n_in] + (size[:, :, n_in:] @ np.abs(u) ** 2)[:, 0])
+        of_input = problem.input_of
+        return self._worst(ports, y, missed[:, of_input] * heard(residuals[1])), self._worst(
+            ports, y, rounded[:, of_input] * heard(solutions[1])
+        )
+
+    def _worst(self, ports: PortFrf, y: Complexes, errors: Floats) -> Floats:
+        """(F,) errors of the responses relative to y, the worst over inputs and quantities."""
         worst = np.zeros(y.shape[0])
-        for column in range(residual.shape[1]):
+        for column in range(self._problem.loads):
             mine = self._problem.input_of == column
             for group in self._problem.quantities:
                 rows = group[mine[group]]
                 if rows.size:
-                    error = residual[:, column] * np.linalg.norm(dual[:, rows], axis=1)
                     # What is silent counts as the certificate counts it.
                     floor = max(ROUNDING * float(np.linalg.norm(self.local[rows])), np.finfo(float).tiny)
-                    silent = np.maximum(SILENT * np.linalg.norm(reference[:, rows], axis=1), floor)
-                    worst = np.maximum(worst, error / np.maximum(np.linalg.norm(y[:, rows], axis=1), silent))
+                    silent = np.maximum(SILENT * np.linalg.norm(ports.H00[:, rows], axis=1), floor)
+                    size = np.maximum(np.linalg.norm(y[:, rows], axis=1), silent)
+                    worst = np.maximum(worst, np.linalg.norm(errors[:, rows], axis=1) / size)
         return worst
-
-
-def _row_weight(s: Complexes, basis: Projection, kappa: float | None) -> Floats:
-    """(F, sketch rows) square root of |l| of each field's rows."""
-    weight = np.ones((s.size, basis.rows * len(basis.fields)))
-    if kappa is not None:
-        weight[:, basis.rows :] = (1.0 / np.sqrt(np.abs(kappa * s**2)))[:, None]
-    return weight
 
 
 def _spread(X: Complexes) -> Floats:

@@ -11,10 +11,10 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.reduction.problem.norms import ROUNDING, SILENT
 from lrbc_cli.reduction.reduced.ports import PortFrf
 
-#: Errors below this are rounding, of the full solution too.
-ROUNDING_LEVEL = 1e-11
+#: Rounding is known to such a factor.
+ROUNDING_KNOWN = 10.0
 
-#: Errors below this share of the tolerance that no estimate foresaw are rounding; their lines do not count, where so many others remain.
+#: Errors below this share of the tolerance do not tell how far the estimate is off, nor do fewer lines than this.
 NEGLIGIBLE, LEAST_TELLING = 1e-4, 3
 
 #: Share of the lines that the bound is for, and how sure it is of that.
@@ -57,23 +57,32 @@ def tolerance_factor(count: int, share: float = SHARE, confidence: float = CONFI
     return float(nctdtrit(count - 1, ndtri(share) * root, confidence) / root)
 
 
-def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Floats, tolerance: float = 0.0) -> float:
+def unseen_bound(
+    measured: Floats,
+    expected: Floats,
+    rounding: Floats,
+    *,
+    estimate: Floats,
+    rounded: Floats,
+    lost: Floats | float = 0.0,
+    tolerance: float = 0.0,
+) -> float:
     """Bound of the relative error of y over a band of which a few lines were solved in full.
 
     The final model differs from the rich one that it was compressed from by ``lost``, which is computed at every line. What the rich
     one misses is estimated at every line and measured at some; the logarithms of measured over estimated are taken as normal, and
-    their tolerance limit raises the estimate.
+    their tolerance limit raises the estimate. Lines where rounding may be all that was measured do not tell.
 
     Parameters
     ----------
-    measured, expected : (m,) float arrays
-        Measured errors of the rich model, and its estimates at the same lines.
-    estimate : (F,) float array
-        Its estimates over the band.
-    lost : (F,) float array
+    measured, expected, rounding : (m,) float arrays
+        Measured errors of the rich model, and at the same lines what is estimated and what rounding may come to.
+    estimate, rounded : (F,) float arrays
+        Both over the band.
+    lost : (F,) float array or float
         Relative difference of the final model to it.
     tolerance : float
-        Of the error; what lies far below it does not tell rounding from what the estimate misses.
+        Of the error.
 
     Returns
     -------
@@ -82,11 +91,13 @@ def unseen_bound(measured: Floats, expected: Floats, estimate: Floats, lost: Flo
     """
     if measured.size < 2:
         return float("nan")
-    level = max(ROUNDING_LEVEL, NEGLIGIBLE * tolerance)
-    telling = (measured > level) | (measured <= expected)
+    tiny = np.finfo(float).tiny
+    # Errors hold what rounding there was.
+    seen = min(1.0, float(np.max(measured / np.maximum(rounding, tiny))))
+    level = np.maximum(rounding, max(NEGLIGIBLE * tolerance, tiny))
+    telling = (expected > level) | (measured > np.maximum(ROUNDING_KNOWN * rounding, level))
     if telling.sum() >= LEAST_TELLING:
-        measured, expected, level = measured[telling], expected[telling], ROUNDING_LEVEL
-    measured, expected, estimate = (np.maximum(values, level) for values in (measured, expected, estimate))
-    ratio = np.log(measured / expected)
+        measured, expected, level = measured[telling], expected[telling], np.full(int(telling.sum()), tiny)
+    ratio = np.log(np.maximum(measured, level) / np.maximum(expected, level))
     factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
-    return float(np.max(lost + factor * estimate))
+    return float(np.max(lost + factor * estimate + seen * rounded))

@@ -34,6 +34,7 @@ _STATES = {
     "clamped": "10⁴ times it",
     "beyond": "10⁹ times it",
     "random": "drawn for each term, from 10⁻⁴ to 10⁶ times",
+    "resonant": "raised from free until a mode of the structure lies on the very line",
 }
 
 
