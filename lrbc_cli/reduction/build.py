@@ -11,8 +11,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -21,16 +20,16 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
-from lrbc_cli.reduction.problem.basis import Projected, check_orthonormal, new_directions
+from lrbc_cli.reduction.problem.basis import check_orthonormal, new_directions
 from lrbc_cli.reduction.problem.full import full_operators, full_ports
 from lrbc_cli.reduction.problem.problem import Problem
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
-from lrbc_cli.reduction.steps.certify import measured_vectors, port_errors, residual_errors, vector_count
+from lrbc_cli.reduction.steps.certify import port_errors, residual_errors, vector_count
 from lrbc_cli.reduction.steps.compress import Compressor
 from lrbc_cli.reduction.steps.estimate import Effectivity, Estimator, Sweep
 from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
-from lrbc_cli.reduction.steps.unseen import distance, unseen_bound
+from lrbc_cli.reduction.steps.unseen import Candidate, unseen_error
 
 #: Expansion points before the estimate takes over, at Chebyshev places.
 FIRST_POINTS = 3
@@ -41,9 +40,6 @@ DEFLATION = 1e-3
 
 #: Points without progress after which errors that may be rounding count as that.
 PATIENCE = 4
-
-#: Every which line of the grid is looked at for all vectors of the certificate: at each some of them resonate.
-SPARSER = 4
 
 #: What compression may cost, in tolerances; less by a factor where a full solve shows that it cost too much.
 COMPRESSION, STRICTER = 0.1, 0.1
@@ -59,31 +55,6 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[stage] += now - self._last
         self._last = now
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A basis that may be the last.
-
-    Attributes
-    ----------
-    rich, sweep : Sweep
-        Of the rich basis, and of the one compressed from it.
-    full : ReducedModel
-        The rich model.
-    basis : Projected
-        Of the rich basis.
-    """
-
-    rich: Sweep
-    sweep: Sweep
-    full: ReducedModel = field(repr=False)
-    basis: Projected = field(repr=False)
-
-    @property
-    def compressed(self) -> bool:
-        """Whether it was."""
-        return self.sweep is not self.rich
 
 
 class Reducer:
@@ -203,7 +174,7 @@ class Reducer:
 
     # -- compress ---------------------------------------------------------------------------------------------------
 
-    def compress(self, rich: Sweep, progress: Callable[[str], None] = lambda _: None) -> _Candidate:
+    def compress(self, rich: Sweep, progress: Callable[[str], None] = lambda _: None) -> Candidate:
         """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
         whole, limit, size = self._uncompressed(rich), self.options.max_size, self.basis.size
         # With very many terms it would save little, and each comparison costs as much as several full lines.
@@ -232,8 +203,8 @@ class Reducer:
         progress(f"   compressed  r = {self.basis.size:4d}  from {size}")
         return replace(whole, sweep=sweep)
 
-    def _uncompressed(self, rich: Sweep) -> _Candidate:
-        return _Candidate(rich, rich, self.reduced(), self.basis.projected())
+    def _uncompressed(self, rich: Sweep) -> Candidate:
+        return Candidate(rich, rich, self.reduced(), self.basis.projected())
 
     def _changed(self) -> None:
         """Errors are those of another basis now; it can be measured again only where the exact port FRFs are known."""
@@ -242,7 +213,7 @@ class Reducer:
 
     # -- certify ----------------------------------------------------------------------------------------------------
 
-    def certify(self, candidate: _Candidate, progress: Callable[[str], None] = lambda _: None) -> bool:
+    def certify(self, candidate: Candidate, progress: Callable[[str], None] = lambda _: None) -> bool:
         """Measure the error at lines outside the basis until so many as asked for hold; returns whether one made the basis grow."""
         while True:
             missing = self.options.held_out - len(self.held_out)
@@ -259,14 +230,14 @@ class Reducer:
             if self._visit(self.lines.solve(missed[:1]), candidate, progress):
                 return True
 
-    def _visit_worst(self, candidate: _Candidate, count: int, progress: Callable[[str], None]) -> bool:
+    def _visit_worst(self, candidate: Candidate, count: int, progress: Callable[[str], None]) -> bool:
         """Visit lines where the estimate is worst, each in a part of the band of its own."""
         grid, estimate = self.estimator.grid, candidate.sweep.estimate
         return self._visit(
             self.lines.solve(grid.worst(estimate, self.enriched, self.held_out, count, self.options.held_out)), candidate, progress
         )
 
-    def _visit(self, batch: list[FullLine], candidate: _Candidate, progress: Callable[[str], None]) -> bool:
+    def _visit(self, batch: list[FullLine], candidate: Candidate, progress: Callable[[str], None]) -> bool:
         """Measure the error at lines just solved: each is held out, or enriches the basis; returns whether the basis grew.
 
         The others are left where one makes it grow: the next ones depend on the new basis, not on how many lines are solved at a time.
@@ -310,7 +281,7 @@ class Reducer:
             self.problem.model, self.problem.scale, model, line.factorisation, self.basis.lift, lambda amplitudes: inputs @ amplitudes
         )
 
-    def _lost_by_compression(self, line: FullLine, candidate: _Candidate, error: float) -> bool:
+    def _lost_by_compression(self, line: FullLine, candidate: Candidate, error: float) -> bool:
         """Whether the rich model is much better than the compressed one at a line."""
         return (
             line.exact is not None and candidate.compressed and max(self.errors(line.frequency_hz, candidate.full).values()) < 0.5 * error
@@ -366,29 +337,14 @@ class Reducer:
 
     # -- the end ----------------------------------------------------------------------------------------------------
 
-    def _unseen(self, candidate: _Candidate) -> float:
-        """Bound of the error at lines that were not solved in full, from estimates for all vectors of the certificate."""
-        problem, lines = self.problem, np.array(self.held_out)
-        terms, scale = problem.model.terms, problem.scale
-        grid = np.union1d(self.estimator.grid.lines_hz[::SPARSER], lines)
-        rich = self.estimator.sweep(candidate.basis, grid, lambda ports: list(chain(*measured_vectors(ports, terms, scale).values())))
-        measured, lost = [max(self.measured[line].values()) for line in self.held_out], np.zeros(grid.size)
-        if candidate.compressed:
-            measured = [max(self.errors(line, candidate.full).values()) for line in self.held_out]
-            final = self.reduced().ports(rich.ports.s)
-            lost = distance(rich.ports, final, rich.vectors, problem.quantities, self.estimator.local)
-        at = np.searchsorted(grid, lines)
-        return unseen_bound(
-            np.array(measured),
-            rich.estimate[at],
-            rich.rounding[at],
-            estimate=rich.estimate,
-            rounded=rich.rounding,
-            lost=lost,
-            tolerance=problem.options.tolerance,
+    def _unseen(self, candidate: Candidate) -> float:
+        """Bound of the error at lines that were not solved in full."""
+        errors = {line: self.errors(line, candidate.full) if candidate.compressed else self.measured[line] for line in self.held_out}
+        return unseen_error(
+            self.problem, self.estimator, candidate, self.reduced(), {line: max(found.values()) for line, found in errors.items()}
         )
 
-    def _finish(self, candidate: _Candidate) -> Reduction:
+    def _finish(self, candidate: Candidate) -> Reduction:
         for part in self.basis.fields:
             check_orthonormal(part)
         problem, options = self.problem, self.options

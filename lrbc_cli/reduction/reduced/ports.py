@@ -142,6 +142,25 @@ class PortFrf:
         w = self._solved(self.Hpp, E, F, self.Hp0)
         return self._respond(F, w), -F[:, :, None] * w
 
+    def drive_both(self, D: Complexes, heard: Complexes) -> tuple[Complexes, Complexes, Complexes]:
+        """The same, and what the terms add to the dual problems of some responses, ``v = -Delta (I + Hppᵀ Delta)⁻¹ heard``.
+
+        Parameters
+        ----------
+        D : (F, nt) complex array
+        heard : (F, nt, k) complex array
+            Rows of H0p, as columns.
+
+        Returns
+        -------
+        y : (F, R) complex array
+        u : (F, nt, n_in) complex array
+        v : (F, nt, k) complex array
+        """
+        E, F = self._split(D)
+        w, v = self._solved_both(self.Hpp, E, F, self.Hp0, heard)
+        return self._respond(F, w), -F[:, :, None] * w, -F[:, :, None] * v
+
     def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
         """FRFs and their derivatives to every D_j, in one pass.
 
@@ -157,17 +176,11 @@ class PortFrf:
         dy : (F, R, nt) complex array
         """
         y, dy = np.empty(self.H00.shape, dtype=complex), np.empty(self.H0p.shape, dtype=complex)
-        n_in = self.Hp0.shape[2]
 
         def work(part: slice) -> None:
             E, F = self._split(D[part], part)
             Hpp, Hp0, right = self.Hpp[part], self.Hp0[part], self.H0p[part].transpose(0, 2, 1)
-            if self.symmetric:
-                both = self._solved(Hpp, E, F, np.concatenate([Hp0, right], axis=2))
-                w, v = both[:, :, :n_in], both[:, :, n_in:]
-            else:
-                w = self._solved(Hpp, E, F, Hp0)
-                v = self._solved(Hpp.transpose(0, 2, 1), E, F, right)
+            w, v = self._solved_both(Hpp, E, F, Hp0, right)
             y[part] = self._respond(F, w, part)
             w = w * -(E**2)[:, :, None]
             np.multiply(v.transpose(0, 2, 1), w[:, :, self.input_of].transpose(0, 2, 1), out=dy[part])
@@ -186,6 +199,13 @@ class PortFrf:
             E = np.where(clamped, CLAMPED, E)
             F = np.where(clamped, 1.0 / np.where(h > 0, h, 1.0), F)
         return E, F
+
+    def _solved_both(self, Hpp: Complexes, E: Floats, F: Complexes, B: Complexes, L: Complexes) -> tuple[Complexes, Complexes]:
+        """``(E + Hpp F)⁻¹ B`` and ``(E + Hppᵀ F)⁻¹ L``, by one factorisation where both are the same."""
+        if self.symmetric:
+            both = self._solved(Hpp, E, F, np.concatenate([B, L], axis=2))
+            return both[:, :, : B.shape[2]], both[:, :, B.shape[2] :]
+        return self._solved(Hpp, E, F, B), self._solved(Hpp.transpose(0, 2, 1), E, F, L)
 
     @staticmethod
     def _solved(Hpp: Complexes, E: Floats, F: Complexes, B: Complexes) -> Complexes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -179,13 +179,8 @@ class Estimator:
         """
         problem, places = self._problem, self._places
         n_in, of = problem.loads, problem.dual_of[: problem.responses]
-        y, u = ports.drive(D)
         to_quantity = ports.s[:, None] ** problem.model.output_power
-        H0p = ports.H0p[:, places] / to_quantity[:, places, None]
-        mirrored = replace(
-            ports, H00=y[:, places], H0p=H0p, Hp0=H0p.transpose(0, 2, 1), Hpp=ports.Hpp.transpose(0, 2, 1), input_of=np.arange(places.size)
-        )
-        v = mirrored.drive(D)[1]
+        y, u, v = ports.drive_both(D, (ports.H0p[:, places] / to_quantity[:, places, None]).transpose(0, 2, 1))
 
         def heard(dual: Complexes) -> Floats:
             norm = np.linalg.norm(dual[:, :, : places.size] + dual[:, :, places.size :] @ v, axis=1)

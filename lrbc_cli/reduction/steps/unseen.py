@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from scipy.special import nctdtrit, ndtri
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.reduction.problem.basis import Projected
 from lrbc_cli.reduction.problem.norms import ROUNDING, SILENT
+from lrbc_cli.reduction.problem.problem import Problem
+from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.reduction.steps.certify import measured_vectors
+from lrbc_cli.reduction.steps.estimate import Estimator, Sweep
 
 #: Rounding is known to such a factor.
 ROUNDING_KNOWN = 10.0
@@ -19,6 +26,35 @@ NEGLIGIBLE, LEAST_TELLING = 1e-4, 3
 
 #: Share of the lines that the bound is for, and how sure it is of that.
 SHARE, CONFIDENCE = 0.95, 0.95
+
+
+#: Every which line of the grid is looked at for all vectors of the certificate: at each some of them resonate.
+SPARSER = 8
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A basis that may be the last.
+
+    Attributes
+    ----------
+    rich, sweep : Sweep
+        Of the rich basis, and of the one compressed from it.
+    full : ReducedModel
+        The rich model.
+    basis : Projected
+        Of the rich basis.
+    """
+
+    rich: Sweep
+    sweep: Sweep
+    full: ReducedModel = field(repr=False)
+    basis: Projected = field(repr=False)
+
+    @property
+    def compressed(self) -> bool:
+        """Whether it was."""
+        return self.sweep is not self.rich
 
 
 def distance(
@@ -101,3 +137,36 @@ def unseen_bound(
     ratio = np.log(np.maximum(measured, level) / np.maximum(expected, level))
     factor = np.exp(ratio.mean() + tolerance_factor(measured.size) * ratio.std(ddof=1))
     return float(np.max(lost + factor * estimate + seen * rounded))
+
+
+def unseen_error(
+    problem: Problem, estimator: Estimator, candidate: Candidate, final: ReducedModel, measured: Mapping[float, float]
+) -> float:
+    """Bound of the relative error of y at lines that were not solved in full, from estimates for all vectors of the certificate.
+
+    Parameters
+    ----------
+    problem : Problem
+    estimator : Estimator
+    candidate : Candidate
+    final : ReducedModel
+        The compressed one, or the rich one itself.
+    measured : dict
+        Measured errors of the rich one by held-out line [Hz].
+    """
+    lines, terms = np.array(list(measured)), problem.model.terms
+    grid = np.union1d(estimator.grid.lines_hz[::SPARSER], lines)
+    rich = estimator.sweep(candidate.basis, grid, lambda ports: list(chain(*measured_vectors(ports, terms, problem.scale).values())))
+    lost = np.zeros(grid.size)
+    if candidate.compressed:
+        lost = distance(rich.ports, final.ports(rich.ports.s), rich.vectors, problem.quantities, estimator.local)
+    at = np.searchsorted(grid, lines)
+    return unseen_bound(
+        np.array(list(measured.values())),
+        rich.estimate[at],
+        rich.rounding[at],
+        estimate=rich.estimate,
+        rounded=rich.rounding,
+        lost=lost,
+        tolerance=problem.options.tolerance,
+    )
