@@ -21,8 +21,8 @@ from lrbc_cli.campaign.identification.identify import identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
 from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
-from lrbc_cli.campaign.jobs.finished import identified_tree
-from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records, with_judgement
+from lrbc_cli.campaign.jobs.finished import result_record
+from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
 from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
@@ -265,13 +265,12 @@ class Study:
         given = {job: measurement} if measurement is not None else {}
         before = None
         if reference is not None:
-            before = reference.record
+            before = reference.record.state
             given[reference.name] = reference.identification.measurement
         found = identify(inputs, self.source, job, before, given)
-        evidence = evidence_of(inputs, found, before).beside(copied_baseline(inputs, job, found.measurement))
-        tree = identified_tree(inputs, self.source.stage, found, before)
+        evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         others = {other.name: other.record for other in baselines}
-        record = JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, tree, evidence, others))
+        record = result_record(inputs, self.source.stage, found, evidence, others)
         return Identified(name=job, identification=found, evidence=evidence, record=record)
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
@@ -297,7 +296,8 @@ class Study:
             update = type(update).model_validate(update.model_dump(by_alias=True, exclude_unset=True) | rule)
         except ValueError as error:
             raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
-        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_records(other.record for other in baselines))
+        scatter = scatter_of_records(other.record for other in baselines)
+        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter, found.identification.reference)
 
     def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int | None = None) -> PlanRecord:
         """What `lrbc update` will say of each bolt if it alone is loose: the record of ``plan.json``, see ``lrbc guide sensors``.

@@ -138,7 +138,9 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
     # Another rule for one number leaves the margin above the reference job as it was.
-    poor = replace(loose, evidence=replace(loose.evidence, reference_misfit_db=0.1, misfit_db=2.0))
+    state = replace(tight.record.state, misfit_db=0.1, validation_db=0.1)
+    told = replace(loose.identification, reference=state)
+    poor = replace(loose, identification=told, evidence=replace(loose.evidence, misfit_db=2.0))
     for rule in ({}, {"confidence": 0.9}):
         assert study.judge(poor, **rule).validity.passed is False
     assert study.judge(poor, largest_misfit=2.5).validity.passed is not False

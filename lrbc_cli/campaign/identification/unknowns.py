@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,8 +17,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.problem.vectors import band_omega, local_scale
 from lrbc_cli.reduction.steps.grid import band_lines
-from lrbc_cli.results.job import JobRecord, Parameter
-from lrbc_cli.results.model import Boundary
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.saturation import Saturation, saturation
 
@@ -126,13 +126,20 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     )
 
 
-def stored_theta(parameters: Parameterisation, record: JobRecord | None) -> Floats | None:
-    """Theta of a stored result; None where there is none or it belongs to other groups."""
-    return None if record is None else theta_of(parameters, record.parameters)
+class GroupValues(Protocol):
+    """Values of one group in a result, a reference state or a calibration."""
+
+    @property
+    def log10(self) -> Floats:
+        """(k,) float array."""
+
+    @property
+    def damping_exponent(self) -> float | None:
+        """None without damping."""
 
 
-def theta_of(parameters: Parameterisation, groups: Mapping[str, Parameter] | Mapping[str, Boundary]) -> Floats | None:
-    """Theta of what a result, or a calibration, says of its groups; None where these are others."""
+def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) -> Floats | None:
+    """Theta of these groups, by name; None where they are others."""
     theta = parameters.initial
     for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
         stored = groups.get(group.name)
@@ -151,10 +158,10 @@ def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, 
     return {} if found is None else {"the state found by the calibration": np.clip(found, *parameters.bounds.T)}
 
 
-def stored_covariance(parameters: Parameterisation, record: JobRecord | None) -> Floats:
-    """Covariance of theta in a stored result that ``stored_theta`` accepts; zero where it has none."""
+def stored_covariance(parameters: Parameterisation, reference: ReferenceState | None) -> Floats:
+    """Covariance of theta in the reference state; zero where it has none."""
     size = (parameters.size, parameters.size)
-    stored = None if record is None else record.covariance
+    stored = None if reference is None else reference.covariance
     return np.zeros(size) if stored is None or stored.shape != size else stored
 
 

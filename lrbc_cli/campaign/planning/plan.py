@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
-from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.jobs.finished import calibration_tree
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
@@ -329,7 +329,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         record, source = read_job(campaign.output, state.job), state.job
     elif reference is not None:
         record, source = read_job(campaign.output, reference), reference
-        known = stored_theta(parameters, record if isinstance(record, JobRecord) else None)
+        known = theta_of(parameters, record.parameters) if isinstance(record, JobRecord) else None
         if known is None:
             record = None
         elif state is None:
