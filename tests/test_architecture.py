@@ -231,8 +231,7 @@ ROOMS = sorted(path.name for path in ROOT.iterdir() if (path / "__init__.py").is
 @pytest.mark.parametrize("room", ROOMS)
 def test_parts_of_a_room_have_no_circle(room):
     """Sub-rooms import each other in one direction, and what stands beside them is above them or below, never both."""
-    # What names arrays in files of any format, `io/named.py`, stands between its sub-rooms.
-    assert tuple(TopologicalSorter((sub_rooms_of if room == "io" else parts_of)(room)).static_order())
+    assert tuple(TopologicalSorter(parts_of(room)).static_order())
 
 
 @pytest.mark.parametrize("room", ["reduction", "updating"])
