@@ -53,7 +53,7 @@ ALLOWED_PARTS = {
     "updating/misfit": {"statistics"},
     "updating/search": {"statistics", "unknowns", "misfit"},
     "updating/posterior": {"statistics", "unknowns", "misfit", "search"},
-    "updating/judging": {"comparison", "unknowns", "posterior"},
+    "updating/judging": {"unknowns", "posterior"},
     "updating/calibration": {"statistics", "misfit", "search", "posterior"},
 }
 

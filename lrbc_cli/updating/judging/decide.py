@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtr
 
-from lrbc_cli.updating.comparison.scale import DEVIATION
+from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
@@ -240,8 +240,7 @@ def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[
     for name, (value, std, own) in tight.items():
         peers = np.array([other for other, _, groups in tight.values() if groups == own])
         middle = float(np.median(peers))
-        scatter = max(DEVIATION * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
-        limit = rule.limit(rule.loose_change, scatter)
+        limit = rule.limit(rule.loose_change, max(robust.scatter(peers), rule.joint_scatter))
         if float(ndtr((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle
     return found
