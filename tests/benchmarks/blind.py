@@ -29,10 +29,7 @@ from typing import Any
 
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
-from lrbc_cli.campaign.calibrate import run_calibration
-from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+import lrbc_cli as lrbc
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import LrbcError, NumericalError
 
@@ -108,7 +105,7 @@ class Results:
     roles: dict[str, str]
     truth: dict[str, Any]
     calibration: Calibration | None
-    inputs: Inputs
+    study: lrbc.Study
 
 
 def results_of(task: Task) -> Results:
@@ -120,17 +117,17 @@ def results_of(task: Task) -> Results:
         Where nothing can be compared: its inputs, its calibration or its reference job fail.
     """
     config, own = campaign_of(task)
-    campaign = load_campaign(config, [*own, *task.overrides])
+    study = lrbc.load(config, overrides=[*own, *task.overrides], calibration=task.calibrate, cache=task.cache)
     calibration = None
-    if task.calibrate and campaign.calibration is not None:
-        record, _ = run_calibration(read_as_exported(campaign), task.cache, force=not task.resume)
+    if task.calibrate and study.inputs.campaign.calibration is not None:
+        record, _ = study.calibrate(force=not task.resume)
         factors = {name: entry.value for name, entry in record.factors.items()}
         misfit = record.misfit_db
         calibration = Calibration(record.status, misfit.final, misfit.held_out_final, factors, len(record.rounds), record.seconds)
-    inputs = read_inputs(campaign, calibration=task.calibrate)
+    inputs = study.inputs
     if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
         raise NumericalError("the calibration that was just made is not used")
-    outcome, _ = run_jobs(inputs, task.cache, force=not task.resume)
+    outcome = study.update(force=not task.resume)
     update = inputs.campaign.update
     reference = str(update.reference)
     if reference in outcome.errors:
@@ -141,7 +138,7 @@ def results_of(task: Task) -> Results:
         roles[job] = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
         failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
         trees[job] = failure or outcome.results[job].tree()
-    return Results(reference, trees, roles, truth, calibration, inputs)
+    return Results(reference, trees, roles, truth, calibration, study)
 
 
 def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:

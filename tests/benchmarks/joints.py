@@ -33,8 +33,6 @@ from blind import THREADS, Task, designs, pooled_table, results_of, runs, shown
 from scores import Figure
 
 from lrbc_cli import load
-from lrbc_cli.campaign.identification.identify import _Job
-from lrbc_cli.campaign.planning.plan import Request, make_plan
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.updating.unknowns.shapes import joints_of
 
@@ -159,7 +157,7 @@ def run_campaign(task: Task, draws: int | None) -> tuple[list[StateScore], float
     found = results_of(task)
     seen = {}
     if draws is not None:
-        seen = {bolt.name: bolt.verdict == "detectable" for bolt in make_plan(found.inputs, task.cache, Request(draws=draws)).bolts}
+        seen = {bolt.name: bolt.verdict == "detectable" for bolt in found.study.plan(draws=draws).bolts}
     before = found.trees[found.reference]
     scores = [score_state(task.name, tree, before, found.truth[job], found.roles[job], seen) for job, tree in found.trees.items()]
     return scores, None if found.calibration is None else found.calibration.misfit
@@ -259,10 +257,7 @@ def exact_costs(task: Task, seed: int, count: int) -> list[dict[str, Any]]:
         job = f"state-{k + 1}"
         measured = study.measurement(hz, study.frf(hz, truth))
         begin = time.perf_counter()
-        engine = _Job(
-            study._with_job(job, True), study.source, job, reference.record, {job: measured, name: reference.identification.measurement}
-        )
-        fit = engine.best()
+        fit = study.fit(job, measured, reference=reference)
         end = fit.misfit(_extended(fit, fit.solution.theta)).total
         ideal = fit.misfit(_extended(fit, truth, drifted=False)).total
         found.append({"campaign": task.name, "loose": len(loose), "ratio": end / ideal, "seconds": time.perf_counter() - begin})

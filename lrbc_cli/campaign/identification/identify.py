@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,7 +21,6 @@ from lrbc_cli.campaign.identification.weights import correction, joint_sigma, li
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.reduction.threads import in_turn, single_threaded
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
@@ -50,9 +48,9 @@ class _Job:
     ) -> None:
         self.inputs, self.source, self.name, self.reference, self._given = inputs, source, name, reference, given
         self.method, self.statistics = inputs.method, inputs.statistics
-        begin = time.perf_counter()
+        self.begin = time.perf_counter()
         self.measurement = self._read(name)
-        self.seconds_read = time.perf_counter() - begin
+        self.seconds_read = time.perf_counter() - self.begin
         for warning in self.measurement.warnings:
             log.warning("job %s: %s", name, warning)
         self.s = 2j * np.pi * self.measurement.frequency_hz
@@ -363,6 +361,12 @@ class _Job:
         return model.frf(np.concatenate([theta, knowledge.values]))
 
 
+def fit(inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, measurements: Mapping[str, Measurement]) -> Fit:
+    """The optimisation of one job alone: the cost as it was weighted in the end, and its minimum. Parameters as of ``identify``."""
+    with source.threads():
+        return _Job(inputs, source, name, reference, measurements).best()
+
+
 def identify(
     inputs: Inputs,
     source: FrfSource,
@@ -393,17 +397,13 @@ def identify(
     NumericalError
         Where the optimisation fails.
     """
-    # Factorisations of the full model have threads of their own.
-    with single_threaded(), nullcontext() if source.stage is not None else in_turn():
-        return _identify(inputs, source, name, reference, measurements or {})
+    with source.threads():
+        return _identified(_Job(inputs, source, name, reference, measurements or {}))
 
 
-def _identify(
-    inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, given: Mapping[str, Measurement]
-) -> Identification:
-    start = time.perf_counter()
-    job = _Job(inputs, source, name, reference, given)
+def _identified(job: _Job) -> Identification:
     ports = time.perf_counter()
+    inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
     values = job.measurement.values
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
@@ -417,7 +417,7 @@ def _identify(
     opens = job.opens(replace(fit, knowledge=knowledge))
     optimised = time.perf_counter()
     return Identification(
-        name=name,
+        name=job.name,
         solution=solution,
         parameters=job.parameters,
         saturations=job.limits,
@@ -437,9 +437,9 @@ def _identify(
         line_evaluations=fit.evaluations * fit.misfit.lines,
         seconds={
             "read": job.seconds_read,
-            "port": ports - start - job.seconds_read,
+            "port": ports - job.begin - job.seconds_read,
             "optimise": optimised - ports,
-            "total": time.perf_counter() - start,
+            "total": time.perf_counter() - job.begin,
         },
         regularisation=fit.plain.eta,
         l_curve=fit.curve,

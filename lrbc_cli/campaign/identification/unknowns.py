@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
@@ -149,6 +151,34 @@ def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) ->
         if at is not None:
             theta[at] = stored.damping_exponent
     return theta
+
+
+def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Mapping[str, ArrayLike], file: Path) -> Floats:
+    """Theta, the start values where None, with the values of some groups put in: by name, or ``GROUP.damping``.
+
+    Raises
+    ------
+    ConfigError
+        Where a group is unknown or the number of values does not fit; names the campaign file.
+    """
+    found = parameters.initial
+
+    def put(name: str, part: Floats, value: ArrayLike) -> None:
+        values = np.asarray(value, dtype=float)
+        if values.shape not in ((), part.shape):
+            raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
+        part[...] = values
+
+    if theta is not None:
+        put("theta", found, theta)
+    places: dict[str, slice] = {}
+    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+        places |= {group.name: where} | ({} if at is None else {f"{group.name}.damping": slice(at, at + 1)})
+    for name, value in log10.items():
+        if name not in places:
+            raise ConfigError(f"no parameter group '{name}'", file=file, expected=", ".join(places), found=name)
+        put(name, found[places[name]], value)
+    return found
 
 
 def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, Floats]:
