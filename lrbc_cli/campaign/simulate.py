@@ -83,8 +83,7 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
                 expected="GROUP=LOG10, GROUP=V1,V2,... or GROUP.damping=LOG10 with GROUP one of " + ", ".join(names),
                 found=text,
             )
-        index = names.index(group_name)
-        group, (where, at) = parameters.groups[index], parameters.slices[index]
+        group, where, at = parameters.placed[names.index(group_name)]
         try:
             numbers = np.array([float(value) for value in values.split(",")])
         except ValueError:

@@ -143,7 +143,7 @@ class GroupValues(Protocol):
 def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) -> Floats | None:
     """Theta of these groups, by name; None where they are others."""
     theta = parameters.initial
-    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, at in parameters.placed:
         stored = groups.get(group.name)
         if stored is None or len(stored.log10) != group.count or (at is not None) != (stored.damping_exponent is not None):
             return None
@@ -172,7 +172,7 @@ def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Ma
     if theta is not None:
         put("theta", found, theta)
     places: dict[str, slice] = {}
-    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, at in parameters.placed:
         places |= {group.name: where} | ({} if at is None else {f"{group.name}.damping": slice(at, at + 1)})
     for name, value in log10.items():
         if name not in places:

@@ -48,7 +48,7 @@ def bands(result: Identification) -> dict[str, Band]:
     """Confidence of the effective values of every group."""
     covariance = result.posterior.boundary
     found = {}
-    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, _ in result.parameters.placed:
         opens = (result.opens[0][values], result.opens[1][values])
         found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
     return found
@@ -161,7 +161,7 @@ def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvid
 
     groups: list[Edge | Joints] = []
     where: list[tuple[ParameterGroup, slice]] = []
-    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, _ in result.parameters.placed:
         if group.kind != "stiffness":
             continue
         log10, cap = effective(group, result.solution.theta[values]), result.saturations[group.name].start
@@ -306,7 +306,7 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
 def remarks(result: Identification) -> list[str]:
     """What a reader of the result should know: limits that do not exist, values at their bounds."""
     found = []
-    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)
         if limits is not None and not limits.found:
             found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")

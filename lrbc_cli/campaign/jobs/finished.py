@@ -156,7 +156,7 @@ def parameter_trees(inputs: Inputs, result: Identification) -> dict[str, Any]:
     """``parameters`` of ``result.json``."""
     theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
     confidence, out = bands(result), {}
-    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
+    for terms, (group, values, at) in zip(inputs.groups, result.parameters.placed, strict=True):
         p, length, band = theta[values], tributary(group), confidence[group.name]
         before = None if result.reference is None else result.reference.parameters.get(group.name)
         entry: dict[str, Any] = {

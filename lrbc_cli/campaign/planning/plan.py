@@ -336,7 +336,7 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
             state, theta = PlanState("job", reference), known
     state = state or PlanState("initial")
     if state.kind in ("clamped", "free"):
-        for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        for group, values, _ in parameters.placed:
             if group.kind == "stiffness":
                 theta[values] = bounds[values, 1 if state.kind == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
@@ -374,7 +374,7 @@ def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shap
 
 
 def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: str) -> list[Target]:
-    groups = [(g, at) for g, (at, _) in zip(parameters.groups, parameters.slices, strict=True) if g.kind == "stiffness"]
+    groups = [(g, at) for g, at, _ in parameters.placed if g.kind == "stiffness"]
     if by == "values":
         targets = [
             Target(
