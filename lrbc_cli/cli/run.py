@@ -17,7 +17,6 @@ from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearanc
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.write import write_report
-from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.results.store import read_job
 from lrbc_cli.study import Study
 
@@ -86,6 +85,6 @@ def _tell(output: Path, jobs: list[str], page: Path | None) -> None:
     for name in jobs:
         record = read_job(output, name)
         if record is not None:
-            say(job_sentence(record), finding=True)
+            say(record.sentence, finding=True)
     if page is not None:
         say(f"report: {page}")

@@ -24,7 +24,7 @@ from lrbc_cli.results.fields import (
     same_length,
     wrong,
 )
-from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, sentence
 from lrbc_cli.updating.judging.reference import GroupState, ReferenceState
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
@@ -319,6 +319,11 @@ class FailedJob(_JobBase):
         """What it says of the bolts."""
         return JobFinding(status="failed")
 
+    @property
+    def sentence(self) -> str:
+        """The first line of why it failed."""
+        return f"{self.job}: failed: {(self.reason.strip() or 'no reason given').splitlines()[0]}"
+
 
 class JobRecord(_JobBase):
     """A job with its result. ``status`` unexplained: the model does not explain the measurement, so there are no verdicts."""
@@ -397,6 +402,11 @@ class JobRecord(_JobBase):
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
             copied_db=(self.decision_rule or {}).get("copied_db", 0.0),
         )
+
+    @property
+    def sentence(self) -> str:
+        """What it says, as one line for people: ``bolts-04: B08 to B10 loose, B11 probably; 9 tight``."""
+        return f"{self.job}: {sentence(self.finding)}"
 
     @property
     def state(self) -> ReferenceState:
