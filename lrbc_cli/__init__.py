@@ -17,7 +17,7 @@ _PUBLIC = {
     "load": "lrbc_cli.study",
     "reduce": "lrbc_cli.matrices",
     "Study": "lrbc_cli.study",
-    "Identified": "lrbc_cli.study",
+    "Identified": "lrbc_cli.identified",
     "TermModel": "lrbc_cli.matrices",
     "FeModel": "lrbc_cli.model.fem",
     "LowRankTerms": "lrbc_cli.model.terms",
@@ -51,12 +51,13 @@ __all__ = [
 if TYPE_CHECKING:
     from lrbc_cli.campaign.identification.records import Measurement
     from lrbc_cli.errors import LrbcError
+    from lrbc_cli.identified import Identified
     from lrbc_cli.io.frf import read_frf, write_frf
     from lrbc_cli.matrices import TermModel, reduce
     from lrbc_cli.model.fem import FeModel
     from lrbc_cli.model.terms import LowRankTerms
     from lrbc_cli.reduction.build import Reduction, ReductionOptions, reduce_model
-    from lrbc_cli.study import Identified, Study, load
+    from lrbc_cli.study import Study, load
 
 
 def __getattr__(name: str) -> Any:

@@ -1,12 +1,11 @@
-"""The public face: a campaign as an object that reduces, computes FRFs, identifies and judges.
+"""The public face: a campaign as an object that reduces, computes FRFs, calibrates, identifies and judges; the command line uses it too.
 
-The command line does the same through the same functions; nothing here writes result files.
+Only ``calibrate`` and ``update`` write result files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,70 +13,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.calibration import read_inputs
+from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import cache_folder
-from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.identify import identify
+from lrbc_cli.campaign.identification.found import Fit
+from lrbc_cli.campaign.identification.identify import fit, identify
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, with_job
-from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters
+from lrbc_cli.campaign.identification.unknowns import found_on_frfs, parameterise, start_parameters, with_values
 from lrbc_cli.campaign.jobs.evidence import copied_baseline, evidence_of
-from lrbc_cli.campaign.jobs.finished import identified_tree
-from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records, with_judgement
+from lrbc_cli.campaign.jobs.finished import result_record
+from lrbc_cli.campaign.jobs.judging import role_of, scatter_of_records
+from lrbc_cli.campaign.jobs.standing import Outcome
 from lrbc_cli.campaign.planning.plan import Request, make_plan
-from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, cheaper_formula, frf_source, obtain_reduction
 from lrbc_cli.config import load_campaign
-from lrbc_cli.errors import ConfigError, DataError
-from lrbc_cli.method.rule import RULE, rule_of
+from lrbc_cli.errors import DataError
+from lrbc_cli.identified import Identified, frf_figure, profile_figure
+from lrbc_cli.method.rule import changed_rule
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.steps.grid import require_in_band
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.plan import PlanRecord
 from lrbc_cli.updating.judging.decide import Judgement, judge
-from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.judging.reference import ReferenceState
 
-
-@dataclass(frozen=True)
-class Identified:
-    """One job, identified and judged.
-
-    Attributes
-    ----------
-    name : str
-    identification : Identification
-        Values, posterior, FRFs before and after.
-    evidence : Evidence
-        What judging needs of it.
-    record : JobRecord
-        What ``result.json`` would hold, see ``lrbc guide results``.
-    """
-
-    name: str
-    identification: Identification = field(repr=False)
-    evidence: Evidence = field(repr=False)
-    record: JobRecord = field(repr=False)
-
-    @property
-    def status(self) -> str:
-        """``converged``, ``stopped`` or ``unexplained``."""
-        return self.record.status
-
-    @property
-    def misfit_db(self) -> float:
-        """Mean absolute misfit of the responses used [dB]."""
-        return self.record.misfit_db.final
-
-    @property
-    def verdicts(self) -> dict[str, str]:
-        """Verdict of each bolt."""
-        return {bolt.name: bolt.verdict for bolt in self.record.bolts}
-
-    @property
-    def probability_loose(self) -> dict[str, float | None]:
-        """Posterior probability of each bolt of being loose; None where none is stated."""
-        return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
+Progress = Callable[[str], None]
 
 
 class Study:
@@ -91,10 +53,14 @@ class Study:
         Folder of the cache; the user's where None.
     progress : callable
         Gets one line of text a step.
+    exported : Inputs or None
+        The same without a stored calibration, which ``calibrate`` needs; None: they hold none.
     """
 
-    def __init__(self, inputs: Inputs, cache: Path | None = None, progress: Callable[[str], None] = lambda _: None) -> None:
-        self.inputs = inputs
+    def __init__(
+        self, inputs: Inputs, cache: Path | None = None, progress: Progress = lambda _: None, exported: Inputs | None = None
+    ) -> None:
+        self.inputs, self._exported = inputs, inputs if exported is None else exported
         self._folder, self._progress = cache_folder(cache), progress
         self._stage: ReductionStage | None = None
         self._source: FrfSource | None = None
@@ -118,7 +84,9 @@ class Study:
         """Names of the jobs."""
         return list(self.inputs.campaign.jobs)
 
-    def reduce(self, *, force: bool = False, accept: bool = False) -> Reduction:
+    def reduce(
+        self, *, force: bool = False, accept: bool = False, missed: Callable[[ReductionStage], object] = lambda _: None
+    ) -> Reduction:
         """The reduced model with its certificate: from the cache, or built and kept.
 
         Parameters
@@ -127,6 +95,8 @@ class Study:
             Build anew.
         accept : bool
             Accept a model that does not reach its tolerance.
+        missed : callable
+            Gets a model that does not reach it and is not accepted, before that is raised.
 
         Raises
         ------
@@ -134,7 +104,7 @@ class Study:
             Where the tolerance is not reached and not accepted, or memory does not suffice.
         """
         if self._stage is None or force:
-            self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress)
+            self._stage = obtain_reduction(self.inputs, self._folder, force=force, accept=accept, progress=self._progress, missed=missed)
             self._source = self._start = None
         return self._stage.reduction
 
@@ -191,7 +161,7 @@ class Study:
         (2, 4)
         """
         s, parameters = self._lines(hz), self.parameters()
-        return self.source.model(s, parameters).frf(self._theta(parameters, theta, log10))
+        return self.source.model(s, parameters).frf(with_values(parameters, theta, log10, self.inputs.campaign.path))
 
     def sensitivities(self, hz: ArrayLike, theta: ArrayLike | None = None, /, **log10: ArrayLike) -> tuple[Complexes, Floats]:
         """FRFs and the derivative of their levels to all unknowns.
@@ -208,7 +178,7 @@ class Study:
             dB per decade, eqs. (35), (36); in the order of ``parameters()``.
         """
         s, parameters = self._lines(hz), self.parameters()
-        y, J = self.source.model(s, parameters).sensitivities(self._theta(parameters, theta, log10))
+        y, J = self.source.model(s, parameters).sensitivities(with_values(parameters, theta, log10, self.inputs.campaign.path))
         return y, np.asarray(J.real)
 
     def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
@@ -261,18 +231,65 @@ class Study:
         ConfigError, DataError, NumericalError
             Where the job is unknown, its measurement unusable, or the optimisation fails.
         """
-        inputs = self._with_job(job, measurement is not None)
-        given = {job: measurement} if measurement is not None else {}
-        before = None
-        if reference is not None:
-            before = reference.record
-            given[reference.name] = reference.identification.measurement
+        inputs, before, given = self._task(job, measurement, reference)
         found = identify(inputs, self.source, job, before, given)
-        evidence = evidence_of(inputs, found, before).beside(copied_baseline(inputs, job, found.measurement))
-        tree = identified_tree(inputs, self.source.stage, found, before)
+        evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         others = {other.name: other.record for other in baselines}
-        record = JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, tree, evidence, others))
+        record = result_record(inputs, self.source.stage, found, evidence, others)
         return Identified(name=job, identification=found, evidence=evidence, record=record)
+
+    def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
+        """The cost that ``identify`` minimises, as it is weighted in the end, and where it is least: for studies of the search."""
+        inputs, before, given = self._task(job, measurement, reference)
+        return fit(inputs, self.source, job, before, given)
+
+    def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
+        """Identify the global factors of the model as the campaign says, write and use them, as `lrbc calibrate` does.
+
+        Parameters
+        ----------
+        force : bool
+            Calibrate again even where nothing changed.
+        accept : bool
+            Accept a reduced model that does not reach its tolerance.
+
+        Returns
+        -------
+        CalibrationRecord
+        bool
+            Whether an earlier one was kept.
+        """
+        from lrbc_cli.campaign.calibrate import run_calibration
+
+        found = run_calibration(self._exported, self._folder, force=force, accept=accept, progress=self._progress)
+        self.use_calibration()
+        return found
+
+    def use_calibration(self, wanted: bool = True) -> None:
+        """Put the factors of the stored calibration into the model where it fits, or leave them out."""
+        self.inputs = with_stored_calibration(self._exported, calibration=wanted)
+        self._stage = self._source = self._start = None
+
+    def update(self, jobs: Sequence[str] = (), *, force: bool = False, **options: Any) -> Outcome:
+        """Identify and judge jobs and write their results, as `lrbc update` does: what is finished and still holds is kept.
+
+        Parameters
+        ----------
+        jobs : sequence of str
+            All where empty.
+        force : bool
+            Run finished jobs again.
+        **options
+            ``accept``, ``workers``, ``remote``, see ``run_jobs``.
+
+        Returns
+        -------
+        Outcome
+            ``results`` by job, and ``errors``: a job that fails is a record, not the end.
+        """
+        from lrbc_cli.campaign.jobs.run import run_jobs
+
+        return run_jobs(self.inputs, self._folder, wanted=jobs, force=force, progress=self._progress, **options)[0]
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
         """Judge the bolts of an identified job by another decision rule, without identifying anew.
@@ -290,16 +307,20 @@ class Study:
         ConfigError
             Where a key is no part of the rule, or its value is none.
         """
-        update, expected = self.inputs.campaign.update, "confidence, loose_change or largest_misfit"
-        if unknown := set(rule) - {*RULE}:
-            raise ConfigError("not part of the decision rule", expected=expected, found=", ".join(sorted(unknown)))
-        try:
-            update = type(update).model_validate(update.model_dump(by_alias=True, exclude_unset=True) | rule)
-        except ValueError as error:
-            raise ConfigError("no such decision rule", expected=f"values of {expected} as in the campaign file", found=rule) from error
-        return judge(found.evidence, rule_of(update), role_of(update, found.name), scatter_of_records(other.record for other in baselines))
+        update = self.inputs.campaign.update
+        changed, scatter = changed_rule(update, rule), scatter_of_records(other.record for other in baselines)
+        return judge(found.evidence, changed, role_of(update, found.name), scatter, found.identification.reference)
 
-    def plan(self, state: str | None = None, *, noise_db: float | None = None, draws: int | None = None) -> PlanRecord:
+    def plan(
+        self,
+        state: str | None = None,
+        *,
+        noise_db: float | None = None,
+        by: str = "auto",
+        draws: int | None = None,
+        seed: int = 0,
+        accept: bool = False,
+    ) -> PlanRecord:
         """What `lrbc update` will say of each bolt if it alone is loose: the record of ``plan.json``, see ``lrbc guide sensors``.
 
         Parameters
@@ -308,80 +329,45 @@ class Study:
             ``initial``, ``clamped``, ``free`` or ``job:NAME``; None: the reference job's stored result, else ``initial``.
         noise_db : float or None
             Standard deviation of a line [dB]; None: what the reference job tells.
-        draws : int or None
-            Rehearsals of each bolt and loss; None: about 150 in all; 0 gives linearised figures only.
+        by : str
+            What is loosened, one at a time: ``bolts``, ``values``, or ``auto``.
+        draws, seed : int or None, int
+            Rehearsals of each bolt and loss, about 150 in all where None, linearised figures only where 0; and of what is drawn.
+        accept : bool
+            Accept a reduced model that does not reach its tolerance.
         """
-        return make_plan(self.inputs, self._folder, Request(state, noise_db, draws=draws), progress=self._progress)
+        return make_plan(self.inputs, self._folder, Request(state, noise_db, by, draws, seed), accept=accept, progress=self._progress)
 
     def read(self, job: str) -> Measurement:
         """The measurement of a job, in SI units on the lines of the band."""
-        return read_measurement(self.inputs, self._with_job(job, False).campaign.jobs[job], job)
+        self.inputs.campaign.require_job(job)
+        return read_measurement(self.inputs, self.inputs.campaign.jobs[job], job)
 
     def plot_frf(self, found: Identified, response: str) -> Any:
         """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
-        from matplotlib.figure import Figure
-
-        at, result = self.responses.index(response), found.identification
-        figure = Figure(figsize=(8, 4), layout="constrained")
-        axes = figure.subplots()
-        curves = (("measured", result.measurement.values, "-"), ("initial", result.initial, ":"), ("updated", result.updated, "--"))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for label, H, style in curves:
-                axes.plot(result.measurement.frequency_hz, 20 * np.log10(np.abs(H[:, at])), style, label=label)
-        axes.set(xlabel="frequency [Hz]", ylabel=f"{response} [dB re 1 {self.inputs.responses[at].unit}]", title=found.name)
-        axes.legend()
-        return figure
+        at = self.responses.index(response)
+        return frf_figure(found.identification, at, f"{response} [dB re 1 {self.inputs.responses[at].unit}]")
 
     def plot_profile(self, found: Identified) -> Any:
         """Stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure (paper, Fig. 6)."""
-        from matplotlib.figure import Figure
-
-        groups = {name: entry for name, entry in found.record.parameters.items() if entry.arc_length is not None or entry.bolts}
-        figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
-        for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
-            if entry.arc_length is None:
-                at = np.arange(len(entry.log10))
-                axes.vlines(at, entry.lower95, entry.upper95, alpha=0.25, linewidth=8, label="95 % interval")
-                axes.plot(at, entry.log10_effective, "_", markersize=14, label="identified")
-                axes.set_xticks(at, [bolt or "" for bolt in entry.bolts or ()])
-            else:
-                axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
-                axes.plot(entry.arc_length, entry.log10_effective, label="identified")
-            axes.set(xlabel="along the edge [m]" if entry.bolts is None else "", ylabel=f"log10 of {name} [{entry.unit}]", title=found.name)
-            axes.legend()
-        return figure
+        return profile_figure(found.record)
 
     def _lines(self, hz: ArrayLike) -> Complexes:
         lines = np.atleast_1d(np.asarray(hz, dtype=float))
         require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
         return np.asarray(2j * np.pi * lines)
 
-    def _with_job(self, job: str, measured: bool) -> Inputs:
-        """The inputs with a job of that name, which need not have a file where its measurement is at hand."""
-        campaign = self.inputs.campaign
-        if not measured:
-            campaign.require_job(job)
-        return self.inputs if job in campaign.jobs else with_job(self.inputs, job)
-
-    def _theta(self, parameters: Parameterisation, given: ArrayLike | None, log10: Mapping[str, ArrayLike]) -> Floats:
-        theta = parameters.initial
-
-        def put(name: str, part: Floats, value: ArrayLike) -> None:
-            values = np.asarray(value, dtype=float)
-            if values.shape not in ((), part.shape):
-                raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
-            part[...] = values
-
-        if given is not None:
-            put("theta", theta, given)
-        places: dict[str, slice] = {}
-        for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
-            places |= {group.name: where} | ({} if at is None else {f"{group.name}.damping": slice(at, at + 1)})
-        for name, value in log10.items():
-            if name not in places:
-                raise ConfigError(f"no parameter group '{name}'", file=self.inputs.campaign.path, expected=", ".join(places), found=name)
-            put(name, theta[places[name]], value)
-        return theta
+    def _task(
+        self, job: str, measurement: Measurement | None, reference: Identified | None
+    ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
+        """What identifying a job takes: inputs that name it, the reference state, and the measurements at hand."""
+        given = {} if measurement is None else {job: measurement}
+        if reference is not None:
+            given[reference.name] = reference.identification.measurement
+        if measurement is None:
+            self.inputs.campaign.require_job(job)
+        inputs = self.inputs if job in self.jobs else with_job(self.inputs, job)
+        return inputs, None if reference is None else reference.record.state, given
 
 
 def load(
@@ -390,7 +376,7 @@ def load(
     overrides: Sequence[str] = (),
     calibration: bool = True,
     cache: str | Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Study:
     """Read a campaign file and its model.
 
@@ -420,8 +406,9 @@ def load(
     >>> study.responses
     ['acc1', 'acc2', 'acc3', 'acc4']
     """
-    inputs = read_inputs(load_campaign(Path(config), tuple(overrides)), calibration=calibration)
-    return Study(inputs, None if cache is None else Path(cache), progress)
+    exported = read_as_exported(load_campaign(Path(config), tuple(overrides)))
+    inputs = with_stored_calibration(exported, calibration=calibration)
+    return Study(inputs, None if cache is None else Path(cache), progress, exported)
 
 
 __all__ = ["Identified", "Study", "load"]

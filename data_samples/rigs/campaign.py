@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from lrbc_cli.virtual.drift import Scatter
@@ -57,11 +57,16 @@ def ensure_model(design: Design, folder: Path) -> None:
     ValueError
         Where the folder holds the model of another design.
     """
-    bolts = folder / "bolts.csv"
+    ensure(folder, design.name, bolt_table(design), lambda: write(design, build(design), folder))
+
+
+def ensure(folder: Path, name: str, bolts: str, make: Callable[[], object]) -> None:
+    """Make a model unless the folder holds it, known by its table of bolts; raises as ``ensure_model``."""
+    table = folder / "bolts.csv"
     if not (folder / "model.h5").is_file():
-        write(design, build(design), folder)
-    elif not bolts.is_file() or bolts.read_text(encoding="utf-8") != bolt_table(design):
-        raise ValueError(f"{folder} holds a model that is not that of {design.name}")
+        make()
+    elif not table.is_file() or table.read_text(encoding="utf-8") != bolts:
+        raise ValueError(f"{folder} holds a model that is not that of {name}")
 
 
 def nuisances_text(scatter: Scatter) -> str:

@@ -326,7 +326,7 @@ def _values(fit: FactorFit) -> dict[str, Any]:
         low, high = fit.interval(name)
         factors[name] = {"value": value, "std": value * fit.spread[name], "lower95": low, "upper95": high, "initial": 1.0}
     boundary: dict[str, Any] = {}
-    for group, (values, at) in zip(problem.parameters.groups, problem.parameters.slices, strict=True):
+    for group, values, at in problem.parameters.placed:
         boundary[group.name] = {"log10": fit.solution.theta[values]}
         if at is not None:
             boundary[group.name]["damping_exponent"] = fit.solution.theta[at]

@@ -146,8 +146,7 @@ def _model(inputs: Inputs) -> list[str]:
 
 def _reduction(inputs: Inputs, decision: cache.CacheDecision, out: Findings) -> list[str]:
     r = inputs.campaign.reduction
-    backend = r.backend if r.backend != "auto" else ("pardiso" if pardiso.library() else "superlu")
-    lines = [f"band {r.band[0]:g} to {r.band[1]:g} Hz, tolerance {r.tolerance:g}, back end {backend}"]
+    lines = [f"band {r.band[0]:g} to {r.band[1]:g} Hz, tolerance {r.tolerance:g}, back end {pardiso.resolved(r.backend)}"]
     if decision.hit:
         lines.append(f"cache: hit ({decision.reason})")
         if decision.missed:

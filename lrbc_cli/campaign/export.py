@@ -241,8 +241,8 @@ def _first_order(
     tree = {
         "form": form,
         **matrices,
-        "log10": np.concatenate([theta[where] for where, _ in parameters.slices]),
-        "damping_exponent": np.array([theta[at] for _, at in parameters.slices if at is not None]),
+        "log10": np.concatenate([theta[where] for _, where, _ in parameters.placed]),
+        "damping_exponent": np.array([theta[at] for _, _, at in parameters.placed if at is not None]),
         "source": ", ".join([given, *(f"--set {text}" for text in assignments)]),
         "poles": system.poles,
         **told,

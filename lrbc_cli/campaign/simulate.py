@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.identification.unknowns import layout, start_parameters, stored_theta
+from lrbc_cli.campaign.identification.unknowns import layout, start_parameters, theta_of
 from lrbc_cli.campaign.protect import require_new, require_no_input
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, cheaper_formula, obtain_reduction
@@ -83,8 +83,7 @@ def parse_values(assignments: Sequence[str], parameters: Parameterisation, theta
                 expected="GROUP=LOG10, GROUP=V1,V2,... or GROUP.damping=LOG10 with GROUP one of " + ", ".join(names),
                 found=text,
             )
-        index = names.index(group_name)
-        group, (where, at) = parameters.groups[index], parameters.slices[index]
+        group, where, at = parameters.placed[names.index(group_name)]
         try:
             numbers = np.array([float(value) for value in values.split(",")])
         except ValueError:
@@ -135,7 +134,7 @@ def job_values(inputs: Inputs, name: str, parameters: Parameterisation) -> Float
     job = read_job(campaign.output, name)
     if not isinstance(job, JobRecord):
         raise DataError(f"job {name} has no identified parameters", file=path, hint=f"run lrbc update {campaign.path.name} --job {name}")
-    theta = stored_theta(parameters, job)
+    theta = theta_of(parameters, job.parameters)
     if theta is None:
         raise DataError(
             f"the result of job {name} does not fit the parameter groups as they are now", file=path, hint="run lrbc update again"

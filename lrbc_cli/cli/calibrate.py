@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.calibrate import require_calibration, run_calibration
+from lrbc_cli.campaign.calibrate import require_calibration
 from lrbc_cli.campaign.calibration import fitting
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
@@ -15,6 +15,7 @@ from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.results.model import CalibrationRecord
+from lrbc_cli.study import Study
 
 
 @click.command()
@@ -50,7 +51,7 @@ def calibrate(
             say(f"factors: {', '.join(settings.names)}; boundary {'held' if settings.boundary == 'held' else 'identified too'}")
             say(f"reduced model: {'in the cache' if decision.hit else 'is built'} ({decision.reason})")
         return
-    record, kept = run_calibration(inputs, folder, force=force, accept=accept_tolerance, progress=progress())
+    record, kept = Study(inputs, folder, progress()).calibrate(force=force, accept=accept_tolerance)
     if as_json:
         say_json(record.tree())
     else:

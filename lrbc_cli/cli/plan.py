@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.planning.files import write_plan
-from lrbc_cli.campaign.planning.plan import Request, make_plan
-from lrbc_cli.cli.common import cache_folder, load, progress, say_json
+from lrbc_cli.cli.common import load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import say
 from lrbc_cli.report.parts.plan import draw_plan, plan_text
+from lrbc_cli.study import Study
 
 
 @click.command()
@@ -44,10 +44,9 @@ def plan(
     accept_tolerance: bool,
 ) -> None:
     """Tell what `lrbc update` will say of each bolt if it alone is loose, and rank the responses; no measurement is needed."""
-    inputs = load(config, overrides, calibration=calibration)
-    output = inputs.campaign.output
-    request = Request(state, noise, by, draws)
-    record = make_plan(inputs, cache_folder(cache), request, accept=accept_tolerance, progress=progress())
+    study = Study(load(config, overrides, calibration=calibration), cache, progress())
+    output = study.inputs.campaign.output
+    record = study.plan(state, noise_db=noise, by=by, draws=draws, accept=accept_tolerance)
     write_plan(output, record)
     draw_plan(output)
     if as_json:

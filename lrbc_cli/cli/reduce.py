@@ -12,13 +12,13 @@ from lrbc_cli.campaign.export import check_targets, export, require_real
 from lrbc_cli.campaign.jobs.results import write_campaign, write_reduction
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.cache import key_parts, look_up
-from lrbc_cli.campaign.reduced.stage import obtain_reduction
 from lrbc_cli.campaign.simulate import check_parameters
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options, verbosity
 from lrbc_cli.cli.terminal import remark, say
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.model import ReductionRecord
+from lrbc_cli.study import Study
 
 
 @click.command()
@@ -80,16 +80,10 @@ def reduce(
     if dry_run:
         _dry_run(inputs, folder, exports, force=force, as_json=as_json)
         return
-    output = inputs.campaign.output
-    stage = obtain_reduction(
-        inputs,
-        folder,
-        force=force,
-        accept=accept_tolerance,
-        progress=progress(),
-        # Its certificate and trace are what tells why it was missed.
-        missed=lambda stage: write_reduction(output, inputs, stage),
-    )
+    output, study = inputs.campaign.output, Study(inputs, folder, progress())
+    # Its certificate and trace are what tells why a tolerance was missed.
+    study.reduce(force=force, accept=accept_tolerance, missed=lambda stage: write_reduction(output, inputs, stage))
+    stage = study.stage
     record = write_reduction(output, inputs, stage)
     write_campaign(output, inputs)
     options: dict[str, Any] = {"first_order": state_space, "replace_foreign": overwrite, "job": job, "assignments": assignments}

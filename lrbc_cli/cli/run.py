@@ -9,19 +9,16 @@ from pathlib import Path
 import click
 
 from lrbc_cli.campaign.beside import passed_over
-from lrbc_cli.campaign.calibrate import run_calibration
-from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.jobs.plans import choose_jobs
-from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.cli.common import cache_folder, load, progress, say_json, tell_calibration
+from lrbc_cli.cli.common import load, progress, say_json, tell_calibration
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import complain, remark, say
 from lrbc_cli.cli.update import FAIL_HELP, finished, outcome_tree, tell_clearance, tell_troubles
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.report.old import outdating
 from lrbc_cli.report.write import write_report
-from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.results.store import read_job
+from lrbc_cli.study import Study
 
 
 @click.command()
@@ -51,15 +48,18 @@ def run(
 
     What is finished and still valid is kept. Exit codes are those of `lrbc update`; the report is written where jobs failed too.
     """
-    exported, folder, tell = load(config, overrides, calibration=None), cache_folder(cache), progress()
-    choose_jobs(exported.campaign, jobs)
-    if calibration and exported.campaign.calibration is not None:
-        run_calibration(exported, folder, force=force, accept=accept_tolerance, progress=tell)
-    inputs = with_stored_calibration(exported, calibration=calibration)
+    tell = progress()
+    study = Study(load(config, overrides, calibration=None), cache, tell)
+    choose_jobs(study.inputs.campaign, jobs)
+    if calibration and study.inputs.campaign.calibration is not None:
+        study.calibrate(force=force, accept=accept_tolerance)
+    else:
+        study.use_calibration(calibration)
+    inputs = study.inputs
     tell_calibration(inputs.calibration, wanted=calibration)
     output = inputs.campaign.output
     with outdating(output / "report.html"):
-        outcome, _ = run_jobs(inputs, folder, wanted=jobs, force=force, accept=accept_tolerance, workers=workers, progress=tell)
+        outcome = study.update(jobs, force=force, accept=accept_tolerance, workers=workers)
     tell_troubles(outcome)
     code, page = outcome.exit_code(fail_on_loose), None
     try:
@@ -85,6 +85,6 @@ def _tell(output: Path, jobs: list[str], page: Path | None) -> None:
     for name in jobs:
         record = read_job(output, name)
         if record is not None:
-            say(job_sentence(record), finding=True)
+            say(record.sentence, finding=True)
     if page is not None:
         say(f"report: {page}")

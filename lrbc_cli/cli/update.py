@@ -77,7 +77,7 @@ def update(
     outcome = None if force else _judged_anew(campaign, jobs, calibration=calibration)
     if outcome is None:
         inputs = read(campaign, calibration=calibration)
-        outcome = _updated(inputs, folder, scheduler, wanted=jobs, force=force, accept=accept_tolerance, workers=workers)
+        outcome = _updated(inputs, folder, scheduler, jobs=jobs, force=force, accept=accept_tolerance, workers=workers)
     tell_troubles(outcome)
     code = outcome.exit_code(fail_on_loose)
     if as_json:
@@ -105,10 +105,10 @@ def _updated(inputs: Inputs, folder: Path, scheduler: str | None, **options: Any
     """Identify what there is to identify."""
     # Here: what only judges is quick without them.
     from lrbc_cli.campaign.jobs.remote import cluster
-    from lrbc_cli.campaign.jobs.run import run_jobs
+    from lrbc_cli.study import Study
 
     with nullcontext() if scheduler is None else cluster(scheduler) as remote, outdating(inputs.campaign.output / "report.html"):
-        return run_jobs(inputs, folder, remote=remote, progress=progress(), **options)[0]
+        return Study(inputs, folder, progress()).update(remote=remote, **options)
 
 
 def _dry_run(inputs: Inputs, folder: Path, jobs: tuple[str, ...], *, force: bool, as_json: bool) -> None:

@@ -1,8 +1,9 @@
-"""Text of unknown encoding."""
+"""Text of unknown encoding, and letters that are taken for the same."""
 
 from __future__ import annotations
 
 import codecs
+import unicodedata
 from pathlib import Path
 
 from lrbc_cli.errors import DataError
@@ -37,3 +38,9 @@ def read_lines(path: Path) -> list[str]:
     if "\0" in text:
         raise DataError("this is not a text file", file=path, expected="text", found="binary data")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def fold(text: str) -> str:
+    """Lower case without accents, letter by letter; what only looks like a letter stays."""
+    letters = unicodedata.normalize("NFC", text)
+    return "".join(unicodedata.normalize("NFD", letter)[0].lower() if len(letter.lower()) == 1 else letter for letter in letters)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.units import Unit, decibel, numerator_quantity, parse_unit, response_quantity
 
 _CIRCULAR = re.compile(r"(omega|w|\u03c9)(?![a-z])|(angular|circular) freq|kreisfreq|pulsation")

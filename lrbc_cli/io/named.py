@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
+from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.frf_common import (
     HERTZ,
     Notes,
@@ -26,7 +27,7 @@ from lrbc_cli.io.frf_common import (
     scaled,
 )
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import fold, heading
+from lrbc_cli.io.text.header import heading
 from lrbc_cli.io.units import parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 

@@ -170,21 +170,25 @@ class Parameterisation:
     Attributes
     ----------
     groups : tuple of ParameterGroup
+    placed : tuple of (ParameterGroup, slice, int or None)
+        Each group with the places of its values, and of its damping exponent, in theta.
+    size : int
+        Of theta.
     """
 
     groups: tuple[ParameterGroup, ...]
-    slices: tuple[tuple[slice, int | None], ...] = field(init=False)
+    placed: tuple[tuple[ParameterGroup, slice, int | None], ...] = field(init=False, repr=False)
     size: int = field(init=False)
 
     def __post_init__(self) -> None:
-        slices: list[tuple[slice, int | None]] = []
+        placed: list[tuple[ParameterGroup, slice, int | None]] = []
         at = 0
         for group in self.groups:
             values = slice(at, at + group.count)
             at += group.count
-            slices.append((values, at if group.damping else None))
+            placed.append((group, values, at if group.damping else None))
             at += group.damping is not None
-        object.__setattr__(self, "slices", tuple(slices))
+        object.__setattr__(self, "placed", tuple(placed))
         object.__setattr__(self, "size", at)
 
     @property
@@ -196,7 +200,7 @@ class Parameterisation:
     def initial(self) -> Floats:
         """Theta at the start."""
         theta = np.zeros(self.size)
-        for group, (values, at) in zip(self.groups, self.slices, strict=True):
+        for group, values, at in self.placed:
             theta[values] = group.initial
             if group.damping and at is not None:
                 theta[at] = group.damping.initial
@@ -206,7 +210,7 @@ class Parameterisation:
     def bounds(self) -> Floats:
         """(size, 2) lower and upper bounds of theta."""
         bounds = np.zeros((self.size, 2))
-        for group, (values, at) in zip(self.groups, self.slices, strict=True):
+        for group, values, at in self.placed:
             bounds[values] = group.bounds
             if group.damping and at is not None:
                 bounds[at] = group.damping.bounds
@@ -216,7 +220,7 @@ class Parameterisation:
     def is_damping(self) -> NDArray[np.bool_]:
         """(size,) mask of the p_damp entries."""
         mask = np.zeros(self.size, dtype=bool)
-        for _, at in self.slices:
+        for _, _, at in self.placed:
             if at is not None:
                 mask[at] = True
         return mask
@@ -224,21 +228,21 @@ class Parameterisation:
     def scales(self, theta: Floats) -> Floats:
         """(nt,) linear value kappa_j of every term."""
         kappa = np.zeros(self.terms)
-        for group, (values, _) in zip(self.groups, self.slices, strict=True):
+        for group, values, _ in self.placed:
             kappa[group.terms] = group.values(theta[values])[group.parameter]
         return kappa
 
     def scale_jacobian(self, theta: Floats) -> Floats:
         """(nt, size) derivative of ``scales``; columns of p_damp are zero."""
         J = np.zeros((self.terms, self.size))
-        for group, (values, _) in zip(self.groups, self.slices, strict=True):
+        for group, values, _ in self.placed:
             J[group.terms, values] = group.value_jacobian(theta[values])[group.parameter]
         return J
 
     def spectra(self, theta: Floats, s: Complexes) -> Complexes:
         """(F, nt) c_j(s) with ``D_j(s) = c_j(s) kappa_j``: s^power, times ``1 + (s beta + i loss_factor) 10^p_damp`` (33)."""
         c = np.ones((s.size, self.terms), dtype=complex)
-        for group, (_, at) in zip(self.groups, self.slices, strict=True):
+        for group, _, at in self.placed:
             spectrum = s ** KIND_POWER[group.kind]
             if group.damping and at is not None:
                 spectrum = spectrum * (1.0 + group.damping.loss(s) * 10.0 ** theta[at])
@@ -248,7 +252,7 @@ class Parameterisation:
     def damping_spectra(self, theta: Floats, s: Complexes) -> list[tuple[int, NDArray[np.int64], Complexes]]:
         """For every p_damp its index in theta, its terms, and (F,) d c_j / d p_damp (36)."""
         out = []
-        for group, (_, at) in zip(self.groups, self.slices, strict=True):
+        for group, _, at in self.placed:
             if group.damping and at is not None:
                 out.append((at, group.terms, group.damping.loss(s) * LN10 * 10.0 ** theta[at]))
         return out
@@ -276,7 +280,7 @@ class Parameterisation:
         kappa = self.scales(theta)
         finite = np.isfinite(kappa)
         out = np.zeros((self.terms, 3))
-        for group, (_, at) in zip(self.groups, self.slices, strict=True):
+        for group, _, at in self.placed:
             power, terms = KIND_POWER[group.kind], group.terms
             out[terms, power] = kappa[terms] - group.baseline
             if group.damping and at is not None:

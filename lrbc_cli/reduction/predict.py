@@ -14,7 +14,6 @@ import numpy as np
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import ReductionOptions
 from lrbc_cli.reduction.problem.problem import Problem
-from lrbc_cli.reduction.solve import pardiso
 from lrbc_cli.reduction.solve.dynamic import columns_at_once
 from lrbc_cli.reduction.steps.full_lines import SIDE_BY_SIDE_BYTES, cores, moments_worth
 
@@ -116,11 +115,9 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
     NumericalError
         Where the back end is not installed.
     """
-    if backend == "auto":
-        backend = "pardiso" if pardiso.library() else "superlu"
     # What each response belongs to costs nothing.
     problem = Problem.of(model, np.zeros(model.L.shape[0], dtype=np.int64), options, backend=backend)
-    n, Z, analysis = model.size, problem.Z, problem.Z.analyse()
+    n, Z, analysis, backend = model.size, problem.Z, problem.Z.analyse(), problem.Z.backend
     inputs = problem.inputs.shape[1]
     columns = inputs + problem.dual.shape[1]
     moments = moments_worth(problem, analysis)

@@ -7,6 +7,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from lrbc_cli.results.agreement import CorrelationRecord, ModesRecord
 from lrbc_cli.results.fields import (
     Gap,
     Gaps,
@@ -23,8 +24,8 @@ from lrbc_cli.results.fields import (
     same_length,
     wrong,
 )
-from lrbc_cli.results.modes import ModesRecord
-from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding
+from lrbc_cli.updating.judging.clearance import BoltFinding, JobFinding, sentence
+from lrbc_cli.updating.judging.reference import GroupState, ReferenceState
 
 Verdict = Literal["tight", "loose", "undecided", "outside"]
 
@@ -249,42 +250,6 @@ class LCurveRecord(Record):
         return self
 
 
-class Peak(Record):
-    """A measured peak and the same resonance of the model before and after [Hz]; null where the model has none."""
-
-    measured_hz: Gap
-    initial_hz: Gap
-    final_hz: Gap
-
-
-class Spectrum(Record):
-    """The peaks of a spectrum."""
-
-    peaks: Many[Peak]
-
-
-class ResponseCorrelation(Spectrum):
-    """FRAC before and after of one response, and its peaks."""
-
-    frac_initial: Gap
-    frac_final: Gap
-
-
-class CorrelationRecord(Record):
-    """How well the FRFs agree before and after; means are over the responses used, shifts over peaks matched both times [%]."""
-
-    frac_initial: Gap
-    frac_final: Gap
-    frac_held_out_initial: Gap
-    frac_held_out_final: Gap
-    fdac_diagonal_initial: Gap
-    fdac_diagonal_final: Gap
-    peak_shift_percent_initial: Gap
-    peak_shift_percent_final: Gap
-    mean_spectrum: Spectrum
-    responses: dict[str, ResponseCorrelation]
-
-
 class CalibrationInUse(Record):
     """The calibration in the model, by its key."""
 
@@ -353,6 +318,11 @@ class FailedJob(_JobBase):
     def finding(self) -> JobFinding:
         """What it says of the bolts."""
         return JobFinding(status="failed")
+
+    @property
+    def sentence(self) -> str:
+        """The first line of why it failed."""
+        return f"{self.job}: failed: {(self.reason.strip() or 'no reason given').splitlines()[0]}"
 
 
 class JobRecord(_JobBase):
@@ -431,6 +401,36 @@ class JobRecord(_JobBase):
             missing=tuple(name for name, entry in self.misfit_db.responses.items() if entry.used and not math.isfinite(entry.final)),
             measurement=() if self.provenance.measured_db is None else tuple(self.provenance.measured_db.tolist()),
             copied_db=(self.decision_rule or {}).get("copied_db", 0.0),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What it says, as one line for people: ``bolts-04: B08 to B10 loose, B11 probably; 9 tight``."""
+        return f"{self.job}: {sentence(self.finding)}"
+
+    @property
+    def state(self) -> ReferenceState:
+        """What jobs that are compared with it take of it."""
+        validation = self.misfit_db.held_out_final
+        return ReferenceState(
+            job=self.job,
+            parameters={
+                name: GroupState(
+                    log10=group.log10,
+                    damping_exponent=group.damping_exponent,
+                    log10_effective=group.log10_effective,
+                    std=group.std,
+                    upper95=group.upper95,
+                )
+                for name, group in self.parameters.items()
+            },
+            covariance=self.covariance,
+            sigma_db=self.noise.sigma_db,
+            misfit_db=self.misfit_db.final,
+            validation_db=validation if math.isfinite(validation) else None,
+            hammer_offset_m={name: 1e-3 * entry.value for name, entry in self.nuisances.hammer_offset_mm.items()},
+            explained=self.explained,
+            inputs=frozenset(self.provenance.inputs.values()),
         )
 
 

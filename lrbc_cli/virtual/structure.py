@@ -168,7 +168,7 @@ class VirtualStructure:
         D = self.parameters.spectra(theta, self.s)
         kappa = np.zeros(self.parameters.terms)
         values: dict[str, list[float]] = {}
-        for group, (where, _) in zip(self.parameters.groups, self.parameters.slices, strict=True):
+        for group, where, _ in self.parameters.placed:
             level = theta[where].copy()
             if group.kind == "stiffness":
                 if settings.level is not None:

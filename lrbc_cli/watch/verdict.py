@@ -12,7 +12,6 @@ from pathlib import Path
 
 from lrbc_cli.errors import ConfigError
 from lrbc_cli.results.job import Job
-from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.updating.judging.clearance import FINISHED, JobFinding, not_clear, once_more
 
 #: Seconds that a hook may take.
@@ -53,7 +52,7 @@ def verdict_of(record: Job, known: Mapping[str, JobFinding]) -> Verdict:
     else:
         clear = not not_clear({record.job: found}) and record.job not in once_more({**known, record.job: found})
         word, code = found.assumed or ("tight" if clear else "inconclusive"), 0 if clear else 7
-    return Verdict(record.job, word, code, job_sentence(record))
+    return Verdict(record.job, word, code, record.sentence)
 
 
 def unusable(job: str, error: Exception) -> Verdict:

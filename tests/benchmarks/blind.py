@@ -21,24 +21,23 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from scores import Figure, JobScore, figures, locate, roc_auc, score_job
 
-from lrbc_cli.campaign.calibrate import run_calibration
-from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.jobs.run import run_jobs
-from lrbc_cli.campaign.reading.inputs import Inputs, read_as_exported
+import lrbc_cli as lrbc
 from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import LrbcError, NumericalError
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "soundbox.yaml"
 SAMPLE = ROOT / "data_samples" / "soundbox"
+
+T = TypeVar("T")
 
 #: What drifts in the fully tightened campaigns.
 TIGHT = ("--jobs", "tight:4", "--retorque", "0.3", "--kelvin", "2", "--hammer", "0.003")
@@ -108,7 +107,7 @@ class Results:
     roles: dict[str, str]
     truth: dict[str, Any]
     calibration: Calibration | None
-    inputs: Inputs
+    study: lrbc.Study
 
 
 def results_of(task: Task) -> Results:
@@ -120,17 +119,17 @@ def results_of(task: Task) -> Results:
         Where nothing can be compared: its inputs, its calibration or its reference job fail.
     """
     config, own = campaign_of(task)
-    campaign = load_campaign(config, [*own, *task.overrides])
+    study = lrbc.load(config, overrides=[*own, *task.overrides], calibration=task.calibrate, cache=task.cache)
     calibration = None
-    if task.calibrate and campaign.calibration is not None:
-        record, _ = run_calibration(read_as_exported(campaign), task.cache, force=not task.resume)
+    if task.calibrate and study.inputs.campaign.calibration is not None:
+        record, _ = study.calibrate(force=not task.resume)
         factors = {name: entry.value for name, entry in record.factors.items()}
         misfit = record.misfit_db
         calibration = Calibration(record.status, misfit.final, misfit.held_out_final, factors, len(record.rounds), record.seconds)
-    inputs = read_inputs(campaign, calibration=task.calibrate)
+    inputs = study.inputs
     if calibration is not None and (inputs.calibration is None or not inputs.calibration.used):
         raise NumericalError("the calibration that was just made is not used")
-    outcome, _ = run_jobs(inputs, task.cache, force=not task.resume)
+    outcome = study.update(force=not task.resume)
     update = inputs.campaign.update
     reference = str(update.reference)
     if reference in outcome.errors:
@@ -141,7 +140,7 @@ def results_of(task: Task) -> Results:
         roles[job] = "reference" if job == reference else "baseline" if job in update.baselines else "judged"
         failure = {"job": job, "status": "failed", "reason": outcome.errors[job].message} if job in outcome.errors else None
         trees[job] = failure or outcome.results[job].tree()
-    return Results(reference, trees, roles, truth, calibration, inputs)
+    return Results(reference, trees, roles, truth, calibration, study)
 
 
 def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
@@ -152,30 +151,26 @@ def run_campaign(task: Task) -> tuple[list[JobScore], Calibration | None]:
     return scores, found.calibration
 
 
-def run_all(tasks: Sequence[Task], workers: int) -> tuple[list[JobScore], dict[str, Calibration], dict[str, str]]:
-    """Run campaigns, each in a process of its own with one thread; calibrations, and what failed as a whole, by its name."""
+def in_processes(run: Callable[..., T], calls: Sequence[tuple[Any, ...]], workers: int) -> tuple[dict[str, T], dict[str, str]]:
+    """Run campaigns, each in a process of its own with one thread; what failed as a whole, by its name."""
     for variable in THREADS:
         os.environ[variable] = "1"
-    scores: list[JobScore] = []
-    calibrations: dict[str, Calibration] = {}
+    found: dict[str, T] = {}
     failures: dict[str, str] = {}
     start = time.perf_counter()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, max_tasks_per_child=1) as pool:
-        pending = [(task, pool.submit(run_campaign, task)) for task in tasks]
-        for done, (task, future) in enumerate(pending, 1):
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
+        pending = [(arguments[0].name, pool.submit(run, *arguments)) for arguments in calls]
+        for done, (name, future) in enumerate(pending, 1):
             try:
-                found, calibration = future.result()
+                found[name] = future.result()
             except LrbcError as error:
-                failures[task.name] = error.message
-                print(f"{task.name}: {error.message}", file=sys.stderr)
-                continue
-            scores += found
-            if calibration is not None:
-                calibrations[task.name] = calibration
-            wrong = sum(b.wrong for job in found if job.role == "judged" for b in job.bolts)
-            print(f"{done}/{len(tasks)} {task.name}: {wrong} wrong, {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-    return scores, calibrations, failures
+                failures[name] = error.message
+            print(
+                f"{done}/{len(calls)} {name}: {failures.get(name, 'done')}, {time.perf_counter() - start:.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
+    return found, failures
 
 
 def shown(value: float | None) -> str:
@@ -367,6 +362,16 @@ def names_of(folders: Sequence[Path]) -> list[tuple[str, Path]]:
     return [(name if short.count(name) == 1 else f"{f.resolve().parent.name}-{name}", f) for name, f in zip(short, folders, strict=True)]
 
 
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Those of every benchmark that runs campaigns."""
+    parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
+    parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
+    parser.add_argument("--resume", action="store_true", help="keep finished jobs and calibrations that --out holds, as lrbc does")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--markdown", type=Path, metavar="FILE")
+
+
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -376,14 +381,9 @@ def main() -> int:
     parser.add_argument("--tight", type=designs, action="append", default=[], metavar="DESIGN:SEEDS")
     parser.add_argument("--sample", action="store_true", help="the SoundBox sample beside the others")
     parser.add_argument("--config", type=Path, default=CONFIG, help="campaign file of folders without one")
-    parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
     parser.add_argument("--no-calibration", action="store_true", help="the model as exported")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
     parser.add_argument("--cache", type=Path, help="keep reduced models here; default: built anew")
-    parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
-    parser.add_argument("--resume", action="store_true", help="keep finished jobs and calibrations that --out holds, as lrbc does")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    parser.add_argument("--markdown", type=Path, metavar="FILE")
+    add_options(parser)
     arguments = parser.parse_args()
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="lrbc-blind-") as scratch:
@@ -405,7 +405,9 @@ def main() -> int:
             )
             for name, folder in campaigns
         ]
-        jobs, calibrations, failures = run_all(tasks, arguments.workers)
+        found, failures = in_processes(run_campaign, [(task,) for task in tasks], arguments.workers)
+    jobs = [job for scores, _ in found.values() for job in scores]
+    calibrations = {name: calibration for name, (_, calibration) in found.items() if calibration is not None}
     pooled = figures(jobs)
     by_campaign = {task.name: figures([job for job in jobs if job.campaign == task.name]) for task in tasks if task.name not in failures}
     parts = [

@@ -16,26 +16,21 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from blind import THREADS, Task, designs, pooled_table, results_of, runs, shown
+from blind import Task, add_options, designs, in_processes, pooled_table, results_of, runs, shown
 from scores import Figure
 
 from lrbc_cli import load
-from lrbc_cli.campaign.identification.identify import _Job
-from lrbc_cli.campaign.planning.plan import Request, make_plan
-from lrbc_cli.errors import LrbcError
 from lrbc_cli.updating.unknowns.shapes import joints_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,8 +44,6 @@ EXPLAINED_DB = 2.0
 
 #: Cost at the end over that at the truth that counts as reached.
 REACHED = 1.01
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -159,7 +152,7 @@ def run_campaign(task: Task, draws: int | None) -> tuple[list[StateScore], float
     found = results_of(task)
     seen = {}
     if draws is not None:
-        seen = {bolt.name: bolt.verdict == "detectable" for bolt in make_plan(found.inputs, task.cache, Request(draws=draws)).bolts}
+        seen = {bolt.name: bolt.verdict == "detectable" for bolt in found.study.plan(draws=draws).bolts}
     before = found.trees[found.reference]
     scores = [score_state(task.name, tree, before, found.truth[job], found.roles[job], seen) for job, tree in found.trees.items()]
     return scores, None if found.calibration is None else found.calibration.misfit
@@ -259,10 +252,7 @@ def exact_costs(task: Task, seed: int, count: int) -> list[dict[str, Any]]:
         job = f"state-{k + 1}"
         measured = study.measurement(hz, study.frf(hz, truth))
         begin = time.perf_counter()
-        engine = _Job(
-            study._with_job(job, True), study.source, job, reference.record, {job: measured, name: reference.identification.measurement}
-        )
-        fit = engine.best()
+        fit = study.fit(job, measured, reference=reference)
         end = fit.misfit(_extended(fit, fit.solution.theta)).total
         ideal = fit.misfit(_extended(fit, truth, drifted=False)).total
         found.append({"campaign": task.name, "loose": len(loose), "ratio": end / ideal, "seconds": time.perf_counter() - begin})
@@ -309,28 +299,6 @@ def generated(wanted: Sequence[tuple[str, list[int]]], work: Path) -> list[tuple
     return found
 
 
-def in_processes(run: Callable[..., T], calls: Sequence[tuple[Any, ...]], workers: int) -> tuple[dict[str, T], dict[str, str]]:
-    """Run campaigns, each in a process of its own with one thread; what failed as a whole, by its name."""
-    for variable in THREADS:
-        os.environ[variable] = "1"
-    found: dict[str, T] = {}
-    failures: dict[str, str] = {}
-    start = time.perf_counter()
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
-        pending = [(arguments[0].name, pool.submit(run, *arguments)) for arguments in calls]
-        for done, (name, future) in enumerate(pending, 1):
-            try:
-                found[name] = future.result()
-            except LrbcError as error:
-                failures[name] = error.message
-            print(
-                f"{done}/{len(calls)} {name}: {failures.get(name, 'done')}, {time.perf_counter() - start:.0f} s",
-                file=sys.stderr,
-                flush=True,
-            )
-    return found, failures
-
-
 def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -338,12 +306,7 @@ def main() -> int:
     parser.add_argument("--exact", action="store_true", help="states of the nominal models themselves, without noise")
     parser.add_argument("--states", type=int, default=75, metavar="N", help="of each campaign, with --exact (75)")
     parser.add_argument("--plan", type=int, nargs="?", const=0, metavar="DRAWS", help="detectable is what `lrbc plan` calls so (0 draws)")
-    parser.add_argument("--override", action="append", default=[], metavar="KEY.PATH=VALUE", help="as of lrbc")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="campaigns at a time (1)")
-    parser.add_argument("--out", type=Path, help="keep generated measurements and results here")
-    parser.add_argument("--resume", action="store_true", help="keep finished jobs and calibrations that --out holds, as lrbc does")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    parser.add_argument("--markdown", type=Path, metavar="FILE")
+    add_options(parser)
     arguments = parser.parse_args()
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="lrbc-joints-") as scratch:

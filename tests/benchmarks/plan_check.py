@@ -27,14 +27,9 @@ from blind import ROOT, designs
 from joints import generated
 from scipy.special import betaincinv
 
-from lrbc_cli.campaign.calibrate import run_calibration
-from lrbc_cli.campaign.calibration import read_inputs
-from lrbc_cli.campaign.jobs.run import run_jobs
+import lrbc_cli as lrbc
 from lrbc_cli.campaign.planning.files import write_plan
-from lrbc_cli.campaign.planning.plan import Request, make_plan
-from lrbc_cli.campaign.reading.inputs import read_as_exported
 from lrbc_cli.campaign.simulate import parse_lines
-from lrbc_cli.config import load_campaign
 from lrbc_cli.errors import NumericalError
 from lrbc_cli.updating.posterior.information import LOSSES
 from lrbc_cli.virtual.campaign import declared_scatter, rehearse
@@ -65,10 +60,10 @@ class Comparison:
     status: str
 
 
-def compare(name: str, config: Path, seed: int, work: Path, request: Request, arguments: argparse.Namespace) -> list[Comparison]:
+def compare(name: str, config: Path, seed: int, work: Path, arguments: argparse.Namespace) -> list[Comparison]:
     """Rehearse one structure, plan for it, run it."""
     cache = work / "cache"
-    inputs = read_as_exported(load_campaign(config, arguments.override))
+    inputs = lrbc.load(config, overrides=arguments.override, calibration=False).inputs
     assert inputs.bolts is not None
     prior = inputs.statistics.bolts
     joints = any(group.bolt is not None for group in inputs.groups)
@@ -90,20 +85,19 @@ def compare(name: str, config: Path, seed: int, work: Path, request: Request, ar
                 own[f"{job}-{k}"] = loose[0], loss
                 overrides.append(f"jobs.{job}-{k}={json.dumps({'frf': (folder / 'frf' / f'{job}.uff').resolve().as_posix()})}")
     first = work / name / f"seed-{seed}" / "loss-0"
-    campaign = load_campaign(first / "campaign.yaml", overrides)
+    study = lrbc.load(first / "campaign.yaml", overrides=overrides, cache=cache)
     if arguments.unmeasured:
-        bare = load_campaign(first / "campaign.yaml", [*arguments.override, 'output="unmeasured"'])
-        plan = make_plan(read_inputs(bare, calibration=False), cache, request)
-    if campaign.calibration is not None:
-        run_calibration(read_as_exported(campaign), cache)
-    inputs = read_inputs(campaign, calibration=True)
-    before, _ = run_jobs(inputs, cache, wanted=[reference], force=True)
+        bare = [*arguments.override, 'output="unmeasured"']
+        plan = lrbc.load(first / "campaign.yaml", overrides=bare, calibration=False, cache=cache).plan(draws=arguments.draws, seed=seed)
+    if study.inputs.campaign.calibration is not None:
+        study.calibrate()
+    before = study.update([reference], force=True)
     if reference not in before.results:
         raise NumericalError(f"{name}, seed {seed}: the reference job failed")
     if not arguments.unmeasured:
-        plan = make_plan(inputs, cache, request)
-    write_plan(inputs.campaign.output, plan)
-    outcome, _ = run_jobs(inputs, cache, wanted=[*own], force=True)
+        plan = study.plan(draws=arguments.draws, seed=seed)
+    write_plan(study.inputs.campaign.output, plan)
+    outcome = study.update([*own], force=True)
     stated = {(bolt.name, loss.decades): loss for bolt in plan.bolts for loss in bolt.losses if bolt.note is None}
     found = []
     for job, (bolt, loss) in own.items():
@@ -200,7 +194,7 @@ def main() -> int:
         found: list[Comparison] = []
         for name, config, seed in wanted:
             start = time.perf_counter()
-            own = compare(name, config, seed, work, Request(draws=arguments.draws, seed=seed), arguments)
+            own = compare(name, config, seed, work, arguments)
             found += own
             stated, right = np.mean([one.right for one in own]), np.mean([one.verdict == "loose" for one in own])
             print(

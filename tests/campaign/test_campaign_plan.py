@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from campaigns import Folder, frame
 
-from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.reduced.stage import frf_source, obtain_reduction
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.results.store import read_job
@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
     inside = (frequency >= 30.0) & (frequency <= 500.0)
     s = 2j * np.pi * frequency[inside]
     parameters, _ = parameterise(inputs, source, s)
-    theta = stored_theta(parameters, read_job(folder.out, "tight"))
+    theta = theta_of(parameters, read_job(folder.out, "tight").parameters)
     assert theta is not None
     model, shapes = source.model(s, parameters), bolt_shapes(parameters, inputs.bolts.xyz)
     rng = np.random.default_rng(5)

@@ -10,7 +10,6 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from campaigns import Folder, frame
@@ -58,19 +57,7 @@ def interrupt_after(folder: Folder, kind: signal.Signals, after: int | str, paus
 
 
 def assert_whole(folder: Folder) -> None:
-    """Every file that is there can be read."""
-    for path in [*folder.out.rglob("*"), *folder.cache.rglob("*")]:
-        if path.name.startswith(".") or path.is_dir():
-            continue
-        assert path.suffix in (".json", ".csv", ".h5"), path
-        if path.suffix == ".json":
-            json.loads(path.read_text())
-        elif path.suffix == ".csv":
-            with path.open(newline="") as file:
-                assert len({len(row) for row in csv.reader(file)}) == 1, path
-        else:
-            with h5py.File(path) as file:
-                assert len(file)
+    folder.assert_whole()
     # result.json comes last: it vouches for the others.
     for path in folder.out.glob("*/result.json"):
         assert json.loads(path.read_text())["status"] == "converged"

@@ -44,20 +44,6 @@ def kill(folder: Folder, file: str, command: str, *args: str) -> None:
     assert [path for path in folder.path.rglob(f".{file.partition('.')[0]}-*") if path.is_file()]
 
 
-def assert_whole(folder: Folder) -> None:
-    for path in [*folder.out.rglob("*"), *folder.cache.rglob("*")]:
-        if path.name.startswith(".") or path.is_dir():
-            continue
-        if path.suffix == ".json":
-            json.loads(path.read_text())
-        elif path.suffix == ".csv":
-            with path.open(newline="") as file:
-                assert len({len(row) for row in csv.reader(file)}) == 1, path
-        else:
-            with h5py.File(path) as image:
-                assert len(image)
-
-
 def calibration(folder: Folder) -> Any:
     tree = json.loads((folder.out / "calibration.json").read_text())
     return {key: tree[key] for key in ("key", "status", "factors", "boundary", "misfit_db", "rounds")}
@@ -93,13 +79,13 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Folder:
 def test_calibrate(tmp_path: Path, undisturbed: Folder, file: str) -> None:
     folder = two_jobs(tmp_path / "frame")
     kill(folder, file, "calibrate")
-    assert_whole(folder)
+    folder.assert_whole()
     # What vouches for the others comes after them.
     there = (folder.out / "calibration.json").is_file()
     assert there == (file == "campaign.json")
     outcome = folder.run("calibrate", "--json")
     assert outcome.code == 0, outcome.stderr
-    assert_whole(folder)
+    folder.assert_whole()
     assert calibration(folder) == calibration(undisturbed)
     assert folder.run("update", "--job", "tight").code == 0
     assert found(folder) == {"tight": found(undisturbed)["tight"]}
@@ -122,13 +108,13 @@ def test_calibrating_again(tmp_path: Path, undisturbed: Folder) -> None:
 def test_update(calibrated: Folder, undisturbed: Folder, file: str) -> None:
     folder = calibrated
     kill(folder, file, "update")
-    assert_whole(folder)
+    folder.assert_whole()
     for path in folder.out.glob("*/result.json"):
         assert {other.name for other in path.parent.iterdir()} >= {"profile.csv", "frf.csv", "fdac.csv", "evidence.json"}
     outcome = folder.run("update", "--json")
     assert outcome.code == 0, outcome.stderr
     assert set(outcome.json["kept"]) == (set(JOBS) if file == "campaign.csv" else set())
-    assert_whole(folder)
+    folder.assert_whole()
     assert found(folder) == found(undisturbed)
     with (folder.out / "campaign.csv").open(newline="") as table:
         assert [row["job"] for row in csv.DictReader(table)] == JOBS

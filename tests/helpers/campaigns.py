@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import json
 import os
@@ -15,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -146,6 +148,21 @@ class Folder:
     def leftovers(self) -> list[str]:
         """Temporary files under output and cache."""
         return [str(p) for folder in (self.out, self.cache) for p in folder.rglob("*") if p.name.startswith(".")]
+
+    def assert_whole(self) -> None:
+        """Every file under output and cache can be read."""
+        for path in [*self.out.rglob("*"), *self.cache.rglob("*")]:
+            if path.name.startswith(".") or path.is_dir():
+                continue
+            assert path.suffix in (".json", ".csv", ".h5"), path
+            if path.suffix == ".json":
+                json.loads(path.read_text())
+            elif path.suffix == ".csv":
+                with path.open(newline="") as file:
+                    assert len({len(row) for row in csv.reader(file)}) == 1, path
+            else:
+                with h5py.File(path) as image:
+                    assert len(image)
 
     def copy(self, path: Path) -> Folder:
         """The same somewhere else; unchanged inputs stay finished."""

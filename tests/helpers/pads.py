@@ -81,7 +81,7 @@ def pads_dynamic(model) -> ReducedModel:
 def loosened(parameters, tight=5.0, loose=2.0, at=(4, 5, 6), p_damp=0.5):
     """Theta with some pads loose."""
     theta = parameters.initial.copy()
-    values, damping = parameters.slices[0]
+    _, values, damping = parameters.placed[0]
     theta[values] = tight
     theta[values][list(at)] = loose
     if damping is not None:

@@ -22,9 +22,8 @@ from matrix_files import write_matrix_hdf5
 from scipy.sparse import csc_array
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io import common
+from lrbc_cli.io import common, reader_process
 from lrbc_cli.io.frf import read_frf, write_frf
-from lrbc_cli.io.hdf5 import reader_process
 from lrbc_cli.io.hdf5 import tools as hdf5_tools
 from lrbc_cli.io.matrices import matrix_market
 from lrbc_cli.io.matrices.read import read_vectors
@@ -63,7 +62,7 @@ READ = """
 import sys
 from pathlib import Path
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.hdf5 import reader_process
+from lrbc_cli.io import reader_process
 from lrbc_cli.io.matrices.read import read_vectors
 reader_process.SECONDS = float(sys.argv[1])
 print("begins", flush=True)

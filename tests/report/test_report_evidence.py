@@ -24,7 +24,6 @@ from lrbc_cli.report.summary import summary_text
 from lrbc_cli.report.write import write_report
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CalibrationRecord, ReductionRecord
-from lrbc_cli.results.sentence import job_sentence
 from lrbc_cli.results.store import read, read_job
 from lrbc_cli.results.tables import read_fdac, read_frf
 
@@ -146,7 +145,7 @@ def test_the_head_takes_no_job_for_clear(rich: Path, tmp_path: Path) -> None:
     assert "1 of 30 verdicts" in head
     assert "1 job without verdict, outside, never observable: B01, B17" in head
     for job in jobs_of(rich)[1]:
-        assert job_sentence(job).removeprefix(job.job) in head
+        assert job.sentence.removeprefix(job.job) in head
     write_campaign(
         tmp_path, (0, 4), responses=("mic01",), used=("mic01",), lines=40, evidence=True, unexplained=(0, 4), failed=("bolts-20",)
     )

@@ -138,7 +138,9 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert again.probability_loose == pytest.approx(loose.probability_loose, abs=1e-6)
     # A rule that nothing can meet decides nothing; the sure ones stay.
     # Another rule for one number leaves the margin above the reference job as it was.
-    poor = replace(loose, evidence=replace(loose.evidence, reference_misfit_db=0.1, misfit_db=2.0))
+    state = replace(tight.record.state, misfit_db=0.1, validation_db=0.1)
+    told = replace(loose.identification, reference=state)
+    poor = replace(loose, identification=told, evidence=replace(loose.evidence, misfit_db=2.0))
     for rule in ({}, {"confidence": 0.9}):
         assert study.judge(poor, **rule).validity.passed is False
     assert study.judge(poor, largest_misfit=2.5).validity.passed is not False
@@ -151,6 +153,31 @@ def test_identifying_gives_what_update_writes(study: Study, frame_once: Folder) 
     assert max(v.threshold for v in scattered if v.threshold is not None) == pytest.approx(-2.0)
     assert isinstance(study.plot_frf(loose, "acc1"), Figure)
     assert isinstance(study.plot_profile(loose), Figure)
+
+
+def test_the_cost_alone_is_least_where_identifying_ends(study: Study) -> None:
+    tight = study.identify("tight")
+    found, fit = study.identify("loose-2", reference=tight), study.fit("loose-2", reference=tight)
+    np.testing.assert_array_equal(fit.solution.theta, found.identification.solution.theta)
+    assert fit.plain(fit.solution.theta).total < fit.plain(tight.identification.solution.theta).total
+
+
+def test_calibrating_and_updating_are_those_of_the_commands(frame: Folder) -> None:
+    folder, tree = frame, frame.tree()
+    tree["calibration"] = {"job": "tight", "factors": ["stiffness.structure", "damping.structure"]}
+    folder.write(tree)
+    study = lrbc_cli.load(folder.config, cache=folder.cache)
+    record, kept = study.calibrate()
+    assert not kept
+    assert study.inputs.calibration is not None
+    assert study.inputs.calibration.factors == {name: entry.value for name, entry in record.factors.items()}
+    assert not study.update(["tight"]).errors
+    said = folder.run("calibrate").stdout, folder.run("update", "--job", "tight", "--json").json["kept"]
+    assert "kept: nothing changed" in said[0]
+    assert said[1] == ["tight"]
+    study.use_calibration(False)
+    assert study.inputs.calibration is not None
+    assert not study.inputs.calibration.used
 
 
 def test_mistakes_are_told(study: Study) -> None:

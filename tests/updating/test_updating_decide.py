@@ -1,4 +1,4 @@
-"""Judging: a pure function of what was identified, a decision rule and a role."""
+"""Judging: a pure function of what was identified, the reference state, a decision rule and a role."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, judge, scatter_of, validity
+from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
 from lrbc_cli.updating.statistics.priors import BoltPrior
@@ -36,6 +37,13 @@ def evidence(*bolts: BoltEvidence, **kwargs: Any) -> Evidence:
         "setting": "",
     }
     return Evidence(**(known | kwargs))
+
+
+def against(*bolts: BoltEvidence, rule: DecisionRule = RULE, **kwargs: Any) -> Judgement:
+    """Judged with what the reference job leaves of its validation channels, and of those used."""
+    own, used = kwargs.pop("reference_misfit_db", None), kwargs.pop("reference_used_misfit_db", 0.0)
+    tight = ReferenceState(job="tight", parameters={}, covariance=None, sigma_db=0.5, misfit_db=used, validation_db=own)
+    return judge(evidence(*bolts, against_reference=True, **kwargs), rule, reference=tight)
 
 
 def changed(mean: float, std: float, **kwargs: Any) -> BoltEvidence:
@@ -217,18 +225,18 @@ class TestValidity:
         assert fitted.validity.passed is False
         assert fitted.validity.reason == "mean misfit of the channels used 3.10 dB, above the limit of 3 dB"
         assert judge(evidence(*bolts, misfit_db=0.5, used_misfit_db=2.9), RULE).validity.passed
-        near, far = (judge(evidence(*bolts, misfit_db=misfit, reference_misfit_db=0.1), RULE) for misfit in (1.59, 1.61))
+        near, far = (against(*bolts, misfit_db=misfit, reference_misfit_db=0.1) for misfit in (1.59, 1.61))
         assert [bolt.verdict for bolt in near.bolts] == ["loose", "tight"]
         assert [bolt.verdict for bolt in far.bolts] == ["undecided", "undecided"]
         assert far.validity.reason.endswith("above the limit of 1.6 dB, 1.5 dB above the reference job")
         # A wider limit of its own does not open it.
-        assert judge(evidence(*bolts, misfit_db=1.7, reference_misfit_db=0.1), DecisionRule(largest_misfit=9.0)).validity.passed is False
+        assert against(*bolts, misfit_db=1.7, reference_misfit_db=0.1, rule=DecisionRule(largest_misfit=9.0)).validity.passed is False
 
     @pytest.mark.parametrize("misfit", ["reference_misfit_db", "reference_used_misfit_db"])
     def test_beside_a_reference_job_that_is_not_explained_nothing_is_judged(self, misfit):
         """A flange on a virtual rig: reference job 3.3 dB, and a bolt that had lost 2.5 decades was judged tight at 2.9 dB."""
         bolts = (changed(-2.0, 0.1), changed(0.0, 0.1))
-        found = judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), RULE)
+        found = against(*bolts, misfit_db=2.9, **{misfit: 3.1})
         assert [bolt.verdict for bolt in found.bolts] == ["undecided", "undecided"]
         channels = VALIDATION if misfit == "reference_misfit_db" else USED
         assert found.validity.reason == (
@@ -236,26 +244,26 @@ class TestValidity:
             f"but of the {channels} of the reference job, with which it is compared, 3.10 dB, above the limit of 3 dB"
         )
         assert found.validity.misfit_db == 2.9
-        assert judge(evidence(*bolts, misfit_db=2.9, **{misfit: 2.99}), RULE).validity.explained
-        wider = judge(evidence(*bolts, misfit_db=2.9, **{misfit: 3.1}), DecisionRule(largest_misfit=4.0))
+        assert against(*bolts, misfit_db=2.9, **{misfit: 2.99}).validity.explained
+        wider = against(*bolts, misfit_db=2.9, **{misfit: 3.1}, rule=DecisionRule(largest_misfit=4.0))
         assert [bolt.verdict for bolt in wider.bolts] == ["loose", "tight"]
 
     @pytest.mark.parametrize("misfit", ["misfit_db", "used_misfit_db", "reference_misfit_db", "reference_used_misfit_db"])
     def test_a_limit_that_was_raised_validates_nothing(self, misfit):
         """A beam 1.4 times too thick, 9.5 dB, and a limit of 1000: a bolt that had lost two decades came out tight."""
         rule = DecisionRule(largest_misfit=1000.0, misfit_margin=1000.0)
-        near, far = (judge(evidence(changed(0.0, 0.1), **{misfit: db}), rule) for db in (2.1, 9.5))
+        near, far = (against(changed(0.0, 0.1), **{misfit: db}, rule=rule) for db in (2.1, 9.5))
         assert near.validity.passed
         assert far.validity.passed is None
         assert far.validity.explained
         assert far.validity.unvalidated == "a misfit of 9.50 dB validates nothing: the limit was raised from 3 dB"
         # A limit that was lowered is the one that counts.
-        assert judge(evidence(changed(0.0, 0.1), **{misfit: 2.9}), DecisionRule(largest_misfit=2.0)).validity.passed is False
+        assert against(changed(0.0, 0.1), **{misfit: 2.9}, rule=DecisionRule(largest_misfit=2.0)).validity.passed is False
 
     @pytest.mark.parametrize("misfit", ["reference_misfit_db", "reference_used_misfit_db"])
     def test_a_change_from_a_state_that_is_hardly_known_is_not_validated(self, misfit: str) -> None:
         """Beams with masses that the model lacks, reference jobs at 2.3 dB: a loss of 1.4 decades came out tight."""
-        near, far = (judge(evidence(changed(0.0, 0.1), **{misfit: db}), RULE).validity for db in (2.1, 2.34))
+        near, far = (against(changed(0.0, 0.1), **{misfit: db}).validity for db in (2.1, 2.34))
         assert near.passed
         assert far.passed is None
         assert far.explained
@@ -273,7 +281,7 @@ class TestValidity:
         ],
     )
     def test_only_validation_channels_validate(self, known: dict[str, Any], passed: bool | None) -> None:
-        found = validity(evidence(**known), RULE)
+        found = judge(evidence(**known), RULE).validity
         assert found.passed is passed
         assert found.explained is (passed is not False)
 
@@ -504,7 +512,7 @@ class TestAlternatives:
 @pytest.mark.parametrize(("before", "most"), [(None, 3.0), (0.0, 1.5), (1.2, 2.7), (1.9, 3.0), (2.9, 3.0)])
 def test_how_much_may_be_left_of_a_state_that_is_explained(before: float | None, most: float) -> None:
     assert RULE.most_db(before) == pytest.approx(most)
-    above, below = (validity(evidence(PLACE, misfit_db=most + by, reference_misfit_db=before), RULE) for by in (0.01, -0.01))
+    above, below = (against(PLACE, misfit_db=most + by, reference_misfit_db=before).validity for by in (0.01, -0.01))
     assert not above.explained
     assert below.explained
     assert above.limit_db == pytest.approx(most)

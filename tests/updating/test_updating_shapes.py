@@ -110,7 +110,7 @@ class TestGroups:
         parameters = Parameterisation(groups)
         bolts = np.vstack([along(*BOLTS), along(0.1, 0.4, x=0.41)])
         found = bolt_shapes(parameters, bolts)
-        slices = dict(zip([g.name for g in groups], parameters.slices, strict=True))
+        slices = {group.name: (values, at) for group, values, at in parameters.placed}
         left, right = slices["left"][0], slices["right"][0]
         np.testing.assert_allclose(found.T[left, :][:, found.bolts[:5]].sum(axis=1), 1.0)
         np.testing.assert_allclose(found.T[right, :][:, found.bolts[5:]].sum(axis=1), 1.0)

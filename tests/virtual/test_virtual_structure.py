@@ -71,7 +71,7 @@ def test_a_plan_loosens_what_a_rehearsal_loosens(loss: float) -> None:
     virtual = structure(replace(EXACT, depth=loss))
     inputs, smoothed = virtual.inputs, virtual.parameters
     own = Structure.of(inputs, smoothed, smoothed.initial, by_bolt=True)
-    values = own.parameters.slices[0][0]
+    values = own.parameters.placed[0][1]
     assert np.array_equal(own.parameters.groups[0].smoothing, np.eye(values.stop - values.start))
     # The same structure, whichever way it is written.
     s = virtual.s

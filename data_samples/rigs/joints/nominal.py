@@ -6,6 +6,7 @@ from pathlib import Path
 
 import h5py
 
+from rigs.campaign import ensure
 from rigs.joints.design import JointDesign
 from rigs.joints.system import System
 from rigs.nominal import write_csr
@@ -56,15 +57,5 @@ def write(design: JointDesign, folder: Path) -> None:
 
 
 def ensure_model(design: JointDesign, folder: Path) -> None:
-    """Write the nominal model unless the folder holds it.
-
-    Raises
-    ------
-    ValueError
-        Where the folder holds the model of another design.
-    """
-    bolts = folder / "bolts.csv"
-    if not (folder / "model.h5").is_file():
-        write(design, folder)
-    elif not bolts.is_file() or bolts.read_text(encoding="utf-8") != bolt_table(design):
-        raise ValueError(f"{folder} holds a model that is not that of {design.name}")
+    """Write the nominal model unless the folder holds it, see ``ensure``."""
+    ensure(folder, design.name, bolt_table(design), lambda: write(design, folder))

@@ -13,8 +13,8 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.statistics.residuals import coherence_sigma
@@ -198,10 +198,9 @@ def own_fault_text(inputs: Inputs, misfits: Floats, reference: str, known: str =
     return f"{reference} is explained, so that the fault is likely in this measurement; {what} Measure it again"
 
 
-def coarse_text(reference: JobRecord) -> str:
+def coarse_text(reference: ReferenceState) -> str:
     """That the misfit may be the model's, where it explains the reference job too coarsely for a change from it; else nothing."""
-    misfit = reference.misfit_db
-    before = max(db for db in (misfit.final, misfit.held_out_final, 0.0) if np.isfinite(db))
+    before = max(reference.misfit_db, reference.validation_db or 0.0)
     # As where no all-clear is given: a change is the difference of two states, each as wrong as this one.
     if np.hypot(before, before) <= DecisionRule.validated_misfit:
         return ""
@@ -235,7 +234,7 @@ def _wanted(noise_db: float | None) -> float:
     return max(LARGE_MISFIT, FAR_ABOVE_NOISE * (noise_db or 0.0))
 
 
-def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | None = None) -> str | None:
+def unreached(misfit_db: float, noise_db: float | None, reference: ReferenceState | None = None) -> str | None:
     """A warning where a fit to a measurement stays far above its noise.
 
     Intervals take what is left for noise about the right optimum. Far above the noise the fit may stand in another valley, or lack what
@@ -245,7 +244,7 @@ def unreached(misfit_db: float, noise_db: float | None, reference: JobRecord | N
     if misfit_db <= limit:
         return None
     noise = "noise of the measurement not known" if noise_db is None else f"noise of the measurement {noise_db:.2f} dB"
-    other = "" if reference is None else f", reference job {reference.misfit_db.final:.2f} dB"
+    other = "" if reference is None else f", reference job {reference.misfit_db:.2f} dB"
     return (
         f"the fit does not reach the data ({misfit_db:.2f} dB over all lines of the responses used; {noise}{other}; "
         f"wanted below {limit:.2g} dB): intervals rest on the curvature there and understate what is not known"
@@ -263,24 +262,17 @@ def worsened(initial_db: float | None, final_db: float | None, noise_db: float |
     return f"the mean misfit of the responses used rose from {initial_db:.2f} dB at the start values to {final_db:.2f} dB over all lines"
 
 
-def doubts(
-    inputs: Inputs,
-    result: Identification,
-    reference: JobRecord | None,
-    misfit: tuple[float | None, float | None],
-) -> tuple[list[str], str, str | None]:
+def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, str | None]:
     """Warnings of a job, what was compared and found of constant factors, and which sensors are in each other's place, if any.
 
     Parameters
     ----------
     inputs : Inputs
     result : Identification
-    reference : JobRecord or None
-        Stored result of the reference job.
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].
     """
-    exchanges = exchanged(inputs, result.measurement.values, (result.initial, result.updated))
+    reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, (result.initial, result.updated))
     involved = {i for cycle in exchanges for i in cycle}
     offsets = factors_of(inputs, result.measurement, (result.initial, result.updated))
     offsets = tuple(offset for offset in offsets if offset.response not in involved)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.posterior.fit import Posterior
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
@@ -74,8 +75,10 @@ class Identification:
         Changes at the bolts where their prior is a mixture.
     warnings : tuple of str
         Those of the notes that a user has to act on.
+    reference : ReferenceState or None
+        Of the reference job, where there is another and it has a result.
     tight : Measurement or None
-        Of the reference job, where there is another and it can be read.
+        Of that job, where it can be read.
     """
 
     name: str
@@ -101,4 +104,5 @@ class Identification:
     l_curve: LCurve | None = None
     changes: ChangeSamples | None = None
     warnings: tuple[str, ...] = ()
+    reference: ReferenceState | None = field(default=None, repr=False)
     tight: Measurement | None = field(default=None, repr=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,16 +13,15 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of, stored_offsets
+from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
-from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, stored_theta
+from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
-from lrbc_cli.reduction.threads import in_turn, single_threaded
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.posterior.confidence import open_values
@@ -45,12 +43,14 @@ log = logging.getLogger(__name__)
 class _Job:
     """What the steps of one identification share."""
 
-    def __init__(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]) -> None:
-        self.inputs, self.source, self.name, self._given = inputs, source, name, given
+    def __init__(
+        self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, given: Mapping[str, Measurement]
+    ) -> None:
+        self.inputs, self.source, self.name, self.reference, self._given = inputs, source, name, reference, given
         self.method, self.statistics = inputs.method, inputs.statistics
-        begin = time.perf_counter()
+        self.begin = time.perf_counter()
         self.measurement = self._read(name)
-        self.seconds_read = time.perf_counter() - begin
+        self.seconds_read = time.perf_counter() - self.begin
         for warning in self.measurement.warnings:
             log.warning("job %s: %s", name, warning)
         self.s = 2j * np.pi * self.measurement.frequency_hz
@@ -58,8 +58,7 @@ class _Job:
         self.start = self.parameters.initial
         self.notes: list[str] = []
         self.warnings: list[str] = []
-        before = self._before(reference)
-        self.tight_offsets = stored_offsets(reference)
+        before = self._before()
         self.against_reference = before is not None
         self.prior = self.start if before is None else before
         self.shapes = self._shapes()
@@ -67,7 +66,7 @@ class _Job:
         self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
-        self.error = self._change_error(reference)
+        self.error = self._change_error()
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
@@ -77,25 +76,24 @@ class _Job:
         """A job's measurement, from its file where it was not handed over."""
         return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
 
-    def _before(self, reference: JobRecord | None) -> Floats | None:
+    def _before(self) -> Floats | None:
         """Theta of the reference job, where it is the prior."""
         job = self.inputs.campaign.update.reference
         if self.method.approach == "paper" or job is None or job == self.name:
             return None
-        found = stored_theta(self.parameters, reference)
+        found = None if self.reference is None else theta_of(self.parameters, self.reference.parameters)
         if found is None:
             self.warnings.append(f"the reference job {job} has no result: the start values are the prior, no bolt is judged")
         return found
 
-    def _change_error(self, reference: JobRecord | None) -> ChangeError | None:
+    def _change_error(self) -> ChangeError | None:
         """How wrong the changes may be that the model predicts; None without a state that it explains."""
-        if reference is None or not self.shapes.by_bolt or not self.method.weighted:
+        if self.reference is None or not self.shapes.by_bolt or not self.method.weighted:
             return None
         step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
         nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
         # A change is the difference of two states, each as wrong as the reference state.
-        discrepancy = max(reference.noise.sigma_db, reference.misfit_db.final)
-        most = float(np.sqrt(2.0)) * discrepancy
+        most = float(np.sqrt(2.0)) * max(self.reference.sigma_db, self.reference.misfit_db)
         lines = self.measurement.frequency_hz[self.selected]
         here, size, errors = self.model.frf, self.parameters.size, self.statistics.errors
         return ChangeError(most=most, here=here, nearby=nearby.frf, frequency_hz=lines, step_hz=step, size=size, errors=errors)
@@ -256,11 +254,12 @@ class _Job:
     def _tight_frf(self) -> Complexes:
         """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
         nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
-        if not nuisances or self.source.stage is None or not self.tight_offsets:
+        offsets = {} if self.reference is None else self.reference.hammer_offset_m
+        if not nuisances or self.source.stage is None or not offsets:
             return self.model.frf(self.prior)
         affine = affine_model(self.inputs, self.source.stage)
         model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
-        return model.frf(np.concatenate([self.prior, [self.tight_offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
+        return model.frf(np.concatenate([self.prior, [offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
 
     def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
         """The same with what may have drifted since the reference job, from here and from the reference state.
@@ -328,11 +327,11 @@ class _Job:
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
 
-    def about_reference(self, fit: Fit, reference: JobRecord | None) -> Fit:
+    def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""
         if not self.against_reference:
             return fit
-        state, knowledge = stored_covariance(self.parameters, reference), fit.knowledge
+        state, knowledge = stored_covariance(self.parameters, self.reference), fit.knowledge
         if fit.relative:
             # Its error is in model and measurement alike; that of its measurement is in the residuals.
             return replace(fit, knowledge=knowledge.about_estimate(state))
@@ -362,11 +361,17 @@ class _Job:
         return model.frf(np.concatenate([theta, knowledge.values]))
 
 
+def fit(inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, measurements: Mapping[str, Measurement]) -> Fit:
+    """The optimisation of one job alone: the cost as it was weighted in the end, and its minimum. Parameters as of ``identify``."""
+    with source.threads():
+        return _Job(inputs, source, name, reference, measurements).best()
+
+
 def identify(
     inputs: Inputs,
     source: FrfSource,
     name: str,
-    reference: JobRecord | None = None,
+    reference: ReferenceState | None = None,
     measurements: Mapping[str, Measurement] | None = None,
 ) -> Identification:
     """Run one job.
@@ -376,8 +381,8 @@ def identify(
     inputs : Inputs
     source : FrfSource
     name : str
-    reference : mapping or None
-        Stored result of the reference job.
+    reference : ReferenceState or None
+        What the reference job found; None: a direct identification.
     measurements : mapping or None
         Measurements that are at hand, by job: their files are not read.
 
@@ -392,18 +397,14 @@ def identify(
     NumericalError
         Where the optimisation fails.
     """
-    # Factorisations of the full model have threads of their own.
-    with single_threaded(), nullcontext() if source.stage is not None else in_turn():
-        return _identify(inputs, source, name, reference, measurements or {})
+    with source.threads():
+        return _identified(_Job(inputs, source, name, reference, measurements or {}))
 
 
-def _identify(
-    inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None, given: Mapping[str, Measurement]
-) -> Identification:
-    start = time.perf_counter()
-    job = _Job(inputs, source, name, reference, given)
+def _identified(job: _Job) -> Identification:
     ports = time.perf_counter()
-    fit = job.about_reference(job.best(), reference)
+    inputs, reference = job.inputs, job.reference
+    fit = job.about_reference(job.best())
     values = job.measurement.values
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
@@ -416,7 +417,7 @@ def _identify(
     opens = job.opens(replace(fit, knowledge=knowledge))
     optimised = time.perf_counter()
     return Identification(
-        name=name,
+        name=job.name,
         solution=solution,
         parameters=job.parameters,
         saturations=job.limits,
@@ -436,13 +437,14 @@ def _identify(
         line_evaluations=fit.evaluations * fit.misfit.lines,
         seconds={
             "read": job.seconds_read,
-            "port": ports - start - job.seconds_read,
+            "port": ports - job.begin - job.seconds_read,
             "optimise": optimised - ports,
-            "total": time.perf_counter() - start,
+            "total": time.perf_counter() - job.begin,
         },
         regularisation=fit.plain.eta,
         l_curve=fit.curve,
         changes=changes,
         warnings=tuple(job.warnings),
+        reference=reference,
         tight=job.of_reference(),
     )

@@ -11,7 +11,6 @@ from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
-from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.posterior.fit import Posterior
 
@@ -41,11 +40,6 @@ def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
 def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> Nuisance:
     bound = inputs.statistics.values.nuisance_reach * std
     return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
-
-
-def stored_offsets(record: JobRecord | None) -> dict[str, float]:
-    """Where the hammer hit in a stored result [m], by excitation and direction."""
-    return {} if record is None else {name: 1e-3 * entry.value for name, entry in record.nuisances.hammer_offset_mm.items()}
 
 
 def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:

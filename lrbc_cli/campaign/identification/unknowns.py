@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.records import Measurement
@@ -16,8 +19,7 @@ from lrbc_cli.errors import ConfigError, DataError
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.problem.vectors import band_omega, local_scale
 from lrbc_cli.reduction.steps.grid import band_lines
-from lrbc_cli.results.job import JobRecord, Parameter
-from lrbc_cli.results.model import Boundary
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.saturation import Saturation, saturation
 
@@ -126,15 +128,22 @@ def _group(group: TermGroup, limits: Saturation | None) -> ParameterGroup:
     )
 
 
-def stored_theta(parameters: Parameterisation, record: JobRecord | None) -> Floats | None:
-    """Theta of a stored result; None where there is none or it belongs to other groups."""
-    return None if record is None else theta_of(parameters, record.parameters)
+class GroupValues(Protocol):
+    """Values of one group in a result, a reference state or a calibration."""
+
+    @property
+    def log10(self) -> Floats:
+        """(k,) float array."""
+
+    @property
+    def damping_exponent(self) -> float | None:
+        """None without damping."""
 
 
-def theta_of(parameters: Parameterisation, groups: Mapping[str, Parameter] | Mapping[str, Boundary]) -> Floats | None:
-    """Theta of what a result, or a calibration, says of its groups; None where these are others."""
+def theta_of(parameters: Parameterisation, groups: Mapping[str, GroupValues]) -> Floats | None:
+    """Theta of these groups, by name; None where they are others."""
     theta = parameters.initial
-    for group, (where, at) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, at in parameters.placed:
         stored = groups.get(group.name)
         if stored is None or len(stored.log10) != group.count or (at is not None) != (stored.damping_exponent is not None):
             return None
@@ -144,6 +153,34 @@ def theta_of(parameters: Parameterisation, groups: Mapping[str, Parameter] | Map
     return theta
 
 
+def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Mapping[str, ArrayLike], file: Path) -> Floats:
+    """Theta, the start values where None, with the values of some groups put in: by name, or ``GROUP.damping``.
+
+    Raises
+    ------
+    ConfigError
+        Where a group is unknown or the number of values does not fit; names the campaign file.
+    """
+    found = parameters.initial
+
+    def put(name: str, part: Floats, value: ArrayLike) -> None:
+        values = np.asarray(value, dtype=float)
+        if values.shape not in ((), part.shape):
+            raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
+        part[...] = values
+
+    if theta is not None:
+        put("theta", found, theta)
+    places: dict[str, slice] = {}
+    for group, where, at in parameters.placed:
+        places |= {group.name: where} | ({} if at is None else {f"{group.name}.damping": slice(at, at + 1)})
+    for name, value in log10.items():
+        if name not in places:
+            raise ConfigError(f"no parameter group '{name}'", file=file, expected=", ".join(places), found=name)
+        put(name, found[places[name]], value)
+    return found
+
+
 def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, Floats]:
     """The state that the calibration found beside its factors, described: a start for a tight state that is compared with nothing."""
     use = inputs.calibration
@@ -151,10 +188,10 @@ def calibrated_start(inputs: Inputs, parameters: Parameterisation) -> dict[str, 
     return {} if found is None else {"the state found by the calibration": np.clip(found, *parameters.bounds.T)}
 
 
-def stored_covariance(parameters: Parameterisation, record: JobRecord | None) -> Floats:
-    """Covariance of theta in a stored result that ``stored_theta`` accepts; zero where it has none."""
+def stored_covariance(parameters: Parameterisation, reference: ReferenceState | None) -> Floats:
+    """Covariance of theta in the reference state; zero where it has none."""
     size = (parameters.size, parameters.size)
-    stored = None if record is None else record.covariance
+    stored = None if reference is None else reference.covariance
     return np.zeros(size) if stored is None or stored.shape != size else stored
 
 

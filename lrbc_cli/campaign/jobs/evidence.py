@@ -21,7 +21,6 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misplaced_bolts
 from lrbc_cli.errors import LrbcError
 from lrbc_cli.model.terms import LN10, ParameterGroup
-from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.evidence import (
     USED,
     VALIDATION,
@@ -33,6 +32,7 @@ from lrbc_cli.updating.judging.evidence import (
     at_bolts,
     carried,
 )
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.posterior.confidence import Band, band
 from lrbc_cli.updating.search.ends import near_tie
 from lrbc_cli.updating.statistics.lines import interpolated, too_wide
@@ -48,29 +48,19 @@ def bands(result: Identification) -> dict[str, Band]:
     """Confidence of the effective values of every group."""
     covariance = result.posterior.boundary
     found = {}
-    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, _ in result.parameters.placed:
         opens = (result.opens[0][values], result.opens[1][values])
         found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
     return found
 
 
-def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | None) -> Evidence:
-    """What an identification says, as far as it is needed to judge it.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    result : Identification
-    reference : JobRecord or None
-        Stored result of the reference job.
-    """
+def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
+    """What an identification says, as far as it is needed to judge it."""
     update = inputs.campaign.update
     compared, misfit, unvalidated = _misfit(inputs, result)
     used = inputs.used
-    warnings, setting, swapped = doubts(
-        inputs, result, reference, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used]))
-    )
-    edges, bolts = _bolts(inputs, result, reference)
+    warnings, setting, swapped = doubts(inputs, result, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
+    edges, bolts = _bolts(inputs, result)
     wanted = update.reference not in (None, result.name)
     return Evidence(
         job=result.name,
@@ -78,14 +68,13 @@ def evidence_of(inputs: Inputs, result: Identification, reference: JobRecord | N
         reason=result.solution.reason,
         along_edges=edges,
         bolts=bolts,
-        missing_reference=update.reference if wanted and reference is None else None,
+        missing_reference=update.reference if wanted and result.reference is None else None,
         compared=compared,
         misfit_db=misfit,
-        reference_misfit_db=_reference_misfit(result, reference, compared),
         used_misfit_db=mean_of(result.misfit_final[used]),
-        reference_used_misfit_db=_reference_misfit(result, reference, USED),
+        against_reference=result.against_reference,
         unvalidated=unvalidated,
-        doubted=_doubted(inputs, result, reference) or swapped or misplaced_bolts(inputs.groups, inputs.bolts),
+        doubted=_doubted(inputs, result) or swapped or misplaced_bolts(inputs.groups, inputs.bolts),
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),
@@ -104,19 +93,12 @@ def _misfit(inputs: Inputs, result: Identification) -> tuple[str | None, float |
     return None, None, why
 
 
-def _reference_misfit(result: Identification, reference: JobRecord | None, compared: str | None) -> float | None:
-    """Mean misfit of the reference job over the same channels, where changes against it were identified."""
-    if reference is None or not result.against_reference:
-        return None
-    return reference.misfit_db.held_out_final if compared == VALIDATION else reference.misfit_db.final
-
-
-def _doubted(inputs: Inputs, result: Identification, reference: JobRecord | None) -> str | None:
+def _doubted(inputs: Inputs, result: Identification) -> str | None:
     """What is wrong with a measurement that was not exchanged, not whole or not fine: it tells nothing of the bolts, or too little."""
+    reference, own, tight = result.reference, result.measurement, result.tight
     if reference is None:
         return None
-    known, own, tight = reference.provenance.inputs.values(), result.measurement, result.tight
-    again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in known]
+    again = [file for file in inputs.campaign.jobs[result.name].measurements[0] if own.hashes.get(file.as_posix()) in reference.inputs]
     if again:
         return f"{', '.join(file.name for file in again)} holds the measurement of {reference.job} once more; was another file meant?"
     if tight is None:
@@ -156,18 +138,18 @@ def copied_baseline(inputs: Inputs, name: str, own: Measurement | None = None) -
     return None
 
 
-def _stored(reference: JobRecord | None, group: ParameterGroup, key: str) -> Floats | None:
+def _stored(reference: ReferenceState | None, group: ParameterGroup, key: str) -> Floats | None:
     """A list of the reference job's group, where it fits."""
     stored = None if reference is None else reference.parameters.get(group.name)
     found: Floats | None = None if stored is None else getattr(stored, key)
     return found if found is not None and len(found) == group.count else None
 
 
-def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) -> tuple[bool, tuple[BoltEvidence, ...]]:
+def _bolts(inputs: Inputs, result: Identification) -> tuple[bool, tuple[BoltEvidence, ...]]:
     """Whether there is stiffness that bolts own or can lie along, and what is known of each bolt."""
     if inputs.bolts is None:
         return False, ()
-    names, xyz = inputs.bolts.name, inputs.bolts.xyz
+    names, xyz, reference = inputs.bolts.name, inputs.bolts.xyz, result.reference
     itself = inputs.campaign.update.reference == result.name
     confidence = bands(result) if itself else {}
 
@@ -179,7 +161,7 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
 
     groups: list[Edge | Joints] = []
     where: list[tuple[ParameterGroup, slice]] = []
-    for group, (values, _) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, _ in result.parameters.placed:
         if group.kind != "stiffness":
             continue
         log10, cap = effective(group, result.solution.theta[values]), result.saturations[group.name].start
@@ -200,12 +182,12 @@ def _bolts(inputs: Inputs, result: Identification, reference: JobRecord | None) 
 
     def change_of(bolt: int, spot: Spot, difference: float | None) -> Change | None:
         parts = [(*where[i], at) for i, at in spot]
-        found = _change(result, bolt, parts, difference, reference)
+        found = _change(result, bolt, parts, difference)
         free = tuple(dict.fromkeys(group.name for group, values, chosen in parts if result.opens[0][values][chosen].all()))
         felt = any(group.name not in free for group, _, _ in parts)
         if found is None:
             return None
-        own = _partial_changes(inputs, result, parts, reference) if result.posterior.shapes.by_bolt else ()
+        own = _partial_changes(inputs, result, parts) if result.posterior.shapes.by_bolt else ()
         return replace(found, may_be_free=not felt, unfelt=free if felt else (), parts=own)
 
     found = at_bolts(groups, names, xyz, change_of)
@@ -231,15 +213,15 @@ def _sampled(result: Identification, bolt: int) -> int | None:
 Part = tuple[ParameterGroup, slice, NDArray[np.int64]]
 
 
-def _change(result: Identification, bolt: int, parts: Sequence[Part], difference: float | None, reference: JobRecord) -> Change | None:
+def _change(result: Identification, bolt: int, parts: Sequence[Part], difference: float | None) -> Change | None:
     """Posterior of the change at a bolt: sampled, that of its unknown, or that of the values that speak for it."""
     knowledge = result.posterior
     column = int(knowledge.shapes.bolts[bolt]) if knowledge.shapes.by_bolt else -1
     if column >= 0:
-        excess, ceiling = _saturated(result, column, parts, reference)
+        excess, ceiling = _saturated(result, column, parts)
         at = _sampled(result, bolt)
         # Where the comparison is not relative, the error of the reference state is among the unknowns.
-        tight_std = _tight_std(parts, reference) if result.relative and knowledge.shapes.joint[bolt] else 0.0
+        tight_std = _tight_std(parts, result.reference) if result.relative and knowledge.shapes.joint[bolt] else 0.0
         if result.changes is None or at is None:
             mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
             return Change(mean=mean + excess, std=float(np.hypot(std, carried(mean, tight_std))), ceiling=ceiling, excess=excess)
@@ -267,13 +249,11 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
         covariance = knowledge.shapes.T @ knowledge.covariance[: knowledge.z.size, : knowledge.z.size] @ knowledge.shapes.T.T
     variance = float(row @ covariance @ row)
     if not result.against_reference:
-        variance += _tight_std(parts, reference) ** 2
+        variance += _tight_std(parts, result.reference) ** 2
     return Change(mean=difference, std=float(np.sqrt(max(variance, 0.0))))
 
 
-def _partial_changes(
-    inputs: Inputs, result: Identification, parts: Sequence[Part], reference: JobRecord | None
-) -> tuple[PartialChange, ...]:
+def _partial_changes(inputs: Inputs, result: Identification, parts: Sequence[Part]) -> tuple[PartialChange, ...]:
     """Changes of a joint's springs by group, where they are known to within what tight ones deviate from each other."""
     knowledge, prior = result.posterior, inputs.statistics.bolts
     if len({group.name for group, _, _ in parts}) < 2:
@@ -287,20 +267,20 @@ def _partial_changes(
         if told > prior.deviation_std:
             continue
         # The errors that widen the change of the whole joint.
-        tight = _tight_std([(group, values, chosen)], reference) if result.relative else 0.0
+        tight = _tight_std([(group, values, chosen)], result.reference) if result.relative else 0.0
         std = float(np.sqrt(told**2 + float(carried(mean, tight)) ** 2 + (inputs.statistics.errors.shift_error * mean) ** 2))
         found.append(PartialChange(group=group.name, mean=mean, std=std, deviation=prior.deviation_std))
     return tuple(found)
 
 
-def _tight_std(parts: Sequence[Part], reference: JobRecord | None) -> float:
+def _tight_std(parts: Sequence[Part], reference: ReferenceState | None) -> float:
     """Standard deviation of these values in the reference job, rms [decades]; 0 where it says none."""
     stored = [(_stored(reference, group, "std"), chosen) for group, _, chosen in parts]
     before = [std[chosen] for std, chosen in stored if std is not None]
     return float(np.sqrt(np.mean(np.concatenate(before) ** 2))) if before else 0.0
 
 
-def _saturated(result: Identification, column: int, parts: Sequence[Part], reference: JobRecord) -> tuple[float, float | None]:
+def _saturated(result: Identification, column: int, parts: Sequence[Part]) -> tuple[float, float | None]:
     """How far the reference state lies above saturation at a bolt, and how far below it, of which a rise would be felt [decades].
 
     How far above says the prior of the reference job alone: a change counts from saturation, and that much is uncertain too. What lies
@@ -308,7 +288,7 @@ def _saturated(result: Identification, column: int, parts: Sequence[Part], refer
     """
     above = []
     for group, values, _ in parts:
-        tight, shape = _stored(reference, group, "log10_effective"), result.posterior.shapes.T[values, column]
+        tight, shape = _stored(result.reference, group, "log10_effective"), result.posterior.shapes.T[values, column]
         if tight is not None and shape.any():
             above.append(float(shape @ tight / shape.sum()) - result.saturations[group.name].start)
     return (max(min(above), 0.0), max(-min(above), 0.0)) if above else (0.0, None)
@@ -326,7 +306,7 @@ def _alternatives(inputs: Inputs, result: Identification) -> tuple[tuple[tuple[f
 def remarks(result: Identification) -> list[str]:
     """What a reader of the result should know: limits that do not exist, values at their bounds."""
     found = []
-    for group, (values, at) in zip(result.parameters.groups, result.parameters.slices, strict=True):
+    for group, values, at in result.parameters.placed:
         limits = result.saturations.get(group.name)
         if limits is not None and not limits.found:
             found.append(f"{group.name}: the FRFs reach no free or clamped limit; auto values are decades from the local stiffness")

@@ -16,7 +16,7 @@ from lrbc_cli.campaign.identification.nuisances import nuisance_tree
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.jobs.evidence import bands, copied_baseline, effective, evidence_of
 from lrbc_cli.campaign.jobs.identity import Identity
-from lrbc_cli.campaign.jobs.judging import with_judgement
+from lrbc_cli.campaign.jobs.judging import ComparedWith, with_judgement
 from lrbc_cli.campaign.jobs.standing import rests_on
 from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import ReductionStage
@@ -60,8 +60,7 @@ def finish(
     inputs: Inputs,
     stage: ReductionStage | None,
     result: Identification,
-    reference: JobRecord | None,
-    baselines: Mapping[str, JobRecord],
+    tight: ComparedWith,
     identities: tuple[Identity, Identity],
 ) -> Finished:
     """Judge what was identified, and make of it what is written.
@@ -71,17 +70,14 @@ def finish(
     inputs : Inputs
     stage : ReductionStage or None
     result : Identification
-    reference : JobRecord or None
-        Stored result of the reference job.
-    baselines : mapping
-        Stored results of the baselines, by name.
+    tight : ComparedWith
+        The reference state that it was identified against, and the baselines.
     identities : pair of Identity
         Of the identification, and of its judgement.
     """
-    evidence = evidence_of(inputs, result, reference)
-    identified = identified_tree(inputs, stage, result, reference)
+    evidence, identified = evidence_of(inputs, result), identified_tree(inputs, stage, result)
     copied = copied_baseline(inputs, result.name, result.measurement)
-    tree = with_judgement(inputs.campaign, inputs.method.rule, identified, evidence.beside(copied), baselines)
+    tree = with_judgement(inputs.campaign, inputs.method.rule, identified, evidence.beside(copied), tight)
     correlation = correlation_of(inputs, result)
     tree["correlation"] = correlation_tree(inputs, correlation)
     own, judgement = identities
@@ -89,7 +85,7 @@ def finish(
         **own.tree(),
         "origin": origin_of(inputs),
         "judgement": judgement.tree() | {"copied": copied},
-        "rests_on": rests_on(reference, baselines),
+        "rests_on": rests_on(tight),
     }
     tables = {
         "profile.csv": profile_rows(tree),
@@ -99,17 +95,19 @@ def finish(
     return Finished(name=result.name, tree=tree, tables=tables, evidence=evidence, shapes=shapes_of(inputs, stage, result))
 
 
-def result_record(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> JobRecord:
+def result_record(
+    inputs: Inputs, stage: ReductionStage | None, result: Identification, evidence: Evidence, baselines: Mapping[str, JobRecord]
+) -> JobRecord:
     """The same of an identification that is not written."""
-    identified = identified_tree(inputs, stage, result, reference)
-    return JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, identified, evidence_of(inputs, result, reference), {}))
+    tight = ComparedWith(result.reference, baselines)
+    return JobRecord.checked(with_judgement(inputs.campaign, inputs.method.rule, identified_tree(inputs, stage, result), evidence, tight))
 
 
-def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identification) -> dict[str, Any]:
     """What of ``result.json`` identification writes."""
     campaign, solution, knowledge = inputs.campaign, result.solution, result.posterior
     return {
-        "parameters": parameter_trees(inputs, result, reference),
+        "parameters": parameter_trees(inputs, result),
         "covariance": knowledge.boundary,
         "cost": {"initial": result.cost_initial, "final": solution.evaluation.cost},
         "misfit_db": misfit_tree(inputs, result.misfit_initial, result.misfit_final),
@@ -154,13 +152,13 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
     }
 
 
-def parameter_trees(inputs: Inputs, result: Identification, reference: JobRecord | None) -> dict[str, Any]:
+def parameter_trees(inputs: Inputs, result: Identification) -> dict[str, Any]:
     """``parameters`` of ``result.json``."""
     theta, variance = result.solution.theta, np.diag(result.posterior.boundary)
     confidence, out = bands(result), {}
-    for group, terms, (values, at) in zip(result.parameters.groups, inputs.groups, result.parameters.slices, strict=True):
+    for terms, (group, values, at) in zip(inputs.groups, result.parameters.placed, strict=True):
         p, length, band = theta[values], tributary(group), confidence[group.name]
-        before = None if reference is None else reference.parameters.get(group.name)
+        before = None if result.reference is None else result.reference.parameters.get(group.name)
         entry: dict[str, Any] = {
             "kind": group.kind,
             "unit": unit_of(inputs, terms),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lrbc_cli.campaign.reading.doubts.settings import lenient_text
@@ -11,6 +11,7 @@ from lrbc_cli.config import Campaign, UpdateConfig
 from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import TIGHT, DecisionRule, TightScatter
 
 #: Status of a job whose measurement the model does not explain.
@@ -20,25 +21,36 @@ UNEXPLAINED = "unexplained"
 JUDGED = ("status", "reason", "removed", "bolts", "alternatives", "taken_as_tight", "validity", "decision_rule", "warnings", "notes")
 
 
+@dataclass(frozen=True)
+class ComparedWith:
+    """The tight states that the verdicts of a job rest on.
+
+    Attributes
+    ----------
+    reference : ReferenceState or None
+        None for the reference job itself, and where it has no result.
+    baselines : mapping
+        Stored results of the baselines, by name.
+    """
+
+    reference: ReferenceState | None
+    baselines: Mapping[str, JobRecord]
+
+    @property
+    def scatter(self) -> TightScatter:
+        """Of the changes between tight states [decades]."""
+        return scatter_of_records(self.baselines.values())
+
+
 def role_of(update: UpdateConfig, name: str) -> str:
     """What a job is in its campaign."""
     return REFERENCE if name == update.reference else BASELINE if name in update.baselines else JOB
 
 
-def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, baselines: Mapping[str, JobRecord]) -> dict[str, Any]:
-    """The part of ``result.json`` that judging writes, over what the identification wrote.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    rule : DecisionRule
-    evidence : Evidence
-    baselines : mapping
-        Stored results of the baselines that the verdicts rest on.
-    """
+def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, tight: ComparedWith) -> dict[str, Any]:
+    """The part of ``result.json`` that judging writes, over what the identification wrote."""
     name, update = evidence.job, campaign.update
-    scatter = scatter_of_records(baselines.values())
-    judgement = judge(evidence, rule, role_of(update, name), scatter)
+    judgement = judge(evidence, rule, role_of(update, name), tight.scatter, tight.reference)
     valid = judgement.validity
     warnings = [] if valid.explained else [f"the model does not explain the measurement: {valid.reason}; {evidence.setting}"]
     warnings += [*evidence.warnings, *suspects(judgement), *contradicted(campaign, name, judgement)]
@@ -60,7 +72,7 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, baselines
             **asdict(valid),
             "held_out_db": valid.misfit_db if valid.compared == VALIDATION else None,
         },
-        "scatter": scatter.rms,
+        "scatter": tight.scatter.rms,
         "decision_rule": asdict(rule),
         "warnings": warnings,
         "notes": [
@@ -75,10 +87,10 @@ def judged(campaign: Campaign, rule: DecisionRule, evidence: Evidence, baselines
 
 
 def with_judgement(
-    campaign: Campaign, rule: DecisionRule, identified: Mapping[str, Any], evidence: Evidence, baselines: Mapping[str, JobRecord]
+    campaign: Campaign, rule: DecisionRule, identified: Mapping[str, Any], evidence: Evidence, tight: ComparedWith
 ) -> dict[str, Any]:
     """The content of ``result.json``: what was identified, and what that says of the bolts."""
-    said = judged(campaign, rule, evidence, baselines)
+    said = judged(campaign, rule, evidence, tight)
     prior = {**identified["prior"], "scatter": said.pop("scatter")}
     provenance = {**identified["provenance"], "configuration": campaign.resolved()}
     return {"job": evidence.job, **said, **identified, "prior": prior, "provenance": provenance}
@@ -89,7 +101,7 @@ def judged_anew(
     rule: DecisionRule,
     stored: JobRecord,
     evidence: Evidence,
-    baselines: Mapping[str, JobRecord],
+    tight: ComparedWith,
     provenance: Mapping[str, Any],
 ) -> JobRecord:
     """A stored identification with another judgement; its other files stay as they are.
@@ -100,13 +112,12 @@ def judged_anew(
     rule : DecisionRule
     stored : JobRecord
     evidence : Evidence
-    baselines : mapping
-        Stored results of the baselines that the verdicts rest on.
+    tight : ComparedWith
     provenance : mapping
         What changes of the provenance: ``judgement``, ``rests_on``, ``origin``.
     """
     identified = {key: value for key, value in stored.tree().items() if key not in JUDGED}
-    tree = with_judgement(campaign, rule, identified, evidence, baselines)
+    tree = with_judgement(campaign, rule, identified, evidence, tight)
     tree["provenance"] |= provenance
     return JobRecord.checked(tree)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lrbc_cli.campaign.jobs.identity import JUDGED, PARTS, Identity, changed, identification, judgement
+from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.standing import altered, other_baselines, other_reference, rests_on
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
@@ -118,7 +119,9 @@ def decided(
             plans[name] = _waiting(plans[name], first, reference)
         else:
             kept = {other: record for other in baselines if (record := plans[other].record) is not None}
-            plans[name] = settled(plans[name], output, rests_on(plans[reference].record, kept), reference)
+            before = plans[reference].record
+            tight = ComparedWith(None if before is None else before.state, kept)
+            plans[name] = settled(plans[name], output, rests_on(tight), reference)
             anew = [other for other in baselines if plans[other].judge]
             if anew and not plans[name].run:
                 # With the rule that judges these it is judged anew too; what their verdicts will be is not known yet.

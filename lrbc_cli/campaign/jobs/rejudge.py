@@ -10,7 +10,7 @@ from pathlib import Path
 from lrbc_cli.campaign.beside import unnamed, unseen
 from lrbc_cli.campaign.digests import content_of, origin, surroundings
 from lrbc_cli.campaign.jobs.identity import Identity
-from lrbc_cli.campaign.jobs.judging import judged_anew
+from lrbc_cli.campaign.jobs.judging import ComparedWith, judged_anew
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, decided, needs, settled
 from lrbc_cli.campaign.jobs.standing import Outcome, rests_on
 from lrbc_cli.campaign.jobs.table import write_table
@@ -18,7 +18,7 @@ from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
 from lrbc_cli.errors import DataError
 from lrbc_cli.method.rule import rule_of
-from lrbc_cli.results.job import JobRecord, RestsOn
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CampaignRecord, ReadingRecord
 from lrbc_cli.results.store import read, read_job, write_sealed
 from lrbc_cli.updating.judging.rule import DecisionRule
@@ -117,10 +117,10 @@ def judge_finished(campaign: Campaign, found: Standing, *, all_jobs: bool, progr
         for p in found.plans:
             reference, names = needs(campaign, p.name)
             baselines = {other: outcome.results[other] for other in names if other in outcome.results}
-            now = rests_on(None if reference is None else outcome.results[reference], baselines)
-            plan = settled(p, campaign.output, now, campaign.update.reference)
+            tight = ComparedWith(None if reference is None else outcome.results[reference].state, baselines)
+            plan = settled(p, campaign.output, rests_on(tight), campaign.update.reference)
             if plan.judge:
-                judge_one(campaign, rule, plan, outcome, (baselines, now), (found.said.origin, plan.copied), progress)
+                judge_one(campaign, rule, plan, tight, outcome, come_from=found.said.origin, copied=plan.copied, progress=progress)
             else:
                 keep(plan, outcome, progress)
     finally:
@@ -133,9 +133,11 @@ def judge_one(
     campaign: Campaign,
     rule: DecisionRule,
     p: JobPlan,
+    tight: ComparedWith,
     outcome: Outcome,
-    tight: tuple[Mapping[str, JobRecord], RestsOn],
-    rests: tuple[str | None, str | None],
+    *,
+    come_from: str | None,
+    copied: str | None,
     progress: Progress,
 ) -> None:
     """Judge a finished job anew, and write its result.
@@ -146,19 +148,19 @@ def judge_one(
     rule : DecisionRule
     p : JobPlan
         With the finished result and its evidence.
+    tight : ComparedWith
     outcome : Outcome
         Takes the result.
-    tight : pair
-        Results of the baselines, and what the verdicts rest on.
-    rests : pair of str or None
-        See ``digests.origin``; in what way its measurement is that of a baseline.
+    come_from : str or None
+        See ``digests.origin``.
+    copied : str or None
+        In what way its measurement is that of a baseline.
     progress : callable
     """
     assert p.record is not None
     assert p.evidence is not None
-    (baselines, now), (come_from, copied) = tight, rests
-    provenance = {"origin": come_from, "judgement": p.judgement.tree() | {"copied": copied}, "rests_on": now}
-    record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied), baselines, provenance)
+    provenance = {"origin": come_from, "judgement": p.judgement.tree() | {"copied": copied}, "rests_on": rests_on(tight)}
+    record = judged_anew(campaign, rule, p.record, p.evidence.beside(copied), tight, provenance)
     outcome.results[p.name] = write_sealed(campaign.output / p.name / "result.json", record)
     outcome.judged.append(p.name)
     progress(f"{p.name}: judged anew, {p.reason}")

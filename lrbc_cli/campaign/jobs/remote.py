@@ -21,7 +21,7 @@ from lrbc_cli.campaign.numbers import NUMBERS
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.errors import ConfigError, DataError, LrbcError, on_one_line
-from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.judging.reference import ReferenceState
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ class Cluster:
         self._closed = True
         self._client.close()
 
-    def identify(self, inputs: Inputs, source: FrfSource, name: str, reference: JobRecord | None) -> Identification:
+    def identify(self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None) -> Identification:
         """As ``identify`` does, by a worker; here where the worker is lost.
 
         Raises
@@ -82,7 +82,7 @@ class Cluster:
             return self._sent[1]
 
 
-def _identified(source: FrfSource, name: str, reference: JobRecord | None, measured: dict[str, Measurement]) -> Identification:
+def _identified(source: FrfSource, name: str, reference: ReferenceState | None, measured: dict[str, Measurement]) -> Identification:
     # Loaded here: whoever judges anew needs none of it.
     from lrbc_cli.campaign.identification.identify import identify
 

@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 
 from lrbc_cli.campaign.beside import unnamed, unseen
-from lrbc_cli.campaign.identification.unknowns import layout, stored_theta
+from lrbc_cli.campaign.identification.unknowns import layout, theta_of
 from lrbc_cli.campaign.jobs.evidence import copied_baseline
 from lrbc_cli.campaign.jobs.finished import finish, origin_of
+from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, needs, plan, settled
 from lrbc_cli.campaign.jobs.rejudge import judge_one, keep
 from lrbc_cli.campaign.jobs.remote import Cluster
@@ -129,25 +130,25 @@ class _Run:
             write_table(self.output, list(campaign.jobs), outcome.results)
         return outcome, self.stage
 
-    def _tight_states(self, name: str) -> tuple[JobRecord | None, dict[str, JobRecord]]:
+    def _compared_with(self, name: str) -> ComparedWith:
         known, baselines = needs(self.inputs.campaign, name)
-        before = None if known is None else tight_state(self.inputs, self.outcome, known, self.stage)
-        return before, {other: self.outcome.results[other] for other in baselines if other in self.outcome.results}
+        before = None if known is None else reference_result(self.inputs, self.outcome, known, self.stage)
+        results = {other: self.outcome.results[other] for other in baselines if other in self.outcome.results}
+        return ComparedWith(None if before is None else before.state, results)
 
     def _still_to_run(self, name: str) -> bool:
         """Whether a job is identified, now that what it rests on has run; otherwise it is judged anew or kept."""
         p = self.plans[name]
         if p.run and not p.waits:
             return True
-        before, baselines = self._tight_states(name)
-        now = rests_on(before, baselines)
-        p = self.plans[name] = settled(p, self.output, now, self.inputs.campaign.update.reference)
+        tight, campaign = self._compared_with(name), self.inputs.campaign
+        p = self.plans[name] = settled(p, self.output, rests_on(tight), campaign.update.reference)
         if p.run:
             return True
         if p.judge and p.evidence is not None and p.record is not None:
             copied = p.copied if p.knows_copies else copied_baseline(self.inputs, name)
-            rests, campaign = (origin_of(self.inputs), copied), self.inputs.campaign
-            judge_one(campaign, self.inputs.method.rule, p, self.outcome, (baselines, now), rests, self.progress)
+            rule, come_from = self.inputs.method.rule, origin_of(self.inputs)
+            judge_one(campaign, rule, p, tight, self.outcome, come_from=come_from, copied=copied, progress=self.progress)
         else:
             keep(p, self.outcome, self.progress)
         return False
@@ -156,10 +157,9 @@ class _Run:
         # Loaded here: what is judged anew needs none of it.
         from lrbc_cli.campaign.identification.identify import identify
 
-        before, baselines = self._tight_states(name)
-        p = self.plans[name]
-        result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, before)
-        return write_result(self.output, finish(self.inputs, self.stage, result, before, baselines, (p.identity, p.judgement)))
+        p, tight = self.plans[name], self._compared_with(name)
+        result = (identify if self.remote is None else self.remote.identify)(self.inputs, source, name, tight.reference)
+        return write_result(self.output, finish(self.inputs, self.stage, result, tight, (p.identity, p.judgement)))
 
     def _give_up(self) -> None:
         if self.remote is not None:
@@ -199,7 +199,7 @@ class _Run:
         self.progress(f"{name}: failed")
 
 
-def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> JobRecord | None:
+def reference_result(inputs: Inputs, outcome: Outcome, reference: str, stage: ReductionStage | None) -> JobRecord | None:
     """Result of the reference job: of this call, or where it failed now the one that it had before with the same reduced model."""
     if reference in outcome.results:
         return outcome.results[reference]
@@ -208,7 +208,7 @@ def tight_state(inputs: Inputs, outcome: Outcome, reference: str, stage: Reducti
     except DataError:
         return None
     # Of other parameter groups it has no state to compare with, and a change of which nothing is known is not zero.
-    if not isinstance(before, JobRecord) or stored_theta(layout(inputs), before) is None:
+    if not isinstance(before, JobRecord) or theta_of(layout(inputs), before.parameters) is None:
         return None
     certificate = before.provenance.certificate
     return before if (certificate.key if certificate else None) == (stage.decision.key if stage else None) else None

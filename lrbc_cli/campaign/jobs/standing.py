@@ -5,21 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lrbc_cli.campaign.jobs.judging import ComparedWith
 from lrbc_cli.errors import DataError, LrbcError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.results.fields import plain
 from lrbc_cli.results.job import JobRecord, RestsOn
 from lrbc_cli.updating.judging.clearance import JobFinding, not_clear
+from lrbc_cli.updating.judging.reference import ReferenceState
 
 #: Tables beside ``result.json``, which vouches for them by their hashes; ``shapes.json`` is there where shapes can be drawn.
 FILES = ("profile.csv", "frf.csv", "fdac.csv", "evidence.json")
-
-#: What of the result of a reference job the identification of others rests on.
-STATE = ("job", "parameters", "covariance", "misfit_db", "noise", "nuisances")
 
 
 def altered(folder: Path, stored: JobRecord) -> str | None:
@@ -36,10 +35,9 @@ def altered(folder: Path, stored: JobRecord) -> str | None:
     return None
 
 
-def state_of(record: JobRecord) -> str:
-    """Digest of the state that a reference job found, judged in whatever way; the same in memory and read back."""
-    tree = record.tree()
-    return _digest({key: tree.get(key) for key in STATE})
+def state_of(reference: ReferenceState) -> str:
+    """Digest of the state that a reference job found, from whatever files and judged in whatever way; the same in memory and read back."""
+    return _digest({key: value for key, value in asdict(reference).items() if key not in ("explained", "inputs")})
 
 
 def changes_of(record: JobRecord) -> str:
@@ -51,11 +49,11 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
 
 
-def rests_on(reference: JobRecord | None, baselines: Mapping[str, JobRecord]) -> RestsOn:
+def rests_on(tight: ComparedWith) -> RestsOn:
     """What the verdicts of a job rest on: null, or left out, where one had no result."""
     return RestsOn(
-        reference=None if reference is None else state_of(reference),
-        baselines={other: changes_of(record) for other, record in baselines.items()},
+        reference=None if tight.reference is None else state_of(tight.reference),
+        baselines={other: changes_of(record) for other, record in tight.baselines.items()},
     )
 
 

@@ -198,7 +198,7 @@ def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tu
     """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
     start = parameters.initial
     states, loosened = [start], [np.zeros(0, dtype=np.int64)]
-    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, _ in parameters.placed:
         width = 1
         while group.kind == "stiffness" and width < 2 * group.count:
             for first in range(0, max(group.count - width // 2, 1), max(width // 2, 1)):
@@ -231,7 +231,7 @@ def _other_unit(
     before = float(np.median(apart(measured, model)))
     if before <= LEAST_DIFFERENCE:
         return {}
-    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, _ in parameters.placed:
         file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
         if file is None:
             continue
@@ -283,7 +283,7 @@ def _looser(
     best = int(np.argmin(distances))
     if distances[best] > CLEARLY * typical or not loosened[best].size:
         return ""
-    for group, (where, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, where, _ in parameters.placed:
         if where.start <= loosened[best][0] < where.stop:
             at = loosened[best] - where.start
             owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]

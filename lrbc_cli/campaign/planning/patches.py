@@ -82,7 +82,7 @@ class Structure:
     def of(cls, inputs: Inputs, parameters: Parameterisation, theta: Floats, by_bolt: bool) -> Structure:
         """The structure that an identification would find in the state theta; by bolt, or value by value."""
         groups, there = [], theta.copy()
-        for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        for group, values, _ in parameters.placed:
             there[values] = np.log10(group.values(theta[values]))
             limits = np.column_stack([np.minimum(group.bounds[:, 0], there[values]), np.maximum(group.bounds[:, 1], there[values])])
             groups.append(replace(group, initial=there[values], bounds=limits, smoothing=np.eye(group.count)))
@@ -90,7 +90,7 @@ class Structure:
         if not by_bolt:
             return cls(plain, there, np.eye(plain.size))
         loosened = np.zeros((plain.size, len(inputs.bolts.name) if inputs.bolts else 0))
-        slices = {group.name: values for group, (values, _) in zip(groups, plain.slices, strict=True)}
+        slices = {group.name: values for group, values, _ in plain.placed}
         for column, own in zip(loosened.T, patches(inputs, None).values(), strict=True):
             for name, weights in own.items():
                 column[slices[name]] = weights

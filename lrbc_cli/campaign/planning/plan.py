@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.nuisances import nuisances_of
-from lrbc_cli.campaign.identification.unknowns import parameterise, stored_theta
+from lrbc_cli.campaign.identification.unknowns import parameterise, theta_of
 from lrbc_cli.campaign.jobs.finished import calibration_tree
 from lrbc_cli.campaign.planning.patches import Structure
 from lrbc_cli.campaign.planning.rehearsal import (
@@ -329,14 +329,14 @@ def _about(inputs: Inputs, parameters: Parameterisation, request: Request) -> Ab
         record, source = read_job(campaign.output, state.job), state.job
     elif reference is not None:
         record, source = read_job(campaign.output, reference), reference
-        known = stored_theta(parameters, record if isinstance(record, JobRecord) else None)
+        known = theta_of(parameters, record.parameters) if isinstance(record, JobRecord) else None
         if known is None:
             record = None
         elif state is None:
             state, theta = PlanState("job", reference), known
     state = state or PlanState("initial")
     if state.kind in ("clamped", "free"):
-        for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+        for group, values, _ in parameters.placed:
             if group.kind == "stiffness":
                 theta[values] = bounds[values, 1 if state.kind == "clamped" else 0]
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
@@ -374,7 +374,7 @@ def _shapes(inputs: Inputs, parameters: Parameterisation, by: str) -> tuple[Shap
 
 
 def _targets(inputs: Inputs, parameters: Parameterisation, shapes: Shapes, by: str) -> list[Target]:
-    groups = [(g, at) for g, (at, _) in zip(parameters.groups, parameters.slices, strict=True) if g.kind == "stiffness"]
+    groups = [(g, at) for g, at, _ in parameters.placed if g.kind == "stiffness"]
     if by == "values":
         targets = [
             Target(

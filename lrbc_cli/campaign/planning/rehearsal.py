@@ -32,6 +32,7 @@ from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import Evidence
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, TIGHT, TightScatter
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
@@ -137,12 +138,12 @@ class Setting:
 
 @dataclass(frozen=True)
 class TightState:
-    """A rehearsed reference job: campaign, by which share frequencies are off, measurement, result; scatter of baselines [decades]."""
+    """A rehearsed reference job: campaign, by which share frequencies are off, measurement, state; scatter of baselines [decades]."""
 
     inputs: Inputs
     detuned: float
     measurement: Measurement
-    record: JobRecord
+    reference: ReferenceState
     scatter: TightScatter = NO_SCATTER
 
 
@@ -258,11 +259,14 @@ class Rehearsal:
         update = campaign.update.model_copy(update={"reference": TIGHT_JOB, "baselines": ()})
         inputs = with_job(replace(self.inputs, campaign=campaign.model_copy(update={"jobs": {}, "update": update})), TIGHT_JOB)
         result = identify(inputs, self.source, TIGHT_JOB, measurements={TIGHT_JOB: measurement})
-        tight = TightState(inputs, detuned, measurement, result_record(inputs, self.source.stage, result, None))
+        record = result_record(inputs, self.source.stage, result, evidence_of(inputs, result), {})
+        tight = TightState(inputs, detuned, measurement, record.state)
         if self.scatter is not None:
             return replace(tight, scatter=self.scatter)
         again = [self._identified(tight, {}, [self.setting.seed, draw, 0, k]) for k in range(len(campaign.update.baselines))]
-        judged = [judge(evidence, inputs.method.rule, BASELINE).bolts for evidence in again if evidence is not None]
+        judged = [
+            judge(evidence, inputs.method.rule, BASELINE, reference=tight.reference).bolts for evidence in again if evidence is not None
+        ]
         return replace(tight, scatter=scatter_of(judged))
 
     def loosened(self, bolt: int, loss: float, draw: int, tight: TightState) -> Draw:
@@ -271,7 +275,7 @@ class Rehearsal:
         evidence = self._identified(tight, {bolt: -loss}, [self.setting.seed, draw, bolt + 1])
         if evidence is None:
             return Draw("undecided", float("nan"), float("nan"), (), 0)
-        found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter).bolts
+        found = judge(evidence, tight.inputs.method.rule, JOB, tight.scatter, tight.reference).bolts
         own, others = found[bolt], [one for i, one in enumerate(found) if i != bolt]
         return Draw(
             own.verdict,
@@ -287,7 +291,7 @@ class Rehearsal:
         The other bolts scatter as tight ones do, what may drift is drawn from its prior, the frequencies are off as in the tight state, and
         the change is another than the model predicts by errors as of ``ChangeError``, whose levels neighbouring lines share.
         """
-        inputs, reference = with_job(tight.inputs, LOOSENED_JOB), tight.record
+        inputs = with_job(tight.inputs, LOOSENED_JOB)
         rng = np.random.default_rng(seed)
         joint, prior = self.setting.joint, inputs.statistics.bolts
         change = np.where(joint, prior.joint_tight_std, prior.tight_std) * rng.standard_normal(joint.size)
@@ -305,7 +309,7 @@ class Rehearsal:
         error = error * most / np.maximum(np.hypot(std, most), np.finfo(float).tiny)
         measured = {TIGHT_JOB: tight.measurement, LOOSENED_JOB: self._measure(y * np.exp(error / DB), rng)}
         try:
-            return evidence_of(inputs, identify(inputs, self.source, LOOSENED_JOB, reference, measured), reference)
+            return evidence_of(inputs, identify(inputs, self.source, LOOSENED_JOB, tight.reference, measured))
         except NumericalError:
             return None
 

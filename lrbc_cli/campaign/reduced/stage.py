@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,7 @@ from lrbc_cli.reduction.outcome import Reduction
 from lrbc_cli.reduction.reduced.affine import AffineModel
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
+from lrbc_cli.reduction.threads import in_turn, single_threaded
 from lrbc_cli.updating.misfit.frf import FrfModel, port_model, reduced_model
 
 log = logging.getLogger(__name__)
@@ -266,6 +268,12 @@ class FrfSource:
     def __reduce__(self) -> tuple[Any, ...]:
         """What another process needs to find the same."""
         return partial(FrfSource, inputs=self.inputs, stage=self.stage, kind=self.kind), ()
+
+    @contextmanager
+    def threads(self) -> Iterator[None]:
+        """Whoever evaluates it often takes one thread; of the full model, whose factorisations have threads of their own, one at a time."""
+        with single_threaded(), nullcontext() if self.stage is not None else in_turn():
+            yield
 
     @property
     def parts(self) -> dict[str, str]:

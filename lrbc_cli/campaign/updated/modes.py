@@ -64,7 +64,7 @@ def polynomial(parameters: Parameterisation, theta: Floats) -> Complexes | Float
     terms = parameters.polynomial(theta)
     loss = np.zeros_like(terms)
     kappa = parameters.scales(theta)
-    for group, (_, at) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, _, at in parameters.placed:
         if group.damping is not None and at is not None and group.damping.loss_factor:
             loss[group.terms, KIND_POWER[group.kind]] = group.damping.loss_factor * kappa[group.terms] * 10.0 ** theta[at]
     return terms + 1j * loss if loss.any() else terms

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import file_hash
 from lrbc_cli.io.common import SMALL_ALLOCATION, check_allocation, damaged, require_file
-from lrbc_cli.io.hdf5.reader_process import read_apart
+from lrbc_cli.io.reader_process import read_apart
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import damaged, require_file
-from lrbc_cli.io.hdf5.reader_process import read_apart
+from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.sparse import MatrixFile, canonical, mirrored
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofLabels
 

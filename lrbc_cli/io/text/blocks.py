@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lrbc_cli.errors import DataError
-from lrbc_cli.io.text.header import Heading, fold, heading
+from lrbc_cli.io.encoding import fold
+from lrbc_cli.io.text.header import Heading, heading
 from lrbc_cli.io.units import numerator_quantity, parse_unit, response_quantity
 
 _KEY = re.compile(r"\s*\"?([A-Za-z][^:\t]{1,39}?)\s*:\s*(.*?)[\"\s]*")

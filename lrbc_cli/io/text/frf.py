@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.atomic import atomic_write
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.encoding import read_lines, unfinished
+from lrbc_cli.io.encoding import fold, read_lines, unfinished
 from lrbc_cli.io.frf_common import (
     HERTZ,
     Notes,
@@ -28,7 +28,6 @@ from lrbc_cli.io.frf_common import (
 )
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.blocks import Block, blocks
-from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import decibel, parse_unit
 from lrbc_cli.model.frf import FrfRecord, FrfSet

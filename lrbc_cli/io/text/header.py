@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.units import decibel, numerator_quantity, parse_unit, response_quantity
 
 #: Words for a part, in lower case without accents: English, German, French, Italian, Spanish.
@@ -75,12 +76,6 @@ class Heading:
     def is_index(self) -> bool:
         """Whether it names a count of lines."""
         return self.part is None and fold(self.text).rstrip(".") in _INDEX
-
-
-def fold(text: str) -> str:
-    """Lower case without accents, letter by letter; what only looks like a letter stays."""
-    letters = unicodedata.normalize("NFC", text)
-    return "".join(unicodedata.normalize("NFD", letter)[0].lower() if len(letter.lower()) == 1 else letter for letter in letters)
 
 
 def read_headings(lines: Sequence[str], delimiter: str, width: int) -> tuple[Heading, ...]:

@@ -13,7 +13,7 @@ from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import damaged, head, require_file
 from lrbc_cli.io.encoding import read_lines
-from lrbc_cli.io.hdf5.reader_process import read_apart
+from lrbc_cli.io.reader_process import read_apart
 from lrbc_cli.io.text.tables import read_table
 
 #: Line of a node, and the texts of its number and coordinates.

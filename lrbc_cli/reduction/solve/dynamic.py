@@ -145,9 +145,7 @@ class DynamicStiffness:
         ordering: str = "auto",
         coupling: Coupling | None = None,
     ) -> None:
-        if backend == "auto":
-            backend = "pardiso" if pardiso.library() else "superlu"
-        self.backend = backend
+        self.backend = pardiso.resolved(backend)
         self.K, self.C, self.M = K, C, M
         self.coupling = coupling or coupling_of(K, C, M, is_acoustic)
         self.symmetric = self.coupling.symmetric
@@ -158,7 +156,7 @@ class DynamicStiffness:
         # Patterns are counted in bytes: on large models the operators' values would be copied several times over.
         union = _ones(K) + _ones(C) + _ones(M) + sp.eye_array(n, dtype=np.int8, format="csc")
         union = (union + union.T).tocsc()
-        self._permuted = backend == "superlu"
+        self._permuted = self.backend == "superlu"
         self._perm = nested_dissection(union.T, ordering) if self._permuted else np.arange(n)
         self._inverse = np.empty(n, dtype=np.int64)
         self._inverse[self._perm] = np.arange(n)

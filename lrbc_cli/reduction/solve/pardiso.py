@@ -47,6 +47,11 @@ def library() -> ctypes.CDLL | None:
     return None
 
 
+def resolved(backend: str) -> str:
+    """What ``auto`` stands for, the accelerated back end where it is installed; another one as it is."""
+    return backend if backend != "auto" else "pardiso" if library() else "superlu"
+
+
 class Pardiso:
     """One analysed pattern; ``factor`` as often as wanted.
 

@@ -13,7 +13,8 @@ from lrbc_cli.report.drawing.layout import BOTTOM, RIGHT, TITLE, TOP
 from lrbc_cli.report.drawing.style import COSINES
 from lrbc_cli.report.drawing.svg import drawn, legend
 from lrbc_cli.report.html import Cell, Markup, beside, details, table, tag
-from lrbc_cli.results.job import CorrelationRecord, JobRecord, Peak
+from lrbc_cli.results.agreement import CorrelationRecord, Peak
+from lrbc_cli.results.job import JobRecord
 from lrbc_cli.results.model import CampaignRecord
 from lrbc_cli.results.tables import Fdac
 

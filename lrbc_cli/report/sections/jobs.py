@@ -10,7 +10,6 @@ from lrbc_cli.report.files import frf_file
 from lrbc_cli.report.html import Markup, beside, join, tag
 from lrbc_cli.report.parts import tables
 from lrbc_cli.results.job import FailedJob, Job
-from lrbc_cli.results.sentence import job_sentence
 
 #: FRF figures are put into the page up to about this many characters; the others are linked.
 _BUDGET = 4_000_000
@@ -55,7 +54,7 @@ def _filter(responses: Mapping[str, bool]) -> Markup:
 def _job(content: Content, job: Job, frfs: Sequence[tuple[FrfFigure, Markup | None]]) -> Markup:
     name, anchor = job.job, content.anchors[job.job]
     heading = tag("h3", name, " ", tables.status_badge(job))
-    finding = tag("p", job_sentence(job).removeprefix(f"{name}: "), class_="finding")
+    finding = tag("p", job.sentence.removeprefix(f"{name}: "), class_="finding")
     back = tag("a", "all jobs", href="#verdicts")
     if isinstance(job, FailedJob):
         return tag("article", heading, finding, tag("p", back, class_="files"), id=anchor, class_="job")

@@ -17,7 +17,6 @@ from lrbc_cli.report.parts import tables
 from lrbc_cli.report.parts.calibration import serves
 from lrbc_cli.report.parts.tables import UNSEALED
 from lrbc_cli.results.job import Job, JobRecord, Verdict
-from lrbc_cli.results.sentence import job_sentence
 
 #: What is said of a job of the campaign that the results do not have.
 NO_RESULT = "no result, not judged"
@@ -56,7 +55,7 @@ def header(content: Content, written: datetime) -> Markup:
 
 
 def _sentence(content: Content, job: Job) -> Markup:
-    text = job_sentence(job).removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
+    text = job.sentence.removeprefix(job.job) + ("" if job.sealed else f" ({UNSEALED})")
     text += f" ({EARLIER})" if job.job in content.unusable else ""
     return tag("li", tag("a", job.job, href=f"#{content.anchors[job.job]}"), text)
 

@@ -401,7 +401,7 @@ def _remarks(problem: FactorProblem, theta: Floats) -> Sequence[str]:
         if not scalar.bounds[0] < value < scalar.bounds[1]:
             shown = np.exp(value - scalar.mean) if scalar.kind == "factor" else value
             found.append(f"{scalar.name}: at its bound, {shown:.4g}: the measurement does not determine it")
-    for group, (_, at) in zip(P.groups, P.slices, strict=True):
+    for group, _, at in P.placed:
         if at is not None and group.damping is not None and not problem.hold:
             low, high = group.damping.bounds
             if not low < theta[at] < high:

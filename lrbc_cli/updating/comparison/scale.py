@@ -13,12 +13,13 @@ from itertools import product
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.robust import scatter
 
 #: Parts of the band whose medians are compared, the lines each needs, and Student's t of that many medians, two-sided 95 %.
 PARTS, LEAST_LINES, STUDENT = 8, 5, 2.365
 
-#: Median and median absolute deviation of Gaussian values: spread of a median over that of a mean, and sigma over the deviation.
-MEDIAN_SPREAD, DEVIATION = 1.2533, 1.4826
+#: Spread of a median of Gaussian values over that of their mean.
+MEDIAN_SPREAD = 1.2533
 
 #: Less is what the gains of sensors are known to, model and mounting included; the smallest factor of the table is 3 dB [dB].
 LEAST_OFFSET = 2.0
@@ -170,8 +171,7 @@ def _parts(values: Floats) -> tuple[float, float]:
     if count < 2:
         return centre, np.inf
     medians = np.array([np.median(part) for part in np.array_split(values, count)])
-    spread = DEVIATION * float(np.median(np.abs(medians - np.median(medians))))
-    return centre, STUDENT * MEDIAN_SPREAD * spread / float(np.sqrt(count))
+    return centre, STUDENT * MEDIAN_SPREAD * scatter(medians) / float(np.sqrt(count))
 
 
 def _scores(measured: Complexes, model: Complexes, power: int) -> dict[tuple[bool, bool], float]:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtr
 
-from lrbc_cli.updating.comparison.scale import DEVIATION
+from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange
+from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 
 #: What is said of a bolt that cannot well have been tight in the tight state.
@@ -111,7 +112,7 @@ class Judgement:
     fallen: dict[str, float] = field(default_factory=dict)
 
 
-def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
+def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None = None) -> Validity:
     """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
 
     The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
@@ -120,7 +121,9 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     but above the usual one nothing is validated, nor is a change from a reference job that is known to within the limit only: it is the
     difference of two states, each as wrong as that one.
     """
-    limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
+    against = reference if evidence.against_reference else None
+    compared_before, used_before = (None if against is None else against.misfit_of(channels) for channels in (evidence.compared, USED))
+    limit, misfit = rule.most_db(compared_before), evidence.misfit_db
     beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
@@ -130,12 +133,12 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     within = misfit <= limit
     side = "within" if within else "above"
     reason = f"mean misfit of the {compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
-    for of, before in ((evidence.compared, evidence.reference_misfit_db), (USED, evidence.reference_used_misfit_db)):
+    for of, before in ((evidence.compared, compared_before), (USED, used_before)):
         if within and before is not None and before > rule.largest_misfit:
             within = False
             most = f"{before:.2f} dB, above the limit of {rule.largest_misfit:.3g} dB"
             reason += f", but of the {of} of the reference job, with which it is compared, {most}"
-    before = max(db or 0.0 for db in (evidence.reference_misfit_db, evidence.reference_used_misfit_db))
+    before = max(db or 0.0 for db in (compared_before, used_before))
     worst = max(db for db in (misfit, fitted, before) if db is not None)
     usual = rule.validated_misfit
     raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {usual:g} dB" if worst > usual else ""
@@ -152,7 +155,13 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     return Validity(passed=None, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason, unvalidated=unvalidated)
 
 
-def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: TightScatter = NO_SCATTER) -> Judgement:
+def judge(
+    evidence: Evidence,
+    rule: DecisionRule,
+    role: str = JOB,
+    scatter: TightScatter = NO_SCATTER,
+    reference: ReferenceState | None = None,
+) -> Judgement:
     """Judge the bolts of a job.
 
     Parameters
@@ -163,13 +172,15 @@ def judge(evidence: Evidence, rule: DecisionRule, role: str = JOB, scatter: Tigh
         ``reference``, ``baseline`` or ``job``.
     scatter : TightScatter
         Of the changes between tight states, see ``scatter_of``; none where there is only one.
+    reference : ReferenceState or None
+        That it was identified against; None in the reference job itself.
 
     Returns
     -------
     Judgement
         Without stiffness along edges every bolt is undecided.
     """
-    valid = validity(evidence, rule)
+    valid = validity(evidence, rule, reference)
     felt = [bolt.felt for bolt in evidence.bolts if bolt.felt is not None]
     level = float(np.quantile(felt, rule.contrast_quantile)) if felt else 0.0
     far = _far_from_others(evidence.bolts, rule)
@@ -229,8 +240,7 @@ def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[
     for name, (value, std, own) in tight.items():
         peers = np.array([other for other, _, groups in tight.values() if groups == own])
         middle = float(np.median(peers))
-        scatter = max(DEVIATION * float(np.median(np.abs(peers - middle))), rule.joint_scatter)
-        limit = rule.limit(rule.loose_change, scatter)
+        limit = rule.limit(rule.loose_change, max(robust.scatter(peers), rule.joint_scatter))
         if float(ndtr((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle
     return found

@@ -184,10 +184,10 @@ class Evidence:
         The channels whose misfit tells whether the model explains the measurement; None where none can be compared.
     misfit_db : float or None
         Their mean misfit.
-    reference_misfit_db : float or None
-        The same of the reference job.
-    used_misfit_db, reference_used_misfit_db : float or None
-        Mean misfit of the channels that were fitted, and that of the reference job.
+    used_misfit_db : float or None
+        Mean misfit of the channels that were fitted.
+    against_reference : bool
+        What was identified is changes against the reference state.
     unvalidated : str
         Why none of them is a validation channel.
     doubted : str or None
@@ -214,9 +214,8 @@ class Evidence:
     data_warnings: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    reference_misfit_db: float | None = None
     used_misfit_db: float | None = None
-    reference_used_misfit_db: float | None = None
+    against_reference: bool = False
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
 
     def beside(self, copied: str | None) -> Evidence:

@@ -64,7 +64,7 @@ def penalty_rows(parameters: Parameterisation, value: float = 1.0, slope: float 
         p_damp has no row.
     """
     rows: list[Floats] = []
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, values, _ in parameters.placed:
         eye = np.eye(group.count)
         for weight, order in ((value, 0), (slope, 1)):
             if weight > 0 and group.count > order:

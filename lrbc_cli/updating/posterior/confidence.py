@@ -109,7 +109,7 @@ def open_values(
     """
     size = parameters.size
     patches, owner = [], []
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, values, _ in parameters.placed:
         if group.kind != "stiffness":
             continue
         at = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)

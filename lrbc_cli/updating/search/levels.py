@@ -49,7 +49,7 @@ def hats(positions: Floats, knots: int) -> Floats:
 def level_matrix(parameters: Parameterisation, knots: int, damping: bool) -> Floats:
     """(size, m) map from the values of a level to theta; p_damp is one of them where ``damping``."""
     columns: list[Floats] = []
-    for group, (values, at) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, values, at in parameters.placed:
         positions = group.arc_length if group.arc_length is not None else np.arange(group.count, dtype=float)
         block = np.eye(group.count) if group.count <= knots else hats(positions, knots)
         columns.append(np.zeros((parameters.size, block.shape[1])))
@@ -417,10 +417,6 @@ def _describe(parameters: Parameterisation, theta: Floats, trial: int, prior: Fl
     if prior is not None:
         change = theta - prior
         return f"uniform change of log10 by {change[int(np.argmax(np.abs(change)))]:.3g}"
-    stiff = [group.kind == "stiffness" for group in parameters.groups]
-    moved = [
-        f"{group.name} {theta[values][0]:.3g}"
-        for group, (values, _), own in zip(parameters.groups, parameters.slices, stiff, strict=True)
-        if own or not any(stiff)
-    ]
-    return "uniform log10 " + ", ".join(moved)
+    stiff = [(group, values) for group, values, _ in parameters.placed if group.kind == "stiffness"]
+    moved = stiff or [(group, values) for group, values, _ in parameters.placed]
+    return "uniform log10 " + ", ".join(f"{group.name} {theta[values][0]:.3g}" for group, values in moved)

@@ -37,7 +37,7 @@ def alone(one: int, other: int) -> list[tuple[int, int]]:
 def moved_values(parameters: Parameterisation) -> NDArray[np.bool_]:
     """(size,) values of the stiffness groups; of all groups where there is none."""
     moved = np.zeros(parameters.size, dtype=bool)
-    for group, (values, _) in zip(parameters.groups, parameters.slices, strict=True):
+    for group, values, _ in parameters.placed:
         moved[values] = group.kind == "stiffness"
     return moved if moved.any() else ~parameters.is_damping
 
@@ -117,7 +117,7 @@ def group_levels(
         Lines side by side, and places returned.
     """
     P, (low, high) = misfit.model.parameters, bounds.T
-    groups = [values for group, (values, _) in zip(P.groups, P.slices, strict=True) if group.kind == "stiffness"]
+    groups = [values for group, values, _ in P.placed if group.kind == "stiffness"]
     known: dict[tuple[float, ...], float] = {}
 
     def place(shifts: tuple[float, ...]) -> Floats:

@@ -105,7 +105,7 @@ def _is_edge(group: ParameterGroup) -> bool:
 def joints_of(parameters: Parameterisation, count: int) -> list[dict[int, NDArray[np.int64]]]:
     """For each of so many bolts the stiffness values that it owns: indices in theta, by group; empty where it owns none."""
     found: list[dict[int, NDArray[np.int64]]] = [{} for _ in range(count)]
-    for i, (group, (values, _)) in enumerate(zip(parameters.groups, parameters.slices, strict=True)):
+    for i, (group, values, _) in enumerate(parameters.placed):
         if group.kind == "stiffness" and group.bolt is not None:
             for bolt in np.unique(group.bolt[group.bolt >= 0]).tolist():
                 found[bolt][i] = values.start + np.flatnonzero(group.bolt == bolt)
@@ -172,12 +172,11 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior 
     Shapes
         A bolt beyond the end of its edge, whose hat no term feels, has no column, nor has one that lies aside of all edges.
     """
-    groups = list(zip(parameters.groups, parameters.slices, strict=True))
     own = joints_of(parameters, bolts.shape[0])
     joint = np.array([bool(parts) for parts in own], dtype=bool)
-    edges = [i for i, (group, _) in enumerate(groups) if _is_edge(group)]
+    edges = [i for i, group in enumerate(parameters.groups) if _is_edge(group)]
     owner, at = np.full(bolts.shape[0], -1, dtype=np.int64), np.zeros(bolts.shape[0])
-    owner[~joint], at[~joint] = _feet([groups[i][0] for i in edges], bolts[~joint])
+    owner[~joint], at[~joint] = _feet([parameters.groups[i] for i in edges], bolts[~joint])
     columns: list[Floats] = []
     spread: list[float] = []
     column_of = np.full(bolts.shape[0], -1, dtype=np.int64)
@@ -187,7 +186,7 @@ def bolt_shapes(parameters: Parameterisation, bolts: Floats, values: ValuePrior 
         columns[-1][where] = weights
         spread.append(std)
 
-    for i, (group, (where, damping)) in enumerate(groups):
+    for i, (group, where, damping) in enumerate(parameters.placed):
         mine = np.flatnonzero(owner == edges.index(i)) if i in edges else np.zeros(0, dtype=np.int64)
         hats = _hats(group, at[mine]) if mine.size else np.zeros((group.count, 0))
         felt = hats.any(axis=0)

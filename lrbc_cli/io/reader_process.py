@@ -42,8 +42,8 @@ _POLL = 0.1
 _BOOT = """
 import sys
 sys.path[:] = sys.argv[1:]
-import lrbc_cli.io.hdf5.frf, lrbc_cli.io.hdf5.matrices, lrbc_cli.io.hdf5.reader_process
-lrbc_cli.io.hdf5.reader_process.serve()
+import lrbc_cli.io.hdf5.frf, lrbc_cli.io.hdf5.matrices, lrbc_cli.io.reader_process
+lrbc_cli.io.reader_process.serve()
 """
 
 

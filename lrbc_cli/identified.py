@@ -1,0 +1,87 @@
+"""One job, identified and judged in memory, and figures of it for scripts and notebooks; the page of `lrbc report` draws its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.results.job import JobRecord
+from lrbc_cli.updating.judging.evidence import Evidence
+
+
+@dataclass(frozen=True)
+class Identified:
+    """One job, identified and judged.
+
+    Attributes
+    ----------
+    name : str
+    identification : Identification
+        Values, posterior, FRFs before and after.
+    evidence : Evidence
+        What judging needs of it.
+    record : JobRecord
+        What ``result.json`` would hold, see ``lrbc guide results``.
+    """
+
+    name: str
+    identification: Identification = field(repr=False)
+    evidence: Evidence = field(repr=False)
+    record: JobRecord = field(repr=False)
+
+    @property
+    def status(self) -> str:
+        """``converged``, ``stopped`` or ``unexplained``."""
+        return self.record.status
+
+    @property
+    def misfit_db(self) -> float:
+        """Mean absolute misfit of the responses used [dB]."""
+        return self.record.misfit_db.final
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """Verdict of each bolt."""
+        return {bolt.name: bolt.verdict for bolt in self.record.bolts}
+
+    @property
+    def probability_loose(self) -> dict[str, float | None]:
+        """Posterior probability of each bolt of being loose; None where none is stated."""
+        return {bolt.name: bolt.probability_loose for bolt in self.record.bolts}
+
+
+def frf_figure(found: Identification, response: int, label: str) -> Any:
+    """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 4), layout="constrained")
+    axes, measured = figure.subplots(), found.measurement.values
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for name, H, style in (("measured", measured, "-"), ("initial", found.initial, ":"), ("updated", found.updated, "--")):
+            axes.plot(found.measurement.frequency_hz, 20 * np.log10(np.abs(H[:, response])), style, label=name)
+    axes.set(xlabel="frequency [Hz]", ylabel=label, title=found.name)
+    axes.legend()
+    return figure
+
+
+def profile_figure(record: JobRecord) -> Any:
+    """Stiffness along each edge, or of each joint, with its 95 % interval, as a matplotlib figure."""
+    from matplotlib.figure import Figure
+
+    groups = {name: entry for name, entry in record.parameters.items() if entry.arc_length is not None or entry.bolts}
+    figure = Figure(figsize=(8, 3.2 * max(len(groups), 1)), layout="constrained")
+    for axes, (name, entry) in zip(np.atleast_1d(figure.subplots(max(len(groups), 1))), groups.items(), strict=False):
+        if entry.arc_length is None:
+            at = np.arange(len(entry.log10))
+            axes.vlines(at, entry.lower95, entry.upper95, alpha=0.25, linewidth=8, label="95 % interval")
+            axes.plot(at, entry.log10_effective, "_", markersize=14, label="identified")
+            axes.set_xticks(at, [bolt or "" for bolt in entry.bolts or ()])
+        else:
+            axes.fill_between(entry.arc_length, entry.lower95, entry.upper95, alpha=0.25, label="95 % interval")
+            axes.plot(entry.arc_length, entry.log10_effective, label="identified")
+        axes.set(xlabel="along the edge [m]" if entry.bolts is None else "", ylabel=f"log10 of {name} [{entry.unit}]", title=record.job)
+        axes.legend()
+    return figure
