@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
+from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips
 from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
@@ -177,6 +178,7 @@ def slips(
     yield from _terms_twice(model, groups)
     yield from held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
+    yield from sorted_names(bolts)
 
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
