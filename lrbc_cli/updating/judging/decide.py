@@ -121,7 +121,7 @@ def validity(evidence: Evidence, rule: DecisionRule) -> Validity:
     difference of two states, each as wrong as that one.
     """
     limit, misfit = rule.most_db(evidence.reference_misfit_db), evidence.misfit_db
-    beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
+    beside = f" ({rule.misfit_margin:g} dB more than that of the reference job)" if limit < rule.largest_misfit else ""
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
     compared, fitted = evidence.compared, evidence.used_misfit_db
