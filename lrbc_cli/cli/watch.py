@@ -75,6 +75,12 @@ def watch(
     watched = session.campaign.watch
     place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
     remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    if watched is not None and not watched.in_reach:
+        remark(
+            f"{watched.folder}, the watched folder, cannot be looked into: is the path right, the drive connected?"
+            + ("" if once else " Files are taken up as soon as it is there"),
+            kind="warning",
+        )
     if given:
         remark("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
     run = Watch(

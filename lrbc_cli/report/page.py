@@ -144,7 +144,8 @@ def _convergence(content: Content) -> _Section | None:
     words = (
         "Starting points: the values of the campaign file or of the calibration; “uniform”, one change of all values; “table of changes”, "
         "the likeliest of many states with loosened bolts that were computed beforehand, with the change of each bolt in decades; “over "
-        "smoothed spectra”, a first search with the peaks blurred; “hop”, on from there with bolts in each other's place; “without the n %”, the lines that fit worst set aside for a first search."
+        "smoothed spectra”, a first search with the peaks blurred; “hop”, on from there with bolts in each "
+        "other's place; “without the n %”, the lines that fit worst set aside for a first search."
     )
     return "convergence", "Search for the best fit", [tag("p", text), made, tag("p", words, class_="meta")]
 
