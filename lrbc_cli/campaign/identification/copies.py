@@ -59,7 +59,8 @@ def pasted(measurement: Measurement, responses: list[str], limits: ValidationCha
     for i, first in enumerate(responses):
         for j in range(i + 1, len(responses)):
             both = np.isfinite(values[:, i]) & np.isfinite(values[:, j]) & (values[:, i] != 0)
-            if both.sum() < limits.least_common:
+            # Numbers that are the same at all lines are no FRF.
+            if both.sum() < limits.least_common or np.unique(values[both, i]).size < limits.least_common:
                 continue
             ratio = values[both, j] / values[both, i]
             if np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])):

@@ -313,7 +313,12 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         ]
         for bolt in plan.bolts
     ]
-    head = ["Bolt", "", *(f"Right at {_decades(decades)}" for decades in plan.losses), *(["Missed", "Alarm"] if plan.rehearsed else [])]
+    head = [
+        "Bolt",
+        "Verdict",
+        *(f"Right at {_decades(decades)}" for decades in plan.losses),
+        *(["Missed", "Alarm"] if plan.rehearsed else []),
+    ]
     head += ["d'", "d' with all responses", "Std [decades]", "Note"]
     worth: list[list[str | Cell]] = [
         [
