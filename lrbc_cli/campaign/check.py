@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, unnamed
-from lrbc_cli.campaign.identification.copies import Earlier
+from lrbc_cli.campaign.identification.copies import Earlier, pasted
+from lrbc_cli.campaign.identification.doubts import chain_doubt
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
@@ -208,6 +209,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
         out.warnings += measurement.warnings
+        out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
@@ -223,6 +225,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             f"changes show most: {', '.join(sparse)}; write lines: resonances"
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
+    out.warnings += _other_chains(inputs, readable)
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings
     lines += [note] if note else []
@@ -232,6 +235,16 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
+    """Warnings of jobs that were measured with another chain than the reference job."""
+    reference = inputs.campaign.update.reference or ""
+    tight, found = readable.get(reference), []
+    for name, own in readable.items():
+        if tight is not None and name != reference and (text := chain_doubt(inputs, own, tight, reference)):
+            found.append(f"job {name}: {text}")
+    return found
 
 
 def _unwritable(output: Path) -> list[str]:

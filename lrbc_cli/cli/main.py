@@ -6,6 +6,7 @@ import errno
 import importlib
 import json
 import os
+import re
 import select
 import sys
 import threading
@@ -161,13 +162,30 @@ def _nearest(word: str, candidates: Mapping[str, Any]) -> str:
     return f"did you mean 'lrbc {near[0]}'?" if near else "'lrbc --help' lists the commands"
 
 
+_CLEARER = {
+    r"is not in the range x>=(\S+?)\.?$": r"must be at least \1",
+    r"is not in the range (\S+?)<=x<=(\S+?)\.?$": r"must be from \1 to \2",
+    r"is not a valid integer(?: range)?": "is no whole number",
+    r"is not a valid float(?: range)?": "is no number",
+    r"requires an argument": "needs a value behind it",
+}
+
+
+def _command(words: Sequence[str]) -> str:
+    """The command that was meant, with its name where that is the first word."""
+    return f"lrbc {words[0]}" if words and words[0] in COMMANDS else "lrbc"
+
+
 def _usage_error(error: click.ClickException) -> str:
     """Give a click error the form of all others; the help for no arguments stays as it is."""
     text = error.format_message()
     if text.startswith("Usage:"):
         return text
+    # What the words of click leave unclear.
+    for said, clear in _CLEARER.items():
+        text = re.sub(said, clear, text)
     context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "lrbc"
+    command = context.command_path if context is not None else _command(sys.argv[1:])
     return ConfigError(text[:1].lower() + text[1:].rstrip("."), place=command, hint=f"'{command} --help' shows the usage").message
 
 

@@ -11,6 +11,7 @@ from lrbc_cli.campaign.beside import unseen
 from lrbc_cli.cli.common import cache_folder, progress, tell_calibration
 from lrbc_cli.cli.options import calibration_option, campaign_options
 from lrbc_cli.cli.terminal import remark, say
+from lrbc_cli.config.watch import WatchConfig
 from lrbc_cli.updating.judging.clearance import not_clear
 from lrbc_cli.watch.loop import Pace, Watch
 from lrbc_cli.watch.session import Session, WatchSettings
@@ -72,9 +73,7 @@ def watch(
         if trouble is not None:
             remark(f"--hook: {trouble}", kind="warning")
 
-    watched = session.campaign.watch
-    place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
-    remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    _begin(session.campaign.watch, page, once)
     if given:
         remark("for the other commands the campaign file has to name the folder: watch: {folder: ..., pattern: ...}")
     run = Watch(
@@ -88,3 +87,14 @@ def watch(
     if any(found.assumed is None and found.named("loose") for found in run.findings.values()):
         return 6
     return 7 if not_clear(run.findings) or unseen(session.campaign) else 0
+
+
+def _begin(watched: WatchConfig | None, page: Path, once: bool) -> None:
+    """Say what is watched, and that its folder is not there."""
+    place = "the files of its jobs" if watched is None else f"{watched.folder} for {', '.join(watched.patterns)}"
+    remark(f"watching {place}; the page is {page}" + ("" if once else "; Ctrl+C ends"))
+    if watched is not None and not watched.in_reach:
+        later = "" if once else " Files are taken up as soon as it is there"
+        remark(
+            f"{watched.folder}, the watched folder, cannot be looked into: is the path right, the drive connected?{later}", kind="warning"
+        )

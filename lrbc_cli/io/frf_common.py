@@ -93,7 +93,8 @@ def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) ->
     if fall.size:
         at = int(fall[0])
         found = f"{frequency[at]:.10g} Hz, then {frequency[at + 1]:.10g} Hz at point {at + 2}"
-        hint = "sort the lines" + (", or say which column holds the frequencies: 'format: {frequency: ...}'" if "column" in place else "")
+        hint = "take out the line that is there twice" if frequency[at] == frequency[at + 1] else "sort the lines"
+        hint += ", or say which column holds the frequencies: 'format: {frequency: ...}'" if "column" in place else ""
         raise DataError("the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint=hint)
 
 

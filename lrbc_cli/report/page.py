@@ -136,10 +136,18 @@ def _convergence(content: Content) -> _Section | None:
     if made is None:
         return None
     text = (
-        "The optimiser runs from several starts, and the end of lowest cost is kept. Other ends of nearly the same cost are the same "
-        "state found again, or one that explains the measurement as well; ends of higher cost are local minima."
+        "How sure is it that the best fit was found? The search begins at several starting points, as from one alone it may end at a state "
+        "that is only the best of its surroundings, and the best end is kept. The cost says how badly the computed FRFs fit the measured "
+        "ones; less is better. Others that end at nearly the same cost have found the same state again, or one that fits as well, which "
+        "the notes on the job then list; those of higher cost were left behind."
     )
-    return "convergence", "Convergence", [tag("p", text), made]
+    words = (
+        "Starting points: the values of the campaign file or of the calibration; “uniform”, one change of all values; “table of changes”, "
+        "the likeliest of many states with loosened bolts that were computed beforehand, with the change of each bolt in decades; “over "
+        "smoothed spectra”, a first search with the peaks blurred; “hop”, on from there with bolts in each "
+        "other's place; “without the n %”, the lines that fit worst set aside for a first search."
+    )
+    return "convergence", "Search for the best fit", [tag("p", text), made, tag("p", words, class_="meta")]
 
 
 def _l_curves(content: Content) -> _Section | None:

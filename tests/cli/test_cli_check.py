@@ -574,3 +574,13 @@ def test_check_of_a_fresh_clone_writes_nothing(tmp_path: Path) -> None:
     for args in ([], ["--json"], ["-v"], ["-q"]):
         assert folder.run("check", *args).code == 0
     assert folder.listing() == before
+
+
+def test_alpha_and_beta_exchanged(box: Folder) -> None:
+    """Nothing would oscillate; the other way round it does."""
+    tree = box.tree()
+    tree["model"]["damping"]["structure"] = {"alpha": 2e-5, "beta": 200.0}
+    box.write(tree)
+    told = " ".join(box.run("check").stdout.split())
+    assert "model.damping.structure: with alpha: 2e-05 and beta: 200 nothing in the band oscillates" in told
+    assert "exchanged, it seems: write alpha: 200, beta: 2e-05" in told

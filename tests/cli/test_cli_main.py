@@ -136,6 +136,9 @@ def test_verbosity(run, args: list[str], levels: list[str]) -> None:  # type: ig
         (["schem"], ["lrbc: no command 'schem'", "did you mean 'lrbc schema'?"]),
         (["--nonsense"], ["lrbc: no such option", "--nonsense", "lrbc --help"]),
         (["schema", "--nonsense"], ["lrbc schema: no such option", "lrbc schema --help"]),
+        (["plan", "c.yaml", "--draws", "x"], ["lrbc plan: invalid value for '--draws': 'x' is no whole number"]),
+        (["update", "c.yaml", "--workers", "0"], ["lrbc update: invalid value for '--workers': 0 must be at least 1"]),
+        (["rehearse", "c.yaml", "--noise", "1e9"], ["'--noise': 1000000000.0 must be from 0.0 to 1000.0"]),
         (["schema", "more"], ["lrbc schema: got unexpected extra argument"]),
     ],
 )

@@ -256,6 +256,54 @@ COHERENCE = 1.0 - 0.05 * np.random.default_rng(1).random((HZ.size, 4))
 SECONDS = np.arange(2048) / 2048
 
 
+def parts(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Rows:
+    """Change the complex values of all channels, (F,) frequencies and (F, R) values."""
+
+    def rows(rows: np.ndarray) -> np.ndarray:
+        values = change(rows[:, 0], rows[:, 1::2] + 1j * rows[:, 2::2])
+        return np.column_stack([rows[:, 0], *(part for value in values.T for part in (value.real, value.imag))])
+
+    return rows
+
+
+def exponential(hz: np.ndarray, values: np.ndarray, end: float = 0.01) -> np.ndarray:
+    """An exponential window of the whole record, on values that fade to nothing beside the band."""
+    count, fade = hz.size, np.linspace(0.0, 1.0, hz.size)[:, None]
+    padded = np.concatenate([values[:1] * fade, values, values[-1:] * fade[::-1]])
+    # Of the record; what leaks in front of its beginning is not windowed.
+    time = np.arange(3 * count) / (3 * count)
+    time = np.where(time > 0.9, 0.0, time)
+    return np.fft.fft(np.fft.ifft(padded, axis=0) * end ** time[:, None], axis=0)[count : 2 * count]
+
+
+def high_pass(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """AC coupling of the second channel."""
+    corner = 1j * hz / 90.0
+    return values * np.where(np.arange(values.shape[1]) == 1, (corner**2 / (corner**2 + 1.414 * corner + 1.0))[:, None], 1.0)
+
+
+def hum(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mains in all channels."""
+    turns = np.exp(2j * np.pi * np.random.default_rng(5).random(values.shape))
+    return values + np.where(hz[:, None] % 50.0 == 0.0, 6.0 * np.median(np.abs(values)) * turns, 0.0)
+
+
+def radians(content: str) -> str:
+    """Magnitudes and phases, these in radians under a heading that says degrees."""
+    _, *rows = content.splitlines()
+    values = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    H = values[:, 1::2] + 1j * values[:, 2::2]
+    columns = np.column_stack([values[:, 0], *(part for h in H.T for part in (np.abs(h), np.angle(h)))])
+    head = "frequency_hz," + ",".join(f"acc{k}_magnitude,acc{k}_phase [deg]" for k in range(1, H.shape[1] + 1))
+    return table(head, columns).decode()
+
+
+def sorted_apart(content: str) -> str:
+    """Ten bolts, whose names a spreadsheet has sorted without their places."""
+    names = sorted(f"B{k}" for k in range(1, 12))
+    return "name,x,y,z\n" + "".join(f"{name},-0.01,{0.4 * (k + 0.5) / 11:.6g},0\n" for k, name in enumerate(names))
+
+
 @dataclass(frozen=True)
 class Mistake:
     """What was done, to which sample, and what check says; ``fix`` is the part that tells what to do."""
@@ -1119,6 +1167,71 @@ MISTAKES = [
         "write lines: resonances",
     ),
     Mistake(
+        "exponential window in one job",
+        "frame",
+        numbers(FRFS[1], parts(exponential)),
+        0,
+        "job loose-2: all 6 modes that can be compared decay faster than in tight by the same ",
+        "Use one window in all jobs",
+    ),
+    Mistake(
+        "exponential window in the reference job alone",
+        "frame",
+        numbers(FRFS[0], parts(exponential)),
+        0,
+        "was an exponential window set for tight",
+        "Use one window in all jobs",
+    ),
+    Mistake(
+        "AC coupling of one channel in one job",
+        "frame",
+        numbers(FRFS[1], parts(high_pass)),
+        0,
+        "job loose-2: phases are turned against those of the other responses at all modes, acc2 by ",
+        "Measure again with the same settings",
+    ),
+    Mistake(
+        "mains hum in one job",
+        "frame",
+        numbers(FRFS[1], parts(hum)),
+        0,
+        "job loose-2: mains hum of 50 Hz",
+        "earth the whole chain at one point",
+    ),
+    Mistake(
+        "one column pasted over another",
+        "frame",
+        numbers(FRFS[1], parts(lambda _, values: values[:, [0, 0, 2, 3]])),
+        0,
+        "job loose-2: acc1 and acc2 have the same numbers",
+        "Export the record of each again",
+    ),
+    Mistake(
+        "numbers of the lines for frequencies",
+        "frame",
+        numbers(FRFS[1], lambda rows: np.column_stack([np.arange(len(rows)), rows[:, 1:]])),
+        0,
+        "its frequencies are the numbers of its lines, it seems, from 0",
+        "jobs.loose-2.format.frequency",
+    ),
+    Mistake(
+        "a line twice",
+        "frame",
+        text(FRFS[1], lambda content: re.sub(r"(?m)^(228,.*\n)", r"\1\1", content)),
+        3,
+        "the frequencies do not rise",
+        "take out the line that is there twice",
+    ),
+    Mistake("radians called degrees", "frame", text(FRFS[1], radians), 0, "phases in degrees by their heading", "{phase: rad}"),
+    Mistake(
+        "names of bolts sorted without their places",
+        "frame",
+        all_of(text("model/bolts.csv", sorted_apart), config(("    removed: [B3, B4]\n", ""))),
+        0,
+        "bolts: B1, B10, B11, B2 ... lie in a row, in the order of the alphabet",
+        "Give each bolt its own place",
+    ),
+    Mistake(
         "density of steel for aluminium",
         "frame",
         matrix_times("mass.mtx.gz", 2.9),
@@ -1258,3 +1371,13 @@ def test_results_beside_the_measurements_are_no_measurements(tmp_path: Path) -> 
     line = ("check", folder.config, "--cache", reduced_cache("frame"))
     assert "no job names campaign.csv" in lrbc(*line).stdout
     assert "no job names" not in lrbc(*line, "--override", f"output={folder.data / 'frf'}").stdout
+
+
+def test_another_window_is_no_all_clear(tmp_path: Path) -> None:
+    """Two tight bolts beside the removed ones were judged loose without a remark."""
+    folder = make_frame(tmp_path)
+    numbers(FRFS[1], parts(exponential))(folder)
+    assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), "--job", "tight", "--job", "loose-2").code == 0
+    valid = folder.result("loose-2")["validity"]
+    assert valid["passed"] is not True
+    assert "was an exponential window set for this job" in valid["reason"]

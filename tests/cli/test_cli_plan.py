@@ -172,6 +172,9 @@ def test_the_table_says_what_the_file_says(bare: Folder) -> None:
     outcome = bare.run("plan", "--draws", "0")
     assert outcome.code == 0
     assert outcome.stdout.isascii()
+    # What the columns are.
+    for word in ("d': standard deviations", "std: how well", "bits: what a response tells", "alone: by itself"):
+        assert word in outcome.stdout
     tree = json.loads((bare.out / "plan.json").read_text())
     for bolt in tree["bolts"]:
         line = next(line for line in outcome.stdout.splitlines() if line.startswith(f"{bolt['name']} "))

@@ -283,3 +283,13 @@ def test_wrong_calls(begun: Folder) -> None:
 
 def test_the_help_says_that_documents_come_a_line_each() -> None:
     assert "each verdict is one JSON document on a line of its own" in " ".join(lrbc("watch", "--help").stdout.split())
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path: Path) -> None:
+    """A path with a slip was watched without a word."""
+    folder = frame(tmp_path)
+    tree = folder.tree()
+    folder.write(tree | {"jobs": {"tight": tree["jobs"]["tight"]}})
+    nowhere = tmp_path / "nowhere"
+    told = folder.run("watch", "--once", "--interval", "0.1", "--folder", nowhere).stderr
+    assert f"{nowhere}, the watched folder, cannot be looked into: is the path right" in told

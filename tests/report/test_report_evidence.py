@@ -186,12 +186,15 @@ def test_validated_jobs_are_not_marked(rich: Path) -> None:
     assert strip_chart(campaign, jobs).subtitle == ""
     assert "not validated" not in page_text(rich)
     assert rows_of(page_text(rich), "Model validation")[1][3] == "1.60"
+    assert "Lines per independent one: neighbouring lines are alike" in page_text(rich)
 
 
 def test_the_starts_are_those_of_the_results(rich: Path, tmp_path: Path) -> None:
-    """Per job the start that is kept, and its cost."""
+    """Per job the start that is kept, and its cost; words beside the table say what the columns are."""
     _, jobs = jobs_of(rich)
-    rows = rows_of(page_text(rich), "Starts of the optimiser")
+    assert "The cost says how badly the computed FRFs fit" in page_text(rich)
+    assert "“over" in page_text(rich)
+    rows = rows_of(page_text(rich), "The best fit of each job")
     assert [row[:2] for row in rows[1:]] == [[job.job, "start 0"] for job in jobs]
     for job, row in zip(jobs, rows[1:], strict=True):
         assert row[2] == f"{job.cost.initial:.3f} → {job.optimiser.starts[0].cost:.3f}"
@@ -199,7 +202,7 @@ def test_the_starts_are_those_of_the_results(rich: Path, tmp_path: Path) -> None
     write_campaign(tmp_path, (4,), lines=40)
     spoil(tmp_path / "bolts-04" / "result.json", "optimiser", "starts", value=[])
     write_report(tmp_path, workers=1)
-    assert "Starts of the optimiser" not in page_text(tmp_path)
+    assert "The best fit of each job" not in page_text(tmp_path)
 
 
 def test_the_legend_of_the_strip_shows_what_is_drawn(rich: Path) -> None:

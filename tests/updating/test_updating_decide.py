@@ -228,7 +228,7 @@ class TestValidity:
         near, far = (against(*bolts, misfit_db=misfit, reference_misfit_db=0.1) for misfit in (1.59, 1.61))
         assert [bolt.verdict for bolt in near.bolts] == ["loose", "tight"]
         assert [bolt.verdict for bolt in far.bolts] == ["undecided", "undecided"]
-        assert far.validity.reason.endswith("above the limit of 1.6 dB, 1.5 dB above the reference job")
+        assert far.validity.reason.endswith("above the limit of 1.6 dB (1.5 dB more than that of the reference job)")
         # A wider limit of its own does not open it.
         assert against(*bolts, misfit_db=1.7, reference_misfit_db=0.1, rule=DecisionRule(largest_misfit=9.0)).validity.passed is False
 

@@ -53,6 +53,23 @@ def _common_lines(own: Floats, other: Floats, limits: ValidationChannels) -> tup
     return common, near[common]
 
 
+def pasted(measurement: Measurement, responses: list[str], limits: ValidationChannels) -> Iterator[str]:
+    """What to say of responses of one job that have the same numbers, but for a factor: two sensors never do."""
+    values = measurement.values
+    for i, first in enumerate(responses):
+        for j in range(i + 1, len(responses)):
+            both = np.isfinite(values[:, i]) & np.isfinite(values[:, j]) & (values[:, i] != 0)
+            # Numbers that are the same at all lines are no FRF.
+            if both.sum() < limits.least_common or np.unique(values[both, i]).size < limits.least_common:
+                continue
+            ratio = values[both, j] / values[both, i]
+            if np.all(np.abs(ratio - ratio[0]) <= limits.copied * abs(ratio[0])):
+                yield (
+                    f"{first} and {responses[j]} have the same numbers: was one column copied over the other, or one channel exported "
+                    f"twice? Export the record of each again"
+                )
+
+
 class Earlier:
     """The measurements that a further one may be a copy of, as ``copied_responses`` finds it; those that cannot be are passed over fast.
 

@@ -9,7 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
@@ -17,6 +17,7 @@ from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, 
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.lines import too_wide
+from lrbc_cli.updating.statistics.modal import other_chain
 from lrbc_cli.updating.statistics.residuals import coherence_sigma
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
@@ -321,3 +322,20 @@ def calibration_doubts(
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]
+
+
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
+    """What to say of a job that its modes tell to be measured with another window or filter than the reference job; None where not.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    own, tight : Measurement
+        On the same lines, or nothing is compared.
+    reference : str
+        Name of the reference job.
+    """
+    if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
+        return None
+    names = [response.name for response in inputs.responses]
+    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.copies import copied_text
 from lrbc_cli.campaign.identification.correlate import mean_of
-from lrbc_cli.campaign.identification.doubts import doubts
+from lrbc_cli.campaign.identification.doubts import chain_doubt, doubts
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.weights import validation_channels
@@ -111,8 +111,8 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
-    if straight := interpolated(own.values):
-        return straight
+    if strange := interpolated(own.values) or chain_doubt(inputs, own, tight, reference.job):
+        return strange
     wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"
 

@@ -25,16 +25,29 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
             continue
         aside = shifted(own, tight)
+        counted = numbered(own, tight)
         found.append(
             f"job {name}: its lines are not those of {reference} ({difference}): compared without correction by it, so that errors of the "
             "model may pass for loose bolts; "
             + (
-                f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
+                f"its frequencies are the numbers of its lines, it seems, from {counted}: name the column that holds the frequencies under "
+                f"jobs.{name}.format.frequency"
+                if counted
+                else f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
                 if aside
                 else f"measure or export it on the lines of {reference}"
             )
         )
     return found
+
+
+def numbered(own: Measurement, other: Measurement) -> str:
+    """From which number on the frequencies count as many lines as another measurement has, in words; empty where they are frequencies."""
+    axes = [each.frequency_hz for each in (own, other)]
+    if axes[0].size + sum(own.left_out) != axes[1].size + sum(other.left_out) or not np.all(np.diff(axes[0]) == 1.0):
+        return ""
+    first = float(axes[0][0]) - own.left_out[0]
+    return f"{first:g}" if first in (0.0, 1.0) else ""
 
 
 def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:

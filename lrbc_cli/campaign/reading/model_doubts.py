@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
+from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips
 from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
@@ -177,6 +178,7 @@ def slips(
     yield from _terms_twice(model, groups)
     yield from held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
+    yield from sorted_names(bolts)
 
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
@@ -203,6 +205,26 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
                 f"model.damping.{field}.loss_factor: {own.loss_factor:g} is {own.loss_factor:.0%}; if per cent were meant, write "
                 f"{own.loss_factor / 100:g}"
             )
+        elif _least_ratio(own.alpha, own.beta, campaign.reduction.band) > 1.0:
+            fix = "correct them, or leave out what the model has from elsewhere"
+            if _largest_ratio(own.beta, own.alpha, campaign.reduction.band) < 1.0:
+                fix = f"exchanged, it seems: write alpha: {own.beta:g}, beta: {own.alpha:g}"
+            yield (
+                f"model.damping.{field}: with alpha: {own.alpha:g} and beta: {own.beta:g} nothing in the band oscillates, the damping "
+                f"ratio is {_least_ratio(own.alpha, own.beta, campaign.reduction.band):.3g} and more; {fix}"
+            )
+
+
+def _least_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> float:
+    """Least damping ratio alpha / (2 omega) + beta omega / 2 of modes in the band."""
+    low, high = (2.0 * np.pi * hz for hz in band_hz)
+    best = float(np.clip(np.sqrt(alpha / beta), low, high)) if beta > 0.0 else high
+    return 0.5 * (alpha / best + beta * best)
+
+
+def _largest_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> float:
+    """The largest: at one end of it."""
+    return max(0.5 * (alpha / (2.0 * np.pi * hz) + beta * 2.0 * np.pi * hz) for hz in band_hz)
 
 
 def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: float = 1e-3, most: float = 0.9) -> float | None:

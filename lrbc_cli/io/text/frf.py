@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from lrbc_cli.io.frf_common import (
     scaled,
 )
 from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.angles import angle_unit
 from lrbc_cli.io.text.blocks import Block, blocks
 from lrbc_cli.io.text.sniff import TextTable, read_table
 from lrbc_cli.io.units import decibel, parse_unit
@@ -92,7 +92,8 @@ def _of_table(table: TextTable, path: Path, layout: TextLayout, within: str = ""
     warnings: list[str] = []
     for pair in pairs:
         name, about = pair.name, f"{within}column {table.called(pair.first)}"
-        values = combined(*_parts(table, pair, path), pair.kind, _phase(table, pair, layout, notes))
+        angle = "rad" if pair.kind == "real-imag" else angle_unit(table, pair.second, layout, notes, warnings)
+        values = combined(*_parts(table, pair, path), pair.kind, angle)
         scale, quantity = conversion(_unit(table, pair, units, layout, path), layout, path, about, notes, warnings)
         coherence = _coherence(table, coherences[name], path, name, notes) if name in coherences else None
         values = scaled(values, scale, path, about)
@@ -430,19 +431,3 @@ def _instead(table: TextTable, columns: Sequence[_Column]) -> str:
     if known.size and known.min() >= 0.0:
         return f"are these magnitudes without phases? Export real and imaginary part; else {plain}"
     return plain
-
-
-def _phase(table: TextTable, pair: _Pair, layout: TextLayout, notes: list[str]) -> str:
-    if pair.kind == "real-imag":
-        return "rad"
-    at = pair.second
-    text = fold(f"{table.headings[at].text} {table.headings[at].unit}")
-    if layout.phase:
-        return layout.phase
-    if re.search(r"deg|°|grad", text):
-        return "deg"
-    if re.search(r"(?<![a-z])rad", text):
-        return "rad"
-    found = "deg" if float(np.max(np.abs(table.values[:, at]))) > 2.0 * np.pi * 1.01 else "rad"
-    notes.append(f"phase taken in {found}, by its range; say 'phase:' in the format if that is wrong")
-    return found

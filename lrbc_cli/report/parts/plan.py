@@ -21,6 +21,9 @@ VERDICTS: tuple[Visibility, ...] = ("detectable", "marginal", "not detectable")
 #: Height of the panel of bolts and of a bar of the ranking [points]; bars beyond this number are left to the table.
 _BOLTS, _BAR, _BARS = 190.0, 15.0, 40
 _GLYPH = 0.6
+_ALL = "with the planned responses and with all"
+#: What the columns of responses are.
+_BITS = "bits: what a response tells of the bolts, if added to the planned ones or left out of them; alone: by itself"
 #: Share of a bolt's place that its bars fill.
 _FILLED = 0.78
 
@@ -87,7 +90,7 @@ def plan_chart(plan: PlanRecord) -> Chart:
     ranked = 20.0 + _BAR * max(len(shown), 1)
     panels = (_bolts(plan, (width - left - RIGHT) / count, _BOLTS), _ranking(shown, ranked))
     how = f"{_draws(plan.draws)} each" if plan.rehearsed else "linearised"
-    subtitle = f"{_counts(plan)} · {how} · {number(plan.noise.sigma_db, 3)} dB a line"
+    subtitle = f"{_counts(plan)} · {how} · errors of {number(plan.noise.sigma_db, 2)} dB a line"
     alt = " ".join(f"{word}: {', '.join(b.name for b in plan.bolts if b.verdict == word) or 'none'}." for word in VERDICTS)
     title = f"Each bolt {_moved(plan)} alone: right verdicts · {_cut(plan.campaign, 40)}"
     return Chart(title=title, subtitle=subtitle, alt=alt, panels=panels, width=width, height=_BOLTS + ranked + TOP + 2 * BOTTOM, left=left)
@@ -162,10 +165,10 @@ def _ranking(shown: Sequence[Worth], weight: float) -> Panel:
         boxes[entry.planned].append((0.0, max(end, 0.002 * top), row + 0.82, row + 0.18))
         words.append(Word(role="text", x=end + 0.012 * top, y=row + 0.5, text=f"{entry.gain_bits:.2f}", size=7.5, anchor="start"))
     items: list[Item] = [
-        Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "candidate: what it would add" if boxes[False] else ""),
-        Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "planned: what is lost without it" if boxes[True] else ""),
+        Tiles("plan-candidate", np.array(boxes[False]).reshape(-1, 4), "below: a candidate, what it would add" if boxes[False] else ""),
+        Tiles("plan-planned", np.array(boxes[True]).reshape(-1, 4), "below: a planned one, what is lost without it" if boxes[True] else ""),
     ]
-    x_axis = linear_axis("information about the bolts [bits]", 0.0, 1.12 * top, 6)
+    x_axis = linear_axis("worth of each response: information about the bolts [bits]", 0.0, 1.12 * top, 6)
     y_axis = Axis("", float(max(len(shown), 1)), 0.0, tuple((row + 0.5, _cut(entry.name)) for row, entry in enumerate(shown)))
     return Panel(x=x_axis, y=y_axis, items=(*items, *words), weight=weight)
 
@@ -198,8 +201,10 @@ def plan_text(output: Path) -> str:
     asked = ", ".join(f"{decades:g}" for decades in plan.losses)
     lines = [
         f"{_state(plan)}, {plan.lines.count} lines; one bolt at a time {_moved(plan)} by {asked} decades",
-        f"noise {plan.noise.sigma_db:.2g} dB a line, correlation factor {plan.noise.correlation_factor:.2g} ({plan.noise.source})",
+        f"errors of {plan.noise.sigma_db:.2g} dB a line, {plan.noise.correlation_factor:.2g} lines as good as one ({plan.noise.source})",
         _means(plan),
+        f"d': standard deviations by which the FRFs then differ from what other bolts can imitate, {_ALL}",
+        "std: how well a small change is known [decades]",
         "",
     ]
     head = ["bolt", "verdict", *(f"right at {decades:g}" for decades in plan.losses)]
@@ -226,11 +231,11 @@ def plan_text(output: Path) -> str:
             notes.setdefault(bolt.note, []).append(bolt.name)
     lines += [f"{', '.join(names)}: {note}" for note, names in notes.items()]
     lines += [f"{_counts(plan)} with {', '.join(planned)}", *([_wrong(plan)] if plan.rehearsed else [])]
-    lines += ["", *_worths("response", plan.responses, plan.planned.worst)]
+    lines += ["", _BITS, *_worths("response", plan.responses, plan.planned.worst)]
     if plan.excitations:
         lines += ["", *_worths("excitation", plan.excitations, None)]
     best = ", ".join(f"{entry.name} ({entry.bits:.1f})" for entry in plan.order[:8])
-    lines += ["", f"chosen one after another (bits in all): {best}"]
+    lines += ["", f"the best one, the best beside it, and so on (bits of all up to there): {best}"]
     lines += ["", "assumes:", *(f"- {text}" for text in plan.assumes)] if plan.assumes else []
     lines += [f"note: {note}" for note in plan.notes]
     return "\n".join(lines)
@@ -258,7 +263,7 @@ def _worths(title: str, entries: Sequence[Worth | Excitation], before: Worst | N
                 change,
             ]
         )
-    worst = "worst bolt then, d'" if title == "response" else "worst bolt alone, d'"
+    worst = "hardest bolt then, d'" if title == "response" else "hardest bolt alone, d'"
     return _columns([title, "", "", "bits", "alone", worst], rows, left=3, last=True)
 
 
@@ -287,12 +292,13 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
     """Return the parts of the section: what it means, the figure, bolts, responses, excitations."""
     chart = plan_chart(plan)
     text = (
-        f"From the model alone, {_state(plan)}, with {number(plan.noise.sigma_db, 3)} dB of noise a line (correlation factor "
-        f"{number(plan.noise.correlation_factor, 3)}, {plan.noise.source}) on {plan.lines.count} lines: each bolt in turn is "
-        f"{_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. A bolt is detectable where a right verdict has a "
+        f"From the model alone, {_state(plan)}, with errors of {number(plan.noise.sigma_db, 3)} dB a line "
+        f"({number(plan.noise.correlation_factor, 3)} lines as good as one; {plan.noise.source}) on {plan.lines.count} lines: "
+        f"each bolt in turn is {_moved(plan)} alone. {_means(plan)[0].upper()}{_means(plan)[1:]}. "
+        "A bolt is detectable where a right verdict has a "
         f"probability of at least {100 * plan.limits.detectable:.0f} % at {_decades(plan.loss)}. d' tells how many standard deviations "
-        "the FRFs then lie from what the other unknowns can imitate; std is that of a small change in the present state, prior included."
-        + (f" {_wrong(plan)}." if plan.rehearsed else "")
+        "the FRFs then lie from what the other unknowns can imitate; std is that of a small change in the present state, prior included. "
+        f"{_BITS[0].upper()}{_BITS[1:]}." + (f" {_wrong(plan)}." if plan.rehearsed else "")
     )
     rows: list[list[str | Cell]] = [
         [
@@ -307,7 +313,12 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         ]
         for bolt in plan.bolts
     ]
-    head = ["Bolt", "", *(f"Right at {_decades(decades)}" for decades in plan.losses), *(["Missed", "Alarm"] if plan.rehearsed else [])]
+    head = [
+        "Bolt",
+        "Verdict",
+        *(f"Right at {_decades(decades)}" for decades in plan.losses),
+        *(["Missed", "Alarm"] if plan.rehearsed else []),
+    ]
     head += ["d'", "d' with all responses", "Std [decades]", "Note"]
     worth: list[list[str | Cell]] = [
         [
@@ -319,7 +330,7 @@ def plan_parts(plan: PlanRecord) -> list[Markup | None]:
         ]
         for entry in plan.responses
     ]
-    titles = ["Response", "Role", "Bits when added, or left out", "Bits alone", "Worst bolt then"]
+    titles = ["Response", "Role", "Bits when added, or left out", "Bits alone", "Hardest bolt then"]
     parts: list[Markup | None] = [
         tag("p", text),
         legend(chart),

@@ -13,13 +13,25 @@ from lrbc_cli.results.model import CampaignRecord
 UNEXPLAINED = "the model does not explain the measurement: no verdict"
 UNVALIDATED = "not validated: no validation channel tests the updated model, so the verdicts rest on the fit alone"
 _OUTCOMES = {True: ("passed", "passed"), False: ("NOT passed", "failed"), None: ("not validated", "stopped")}
+_COLUMNS = (
+    "Validation channels are responses that the fit did not see: where the updated model meets them to within the limit, it is trusted. "
+    "Scatter is what a measured level still deviates by on one line (standard deviation). Lines per independent one: neighbouring lines "
+    "are alike, so that as many count as one. Validation over used: by how much worse the validation channels are met than those that "
+    "were fitted (1: no worse); intervals and verdicts allow for errors so many times the scatter."
+)
 #: A table of notes with more rows is folded away.
 _MANY = 12
 
 
 def remarks_parts(campaign: CampaignRecord, jobs: Sequence[JobRecord]) -> list[Markup | None] | None:
     """Return the parts of the section; None where there is nothing to say."""
-    parts = [_validity(jobs), misfit_table(campaign, jobs), _nuisances(jobs), _job_notes(jobs)]
+    parts = [
+        _validity(jobs),
+        tag("p", _COLUMNS, class_="meta") if jobs else None,
+        misfit_table(campaign, jobs),
+        _nuisances(jobs),
+        _job_notes(jobs),
+    ]
     return parts if any(part is not None for part in parts) else None
 
 
@@ -52,9 +64,16 @@ def _validity(jobs: Sequence[JobRecord]) -> Markup | None:
         Cell("Validation", tag("br"), "channels [dB]"),
         "Limit [dB]",
         Cell("Scatter [dB]", title="standard deviation of the residuals that the confidence rests on"),
-        Cell("Correlation factor", title="lines over their effective sample size: neighbouring lines are alike, so many count as one"),
         Cell(
-            "Validation over used",
+            "Lines per",
+            tag("br"),
+            "independent one",
+            title="lines over their effective sample size: neighbouring lines are alike, so many count as one",
+        ),
+        Cell(
+            "Validation",
+            tag("br"),
+            "over used",
             title="misfit of the validation channels over that of the channels used, at least 1: errors are so many times the scatter",
         ),
     ]

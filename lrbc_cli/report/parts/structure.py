@@ -35,7 +35,7 @@ _GRID = 10_000
 _ROOM = 1_200_000
 
 _SHAPES = (
-    "Shapes are those of the updated model under the excitation, at the largest peaks of its mean spectrum: black dots are measured, "
+    "Shapes are those of the updated model under the excitation, at the largest peaks of its mean spectrum: dots are measured, "
     "rings the model at the same sensors, in one scale; pressures stand upwards, in shares of the largest. FDAC compares both over "
     "all responses: 1 is the same shape at the same phase, which turns quickly at a sharp peak."
 )

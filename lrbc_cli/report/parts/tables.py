@@ -25,6 +25,9 @@ _MARKS = {"loose": "✕", "undecided": "?", "tight": "·", "outside": NOT_COVERE
 WORDS = {"undecided": "inconclusive"}
 #: What the probability of a bolt is of; result files state that of any change too, which the page leaves to them.
 OF_LOOSE = "posterior probability of being loose (change below the threshold)"
+#: What stands behind two columns.
+COMPUTED = "how many times the FRFs of the model were computed on all lines until the best fit was found"
+DAMPING = "exponent p_damp of eq. (33): the springs are damped 10^p_damp times as much as stated in the campaign file"
 #: What is said where nothing tells whether a record is as it was written.
 UNSEALED = "not sealed"
 _UNSEALED = "of an earlier version, or changed by hand: no digest tells that it is as it was written"
@@ -85,9 +88,15 @@ def verdict_table(campaign: CampaignRecord, jobs: Sequence[Job], anchors: Mappin
     head += [Cell("Outside", tag("br"), tag("small", "not observable"))] if outside else []
     head += ["Known removed"] if known else []
     words = len(head)
-    head += [Cell("Damping", tag("br"), "p_damp (factor)")] if damped else []
-    head += [Cell("Misfit, channels", tag("br"), "used [dB]"), Cell("Misfit, validation", tag("br"), "channels [dB]")]
-    head += [Cell("Evalu-", tag("br"), "ations"), "Time"]
+    head += [Cell("Damping", tag("br"), "p_damp (factor)", title=DAMPING)] if damped else []
+    head += [
+        Cell(
+            "Misfit, channels", tag("br"), "used [dB]", title="mean difference between measured and computed levels where they were fitted"
+        ),
+        Cell("Misfit, validation", tag("br"), "channels [dB]", title="the same of the channels that the fit did not see"),
+        Cell("FRFs", tag("br"), "computed", title=COMPUTED),
+        "Time",
+    ]
     rows: list[list[str | Cell]] = []
     for job in jobs:
         title: list[str | None] = [tag("a", job.job, href=f"#{anchors[job.job]}") if job.job in anchors else job.job]
@@ -273,9 +282,29 @@ def starts_table(jobs: Sequence[JobRecord]) -> Markup | None:
                 fmt.count(job.evaluations),
             ]
         )
-    head: list[str | Cell] = ["Job", "Start that is kept", Cell("Cost, eq. (29),", tag("br"), "before → after"), "Starts"]
-    head += ["Cost of other ends", "Evaluations"]
-    return table("Starts of the optimiser and what they led to", head, rows, text_columns=2, class_="notes") if rows else None
+    head: list[str | Cell] = [
+        "Job",
+        "Starting point that led to the best fit",
+        Cell(
+            "Cost",
+            tag("br"),
+            "before → after",
+            title="how badly computed FRFs fit the measured ones, eq. (29) of the paper: less is better",
+        ),
+        Cell("Starting", tag("br"), "points", title="how many were tried"),
+        Cell(
+            "Cost where the",
+            tag("br"),
+            "others ended",
+            title="near the cost of the best fit: the same state again, or one that fits as well",
+        ),
+        Cell("FRFs", tag("br"), "computed", title=COMPUTED),
+    ]
+    return (
+        table("The best fit of each job, and where the search ended from other starting points", head, rows, text_columns=2, class_="notes")
+        if rows
+        else None
+    )
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
     against = reference if evidence.against_reference else None
     compared_before, used_before = (None if against is None else against.misfit_of(channels) for channels in (evidence.compared, USED))
     limit, misfit = rule.most_db(compared_before), evidence.misfit_db
-    beside = f", {rule.misfit_margin:g} dB above the reference job" if limit < rule.largest_misfit else ""
+    beside = f" ({rule.misfit_margin:g} dB more than that of the reference job)" if limit < rule.largest_misfit else ""
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
     compared, fitted = evidence.compared, evidence.used_misfit_db

@@ -201,6 +201,8 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
     if sharp.size <= (rule.noisy if noise else rule.most) * peaks.size:
         return None
     fall = f"{sharp.size} of {peaks.size} peaks fall by more than {rule.drop_db:g} dB to both neighbouring lines"
+    if hum := _hum(sharp, *(axis for axis, _ in measured)):
+        return f"{hum}, it seems: {fall}, most of them at its multiples; earth the whole chain at one point, or feed it from batteries"
     if not noise:
         return f"lines too far apart: {fall}; measure with closer lines"
     where, cut = _where(np.sort(np.concatenate([axis for axis, _ in measured])), peaks, sharp, rule.noisy)
@@ -208,6 +210,19 @@ def too_wide(*measured: tuple[Floats, Complexes], rule: Resolution = RESOLUTION)
         f"noise, it seems: {fall}, each response has them at other lines{where}; {cut}measure with more averages, "
         "a harder tip or a stronger blow"
     )
+
+
+def _hum(sharp: Floats, *axes: Floats, most: float = 0.5, chance: float = 0.1) -> str:
+    """Mains hum, in words, where most sharp peaks stand at multiples of 50 or 60 Hz; empty where few do, or many lines are there."""
+    for mains in (50.0, 60.0):
+
+        def near(hz: Floats, step: float, mains: float = mains) -> float:
+            return float((np.abs((hz + 0.5 * mains) % mains - 0.5 * mains) <= 0.5 * step).mean()) if hz.size else 0.0
+
+        step = max(float(np.median(np.diff(axis))) for axis in axes if axis.size > 1)
+        if near(sharp, step) > most and near(np.concatenate(axes), step) < chance:
+            return f"mains hum of {mains:g} Hz"
+    return ""
 
 
 def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straight: float = 0.05) -> str | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.lines import RESOLUTION, RESONANCES, Resolution, Resonances
+from lrbc_cli.updating.statistics.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, CALIBRATION_PRIOR, VALUE_PRIOR, BoltPrior, CalibrationPrior, ValuePrior
 from lrbc_cli.updating.statistics.saturation import LIMITS, Limits
 
@@ -62,6 +63,8 @@ class StatisticalModel:
         Where FRFs count as free or clamped.
     calibration : CalibrationPrior
     validation : ValidationChannels
+    modal : ModalRule
+        Whether a job was measured with another window or filter than the reference job.
     """
 
     errors: ErrorModel = ERRORS
@@ -72,6 +75,7 @@ class StatisticalModel:
     limits: Limits = LIMITS
     calibration: CalibrationPrior = CALIBRATION_PRIOR
     validation: ValidationChannels = ValidationChannels()
+    modal: ModalRule = MODAL
 
 
 #: The defaults, for those who call a part alone.

@@ -1,0 +1,36 @@
+"""Names of bolts that a spreadsheet sorted apart from their places."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from lrbc_cli.model.dofs import PointTable
+
+
+def sorted_names(bolts: PointTable | None) -> Iterator[str]:
+    """A warning where bolts in a row are named in the order of an alphabet, 1, 10, 11 ... 2, and not in that of their numbers.
+
+    Parameters
+    ----------
+    bolts : PointTable or None
+    """
+    if bolts is None or not len(set(bolts.name)) == len(bolts.name) >= 3:
+        return
+    away = bolts.xyz - bolts.xyz.mean(axis=0)
+    along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+    row = [bolts.name[k] for k in np.argsort(along, kind="stable")]
+    row = row if row[0] <= row[-1] else row[::-1]
+
+    def counted(name: str) -> list[tuple[str, int]]:
+        return [(word, int(number or 0)) for word, number in re.findall(r"(\D*)(\d*)", name)]
+
+    by_number = sorted(row, key=counted)
+    if row == sorted(row) and row != by_number:
+        at = next(k for k in range(len(row)) if row[k] != by_number[k])
+        yield (
+            f"bolts: {', '.join(row[max(at - 1, 0) : at + 3])} ... lie in a row, in the order of the alphabet: were the names sorted in a "
+            "spreadsheet apart from their coordinates? Give each bolt its own place; where they are named so, never mind"
+        )

@@ -1,0 +1,41 @@
+"""In what the phases of a column of text are."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from lrbc_cli.io.layout import TextLayout
+from lrbc_cli.io.text.header import fold
+from lrbc_cli.io.text.sniff import TextTable
+
+
+def angle_unit(table: TextTable, at: int, layout: TextLayout, notes: list[str], warnings: list[str]) -> str:
+    """Unit of the phases of a column, ``deg`` or ``rad``: as the layout or its heading says, else by its range.
+
+    Parameters
+    ----------
+    table : TextTable
+    at : int
+        Column.
+    layout : TextLayout
+    notes, warnings : list of str
+        What was assumed, and what is doubtful, is added to them.
+    """
+    if layout.phase:
+        return layout.phase
+    text = fold(f"{table.headings[at].text} {table.headings[at].unit}")
+    largest = float(np.nanmax(np.abs(table.values[:, at]), initial=0.0))
+    if re.search(r"deg|°|grad", text):
+        # Half a turn in radians, and no more.
+        if 0.99 * np.pi <= largest <= 1.001 * np.pi:
+            warnings.append(
+                "phases in degrees by their heading, but none is larger than 3.14: radians? Then format: {phase: rad} of the job"
+            )
+        return "deg"
+    if re.search(r"(?<![a-z])rad", text):
+        return "rad"
+    found = "deg" if largest > 2.0 * np.pi * 1.01 else "rad"
+    notes.append(f"phase taken in {found}, by its range; say 'phase:' in the format if that is wrong")
+    return found

@@ -1,0 +1,219 @@
+"""Modes by the peaks of two measurements, and what sets these apart that is no bolt: a window, a filter in one channel.
+
+An exponential window lets all modes decay faster, each by the same amount. A filter turns the phases of its channel against those of the
+others, which no bolt does: modes of a structure that is damped lightly are real, whatever its stiffness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.peaks import peaks_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalRule:
+    """From when on modes of a job differ so from those of the reference job that a window or a filter is the likely reason.
+
+    Attributes
+    ----------
+    prominence_db : float
+        Of what counts as a peak in the mean spectrum, and depth to which its lines are fitted [dB]. A choice: half the amplitude.
+    lines : int
+        At most so many on each side of a peak are fitted, two at least. A choice.
+    known : float
+        Largest standard deviation of a decay rate over itself. A choice.
+    tolerance : float
+        Largest distance of two peaks that are one mode, over its frequency. A choice.
+    alike : float
+        Least MAC of their shapes. The usual limit for one mode.
+    least : int
+        FittedModes that have to agree. Two could by chance.
+    share : float
+        All differences are at least this share of their median. A choice: loosened bolts damp some modes and leave others.
+    powers : float
+        Least decay over the length of a record, in powers of e: a window that leaves more than 1/e at its end is none.
+    level_db : float
+        Least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as not explained.
+    seen : float
+        A channel shows a mode with at least this share of the mean square amplitude of all. A choice.
+    turned : float
+        Least median angle by which a channel is turned against the others, in one direction at all modes that it shows [degrees]. A
+        choice: modes next to each other reach 16 on ring flanges, others 5.
+    """
+
+    prominence_db: float = 6.0
+    lines: int = 12
+    known: float = 0.1
+    tolerance: float = 0.05
+    alike: float = 0.9
+    least: int = 3
+    share: float = 0.5
+    powers: float = 1.0
+    level_db: float = 1.5
+    seen: float = 0.1
+    turned: float = 20.0
+
+
+#: The default, for those who call a part alone.
+MODAL = ModalRule()
+
+
+@dataclass(frozen=True)
+class FittedModes:
+    """Peaks that are fitted well by one mode.
+
+    Attributes
+    ----------
+    frequency_hz, decay : (m,) float arrays
+        Damped frequency [Hz] and decay rate [1/s].
+    shape : (m, R) complex array
+        Residues.
+    """
+
+    frequency_hz: Floats
+    decay: Floats
+    shape: Complexes
+
+    def without(self, response: int) -> FittedModes:
+        """The same of the other responses."""
+        return FittedModes(self.frequency_hz, self.decay, np.delete(self.shape, response, axis=1))
+
+
+def modes_of(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MODAL) -> FittedModes:
+    """Fit ``(a_r + b_r s) / (s - p)`` to the lines about each peak, with one pole p for all responses; linear least squares.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+        Evenly spaced.
+    measured : (F, R) complex array
+        Responses with lines that were not measured are left out.
+    rule : ModalRule
+    """
+    H = measured[:, (np.isfinite(measured) & (measured != 0)).all(axis=0)]
+    step = float(np.median(np.diff(frequency_hz))) if frequency_hz.size > 1 else 0.0
+    found: list[tuple[float, float, Complexes]] = []
+    if H.size and step > 0.0:
+        power = np.abs(H) ** 2
+        level = 10.0 * np.log10((power / np.median(power, axis=0)).mean(axis=1))
+        for k in peaks_of(level, prominence=rule.prominence_db).tolist():
+            first, last = _about(level, k, rule)
+            if first < 0 or last >= level.size:
+                continue
+            offset, std, shape = _pole(H[first : last + 1], np.arange(first - k, last + 1 - k))
+            decay = -2.0 * np.pi * step * offset.real
+            # A small standard deviation of a negative rate is no mode either.
+            if 2.0 * np.pi * step * std < rule.known * decay:
+                found.append((float(frequency_hz[k] + step * offset.imag), decay, shape))
+    shapes = np.array([shape for *_, shape in found], dtype=complex).reshape(len(found), H.shape[1])
+    return FittedModes(np.array([f for f, *_ in found]), np.array([decay for _, decay, _ in found]), shapes)
+
+
+def _about(level: Floats, peak: int, rule: ModalRule) -> tuple[int, int]:
+    """First and last of the lines about a peak that are fitted."""
+    ends = []
+    for direction in (-1, 1):
+        at = peak
+        while abs(at - peak) < rule.lines and 0 <= at + direction < level.size and level[at + direction] > level[peak] - rule.prominence_db:
+            at += direction
+        ends.append(peak + direction * max(abs(at - peak), 2))
+    return ends[0], ends[1]
+
+
+def _pole(H: Complexes, line: Floats) -> tuple[complex, float, Complexes]:
+    """Pole of (n, R) FRFs on lines counted from the peak, its standard deviation, in lines times i, and the (R,) residues."""
+    z = 1j * line
+    basis = np.stack([np.ones(z.size), z], axis=1)
+    q = np.linalg.qr(basis)[0]
+
+    def beside(values: Complexes) -> Complexes:
+        return np.asarray(values - q @ (q.conj().T @ values))
+
+    plain, moved = beside(H), beside(z[:, None] * H)
+    size = float(np.vdot(plain, plain).real)
+    pole = complex(np.vdot(plain, moved) / size) if size > 0.0 else 0j
+    left = moved - pole * plain
+    free = max(H.size - 2 * H.shape[1] - 1, 1)
+    std = float(np.sqrt(np.vdot(left, left).real / free / size)) if size > 0.0 else np.inf
+    constant, slope = np.linalg.lstsq(basis, (z - pole)[:, None] * H, rcond=None)[0]
+    return pole, std, constant + pole * slope
+
+
+def paired(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) -> list[tuple[int, int]]:
+    """Which modes are the same: near each other, and each the most alike to the other by its shape."""
+    if not own.decay.size or not other.decay.size or own.shape.shape[1] != other.shape.shape[1]:
+        return []
+    power = [(np.abs(each.shape) ** 2).sum(axis=1) for each in (own, other)]
+    mac = np.abs(own.shape @ other.shape.conj().T) ** 2 / np.outer(*power)
+    mac[np.abs(own.frequency_hz[:, None] / other.frequency_hz - 1.0) > rule.tolerance] = 0.0
+    best = mac.argmax(axis=1)
+    return [(i, int(k)) for i, k in enumerate(best) if mac[i, k] > rule.alike and mac[:, k].argmax() == i]
+
+
+def other_chain(
+    frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, names: list[str], rule: ModalRule = MODAL
+) -> str | None:
+    """What to say of a job whose modes tell that it was measured with another window or filter than the reference job; None where not.
+
+    Parameters
+    ----------
+    frequency_hz : (F,) float array
+        Evenly spaced, or nothing is compared.
+    own, tight : (F, R) complex arrays
+        NaN where a response was not measured.
+    reference : str
+        Name of the reference job.
+    names : list of str
+        Of the responses.
+    rule : ModalRule
+    """
+    steps = np.diff(frequency_hz)
+    if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
+        return None
+    held = np.isfinite(own).all(axis=0) & np.isfinite(tight).all(axis=0) & (own != 0).all(axis=0) & (tight != 0).all(axis=0)
+    one, other = (modes_of(frequency_hz, values[:, held], rule) for values in (own, tight))
+    pairs = paired(one, other, rule)
+    first, second = ([pair[i] for pair in pairs] for i in (0, 1))
+    window = _window(one.decay[first], other.decay[second], 1.0 / float(steps.mean()), reference, rule)
+    return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
+
+
+def _window(own: Floats, tight: Floats, length: float, reference: str, rule: ModalRule) -> str | None:
+    """Decay rates of the same modes [1/s], and the length of a record [s]."""
+    if own.size < rule.least:
+        return None
+    change = float(np.median(own - tight))
+    sign = 1.0 if change > 0.0 else -1.0
+    level = 20.0 * float(np.median(np.abs(np.log10(own / tight))))
+    if abs(change) * length < rule.powers or level < rule.level_db or np.any(sign * (own - tight) < rule.share * abs(change)):
+        return None
+    return (
+        f"all {own.size} modes that can be compared decay {'faster' if sign > 0 else 'slower'} than in {reference} by the same "
+        f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks: was an exponential window set for {'this job' if sign > 0 else reference}, "
+        f"down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record? Use one window in all jobs, "
+        "best with none"
+    )
+
+
+def _filter(own: FittedModes, tight: FittedModes, reference: str, names: list[str], rule: ModalRule) -> str | None:
+    """Each channel beside the others, by which the modes are paired and their common factor is found."""
+    found = []
+    for r, name in enumerate(names if len(names) > rule.least else ()):
+        others = np.arange(len(names)) != r
+        pairs = paired(own.without(r), tight.without(r), rule)
+        mine, theirs = own.shape[[i for i, _ in pairs]], tight.shape[[k for _, k in pairs]]
+        common = (theirs[:, others].conj() * mine[:, others]).sum(axis=1)
+        seen = np.all([np.abs(each[:, r]) ** 2 > rule.seen * (np.abs(each) ** 2).mean(axis=1) for each in (mine, theirs)], axis=0)
+        angle = np.degrees(np.angle(mine[:, r] * theirs[:, r].conj() / common))[seen]
+        if angle.size >= rule.least and abs(np.median(angle)) >= rule.turned and np.unique(np.sign(angle)).size == 1:
+            found.append(f"{name} by {np.abs(angle).min():.0f} to {np.abs(angle).max():.0f} degrees")
+    if not found or 2 * len(found) > len(names):
+        return None
+    return (
+        f"phases are turned against those of the other responses at all modes, {', '.join(found)}, which bolts do not do: was a filter, AC "
+        f"coupling or an integration set for this channel that is not that of {reference}? Measure again with the same settings"
+    )

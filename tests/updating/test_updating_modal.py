@@ -1,0 +1,84 @@
+"""Windows and filters told by the modes of two measurements, and loosened bolts that are neither."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from samples import ROOT
+
+from lrbc_cli.io.frf import read_frf
+from lrbc_cli.updating.statistics.modal import modes_of, other_chain
+
+F = np.arange(30.0, 501.0, 1.0)
+OMEGA = 2 * np.pi * np.array([62.0, 118.0, 171.0, 240.0, 333.0, 421.0])
+DECAY = np.array([2.0, 3.0, 3.5, 5.0, 8.0, 11.0])
+SHAPES = np.random.default_rng(3).standard_normal((6, 5))
+NAMES = [f"a{k + 1}" for k in range(5)]
+
+
+def frfs(omega=OMEGA, decay=DECAY, shapes=SHAPES, window=0.0, noise=0.003, seed=0):
+    """(F, R) accelerances of a structure with these modes; an exponential window moves the axis, s + window for s."""
+    s = 2j * np.pi * F[:, None] + window
+    modes = 1 / ((s + decay) ** 2 + omega**2)
+    H = s**2 * (modes @ (shapes * shapes[:, :1] + 0.1))
+    rng = np.random.default_rng(seed)
+    return H * (1 + noise * (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)))
+
+
+def test_frequency_and_decay_of_well_parted_modes():
+    found = modes_of(F, frfs())
+    assert found.decay.size >= 5
+    for hz, decay in zip(found.frequency_hz, found.decay, strict=True):
+        k = np.argmin(np.abs(OMEGA / 2 / np.pi - hz))
+        assert hz == pytest.approx(OMEGA[k] / 2 / np.pi, abs=0.1)
+        assert decay == pytest.approx(DECAY[k], rel=0.1)
+
+
+@pytest.mark.parametrize("end", [0.2, 0.01])
+def test_a_window_in_one_of_two_measurements(end):
+    tight, own = frfs(), frfs(OMEGA * [0.97, 1.0, 0.99, 1.0, 0.98, 1.0], window=-np.log(end), seed=1)
+    text = other_chain(F, own, tight, "tight", NAMES)
+    assert text is not None
+    assert "decay faster than in tight" in text
+    assert "set for this job" in text
+    told = float(text.partition("about ")[2].partition(" %")[0])
+    assert told / 100 == pytest.approx(end, rel=0.2)
+    other = other_chain(F, tight, own, "windowed", NAMES)
+    assert other is not None
+    assert "set for windowed" in other
+
+
+@pytest.mark.parametrize("more", [[4.0, 0.1, 4.0, 0.0, 3.0, 2.0], [1.0, 1.5, 1.7, 2.5, 4.0, 5.5]])
+def test_damping_of_loosened_bolts_is_no_window(more):
+    """Some modes lose more, others none; the second: half as much again of all, less than the file would hold as a window."""
+    assert other_chain(F, frfs(decay=DECAY + 0.4 * np.array(more), seed=1), frfs(), "tight", NAMES) is None
+
+
+def test_a_filter_in_one_channel():
+    own = frfs(seed=1)
+    corner = 1j * F / 110.0
+    own[:, 2] *= corner**2 / (corner**2 + 1.414 * corner + 1.0)
+    text = other_chain(F, own, frfs(), "tight", NAMES)
+    assert text is not None
+    assert ", a3 by " in text
+    assert "a1" not in text
+
+
+def test_channels_that_were_not_measured_and_uneven_lines():
+    own = frfs(window=4.6, seed=1)
+    own[:, 1] = np.nan
+    assert other_chain(F, own, frfs(), "tight", NAMES) is not None
+    assert other_chain(F**1.1, own, frfs(), "tight", NAMES) is None
+    own[:] = np.nan
+    assert other_chain(F, own, frfs(), "tight", NAMES) is None
+
+
+@pytest.mark.parametrize(("sample", "tight"), [("soundbox", "bolts-00"), ("plate", "tight-1"), ("frame", "tight")])
+def test_nothing_of_the_kind_in_the_samples(sample, tight):
+    held = {}
+    for path in (ROOT / "data_samples" / sample / "frf").glob("*.[uc]*"):
+        records = read_frf(path).records
+        held[path.stem] = records[0].frequency_hz, np.stack([record.values for record in records], axis=1)
+    for name, (hz, values) in held.items():
+        if name != tight:
+            assert other_chain(hz, values, held[tight][1], tight, [str(k) for k in range(values.shape[1])]) is None, name
