@@ -8,6 +8,6 @@ without that what rested on the other one counts as out of date.
 #: Of reduced models; of identifications and calibrations, which rest on reduced models, too; of judgements.
 NUMBERS = {
     "reduction": "459b2c1f535b33eb",
-    "identification": "5a0789188f6e1330",
+    "identification": "3db833f631c51f68",
     "judgement": "b1e02fbc3f08285a",
 }
