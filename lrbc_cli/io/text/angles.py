@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
+from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.layout import TextLayout
-from lrbc_cli.io.text.header import fold
 from lrbc_cli.io.text.sniff import TextTable
 
 

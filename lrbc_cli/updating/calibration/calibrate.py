@@ -23,7 +23,7 @@ from lrbc_cli.updating.posterior.confidence import NORMAL_95
 from lrbc_cli.updating.posterior.fit import no_worse, noise_of
 from lrbc_cli.updating.search.optimise import Solution, gauss_newton
 from lrbc_cli.updating.search.smooth import smoothed_lines
-from lrbc_cli.updating.search.starts import group_levels
+from lrbc_cli.updating.search.starts import group_levels, single_joints
 from lrbc_cli.updating.statistics.model import STATISTICS, StatisticalModel
 from lrbc_cli.updating.statistics.noise import Noise, widened
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
@@ -266,6 +266,7 @@ def fit_factors(
     change: float = 0.1,
     rounds: int = 4,
     same: float = 0.02,
+    unexplained_db: float = 3.0,
 ) -> FactorFit:
     """Identify the factors.
 
@@ -282,6 +283,8 @@ def fit_factors(
         The weight of the priors follows the noise until it changes by a smaller share, or so many times.
     same : float
         Ends of two starts whose costs differ by more than this share are told apart.
+    unexplained_db : float
+        Mean misfit above which joints are moved one by one: nothing could be judged against such a state.
 
     Returns
     -------
@@ -294,6 +297,8 @@ def fit_factors(
     if start is None:
         ends = {"over smoothed spectra": solution} | _others(problem, solution, stages, max_iterations)
         solution = _lowest(ends, notes, same)
+        if not problem.hold and solution.evaluation.misfit_db > unexplained_db:
+            solution = _joint_by_joint(problem, solution, stages, max_iterations)
         places += [end.theta for end in ends.values()]
     noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
     if solution.status != "failed":
@@ -358,6 +363,24 @@ def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit:
         other, more = _fit(problem, other.theta, False, limit)
         stages += more
     return found | {"from the start values": other}
+
+
+def _joint_by_joint(problem: FactorProblem, best: Solution, stages: list[Stage], limit: int) -> Solution:
+    """Descents with one joint moved at a time, as long as one of them ends lower: the state may hold loose joints.
+
+    All of them near their start values, the factors take up what one that is loose does, and no descent leads back.
+    """
+    misfit = problem.misfit(problem.statistics.calibration.first_sigma_db**2)
+    while True:
+        ends = []
+        for theta in single_joints(misfit, best.theta, problem.start, problem.bounds):
+            end, stage = _descend(problem, misfit, theta, 0.0, 1e-3, limit)
+            ends.append(end)
+            stages.append(stage)
+        lowest = min((end for end in ends if end.status != "failed"), key=lambda end: end.evaluation.total, default=best)
+        if not lowest.evaluation.total < (1 - 1e-3) * best.evaluation.total:
+            return best
+        best = lowest
 
 
 def _lowest(ends: Mapping[str, Solution], notes: list[str], same: float) -> Solution:

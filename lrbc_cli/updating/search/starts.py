@@ -183,6 +183,40 @@ def single_values(misfit: Misfit, theta: Floats, bounds: Floats, *, step: float 
     return theta
 
 
+def single_joints(misfit: Misfit, theta: Floats, start: Floats, bounds: Floats, *, tighter: float = 0.5, kept: int = 2) -> list[Floats]:
+    """Thetas with one joint moved, each to its best level of a table, those with the least mean difference first.
+
+    A joint is what moves alike: all values of a bolt, or a value that belongs to none.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    theta : (size,) float array
+    start : (size,) float array
+        Levels are counted from here.
+    bounds : (size, 2) float array
+    tighter : float
+        Level beside ``LEVELS`` [decades].
+    kept : int
+    """
+    P, joints = misfit.model.parameters, dict[tuple[str, int], list[int]]()
+    for group, values, _ in P.placed:
+        if group.kind == "stiffness":
+            for k in range(values.start, values.stop):
+                bolt = -1 if group.bolt is None else int(group.bolt[k - values.start])
+                joints.setdefault(("bolt", bolt) if bolt >= 0 else ("value", k), []).append(k)
+    found = []
+    for number, values_of in enumerate(joints.values()):
+        own = []
+        for level in (*LEVELS, tighter):
+            moved = theta.copy()
+            moved[values_of] = np.clip(start[values_of] + level, *bounds[values_of].T)
+            own.append((misfit.mean_db(misfit.model.frf(moved)), level, moved))
+        difference, _, moved = min(own, key=lambda one: one[:2])
+        found.append((difference, number, moved))
+    return [moved for _, _, moved in sorted(found, key=lambda one: one[:2])[:kept]]
+
+
 def hops(misfit: Misfit, end: Solution, bounds: Floats, span: Floats, *, step: float = 0.25, kept: int = 3) -> list[Floats]:
     """Places beside an optimum from which a descent may lead elsewhere: where the cost rises least for what its curvature promises.
 
