@@ -266,7 +266,7 @@ def fit_factors(
     change: float = 0.1,
     rounds: int = 4,
     same: float = 0.02,
-    unexplained_db: float = 3.0,
+    explained_db: float = 2.1,
 ) -> FactorFit:
     """Identify the factors.
 
@@ -283,8 +283,8 @@ def fit_factors(
         The weight of the priors follows the noise until it changes by a smaller share, or so many times.
     same : float
         Ends of two starts whose costs differ by more than this share are told apart.
-    unexplained_db : float
-        Mean misfit above which joints are moved one by one: nothing could be judged against such a state.
+    explained_db : float
+        Mean misfit above which joints are moved one by one: nothing would be an all-clear beside such a state.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def fit_factors(
     if start is None:
         ends = {"over smoothed spectra": solution} | _others(problem, solution, stages, max_iterations)
         solution = _lowest(ends, notes, same)
-        if not problem.hold and solution.evaluation.misfit_db > unexplained_db:
+        if not problem.hold and solution.evaluation.misfit_db > explained_db:
             solution = _joint_by_joint(problem, solution, stages, max_iterations)
         places += [end.theta for end in ends.values()]
     noise = Noise(problem.statistics.calibration.first_sigma_db, 1.0)
