@@ -9,8 +9,8 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from lrbc_cli.updating.posterior.mixture import MixtureProblem
-from lrbc_cli.updating.posterior.sampling import sample_changes
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, settle
+from lrbc_cli.updating.posterior.sampling import profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
@@ -129,3 +129,22 @@ def test_a_joint_that_no_data_feel_keeps_its_prior(seed: int) -> None:
     # The profile ends at no change, a little above which its prior reaches.
     assert found.inclusion[0] == pytest.approx(PRIOR.loose_share, abs=0.005)
     assert found.inclusion[1] < 0.3
+
+
+def test_a_profile_ends_where_nothing_is_left() -> None:
+    """Of a change that the data tell, values far away cost descents and say nothing."""
+    toy = Saturating((-0.8, 0.0), 40.0)
+    stops, calls, found = ((1e-3, 5), (1e-2, 3)), list[int](), list[tuple[float, float, float]]()
+
+    def data(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        calls[-1] += 1
+        return toy.data(z)
+
+    problem = replace(toy.problem(), data=data)
+    calls.append(0)
+    state = settle(problem, PRIOR, np.array([True, False]), np.array([-0.8, 0.0]), stops[0])
+    for negligible in (np.inf, 10.0):
+        calls.append(0)
+        found.append(profile(problem, PRIOR, state, 0, stops, 0.06, negligible=negligible))
+    np.testing.assert_allclose(found[1], found[0], atol=0.01)
+    assert calls[2] < 0.7 * calls[1]

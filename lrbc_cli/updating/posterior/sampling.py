@@ -120,6 +120,7 @@ def profile(
     points: int = 8,
     reach: float = 3.0,
     fine: int = 400,
+    negligible: float = 10.0,
 ) -> tuple[float, float, float]:
     """Log evidence of a loose joint beyond that of its state, mean and standard deviation of its change, from descents with it held.
 
@@ -139,24 +140,17 @@ def profile(
         Values from no change to so many standard deviations of the prior below its mean, or to the bound.
     fine : int
         Values between which the log evidence is interpolated.
+    negligible : float
+        Where the data and the prior say so much less of a value, the ones beyond it are left out: 1 in 20 000 each.
     """
     low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
     own = min(float(state.z[problem.bolts[i]]), 0.0)
     low = min(low, own)
     at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
-    evidence = np.zeros(at.size)
     if problem.about is not None:
         problem = replace(problem, data=problem.about(state.z)[0], about=None)
     base = settle(problem, prior, state.kinds, state.z, stops[0])
-    # From the state outwards, each from the one before.
-    begin = int(np.argmin(np.abs(at - own)))
-    for order in (range(begin, at.size), range(begin - 1, -1, -1)):
-        z = base.z
-        for k in order:
-            z = z.copy()
-            z[problem.bolts[i]] = at[k]
-            held = settle(problem, prior, state.kinds, z, stops[1], held=(i, float(at[k])))
-            evidence[k], z = held.evidence, held.z
+    at, evidence = _held(problem, prior, base, (i, at), stops[1], negligible)
     t = np.linspace(at[0], at[-1], fine)
     # Loaded here: most commands do without.
     from scipy.interpolate import PchipInterpolator
@@ -165,6 +159,27 @@ def profile(
     weight = np.exp(log - logsumexp(log))
     mean = float(weight @ t)
     return float(logsumexp(log) + np.log(t[1] - t[0])) - base.evidence, mean, float(np.sqrt(weight @ (t - mean) ** 2))
+
+
+def _held(
+    problem: MixtureProblem, prior: BoltPrior, base: State, joint: tuple[int, Floats], stop: Stop, negligible: float
+) -> tuple[Floats, Floats]:
+    """Changes of a joint that count, of those given, and the evidence with each held: from the state outwards, each from the one before."""
+    i, at = joint
+    evidence, known, best = np.zeros(at.size), np.zeros(at.size, dtype=bool), -np.inf
+    expected = _log_normal(at, prior.joint_loose_mean, prior.joint_loose_std)
+    begin = int(np.argmin(np.abs(at - min(float(base.z[problem.bolts[i]]), 0.0))))
+    for order in (range(begin, at.size), range(begin - 1, -1, -1)):
+        z = base.z
+        for k in order:
+            z = z.copy()
+            z[problem.bolts[i]] = at[k]
+            held = settle(problem, prior, base.kinds, z, stop, held=(i, float(at[k])))
+            evidence[k], z, known[k] = held.evidence, held.z, True
+            best = max(best, float(evidence[k] + expected[k]))
+            if evidence[k] + expected[k] < best - negligible:
+                break
+    return at[known], evidence[known]
 
 
 def _log_normal(t: Floats, mean: float, std: float) -> Floats:
