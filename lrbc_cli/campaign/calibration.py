@@ -19,7 +19,7 @@ from lrbc_cli.results.model import CalibrationRecord
 from lrbc_cli.results.store import read
 
 #: Increased whenever the same input would give other factors; that numbers and operators changed is told by ``NUMBERS``.
-CALIBRATION_VERSION = 5
+CALIBRATION_VERSION = 6
 
 #: What of the update's settings a calibration follows.
 SETTINGS = ("responses", "lines", "residual", "loss", "loss_scale", "floor", "weights")

@@ -192,6 +192,11 @@ class Parameterisation:
         object.__setattr__(self, "size", at)
 
     @property
+    def of_joints(self) -> bool:
+        """Whether bolts own terms, in some group."""
+        return any(group.bolt is not None for group in self.groups)
+
+    @property
     def terms(self) -> int:
         """Number of terms nt."""
         return sum(group.terms.size for group in self.groups)

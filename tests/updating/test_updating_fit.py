@@ -258,6 +258,18 @@ class TestRounds:
         assert noise.sigma < 1e-3
         assert solution.status == "converged"
 
+    def test_residuals_of_joints_are_coarsened(self) -> None:
+        """Beside the correlation along lines, errors that responses share: along an edge neighbours hold the values."""
+        case = Case(4)
+        misfit = case.misfit(np.array([0.0, -0.5, 0.2, 0.0, 0.1]))
+        evaluation = case.begin(misfit).evaluation
+        edge = noise_of(misfit, evaluation, SELECTED)
+        (group,) = case.parameters.groups
+        case.model.parameters = Parameterisation((replace(group, bolt=np.arange(group.count)),))
+        joints = noise_of(misfit, evaluation, SELECTED)
+        assert edge.coarsening == 1.0
+        assert joints.variance == pytest.approx(misfit.errors.coarsening * edge.variance)
+
     def test_half_the_way(self) -> None:
         case = Case(9)
         misfit = measured_with_noise_known(case, np.zeros(5))

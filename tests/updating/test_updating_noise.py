@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lrbc_cli.updating.statistics.error_model import ERRORS
 from lrbc_cli.updating.statistics.noise import correlation_factor, estimate_noise, validation_ratio
 
 LINES, RESPONSES = 400, 6
@@ -109,9 +112,16 @@ class TestSigma:
     def test_variance(self) -> None:
         rng = np.random.default_rng(8)
         r = 2.0 * autoregressive(rng, 0.6)
-        noise = estimate_noise(r.ravel(), smooth().reshape(-1, 1), np.zeros((0, 1)), *places(np.arange(LINES)))
-        assert noise.sigma == pytest.approx(2.0, rel=0.05)
-        assert noise.variance == pytest.approx(16.0, rel=0.3)
+        least = replace(ERRORS, coarsening=1.0)
+        alone, noise = (
+            estimate_noise(r.ravel(), smooth().reshape(-1, 1), np.zeros((0, 1)), *places(np.arange(LINES)), errors)
+            for errors in (least, ERRORS)
+        )
+        assert alone.sigma == noise.sigma == pytest.approx(2.0, rel=0.05)
+        assert alone.variance == pytest.approx(16.0, rel=0.3)
+        # What lines and responses share beyond that: so many residuals tell as much as one, in the weight of every prior.
+        assert noise.variance == pytest.approx(ERRORS.coarsening * alone.variance)
+        assert noise.at(1.0).variance == pytest.approx(noise.variance / noise.sigma**2)
 
 
 @pytest.mark.parametrize(

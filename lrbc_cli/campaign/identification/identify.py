@@ -299,7 +299,7 @@ class _Job:
             if not self.method.follows_noise or settled:
                 break
             base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
-            noise = replace(now, sigma=float(np.sqrt(variance / now.factor)))
+            noise = now.at(float(np.sqrt(variance / now.at(1.0).variance)))
             misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, nuisances, noise.variance)
             level = Level(misfit, misfit.prior, T)
         best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, steps))

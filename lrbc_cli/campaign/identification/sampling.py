@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def changes_of(
         mean += [0.0] * int(kept.sum())
         std += [1.0] * int(kept.sum())
     further = np.hstack(columns)
-    variance = max(plain.errors.coarsening * knowledge.noise.variance, plain.errors.least_variance)
+    variance = max(replace(knowledge.noise, coarsening=plain.errors.coarsening).variance, plain.errors.least_variance)
 
     def data_by(level: Level, further: Floats) -> Callable[[Floats], tuple[Floats, Floats]]:
         def data(z: Floats) -> tuple[Floats, Floats]:

@@ -81,10 +81,12 @@ class FactorProblem:
         """The unknown factors, as logarithms relative to what the model contains; then the nuisance parameters."""
         out, prior = [], self.statistics.calibration
         stiff, damps = (prior.stiff_std, prior.stiff_bound), (prior.damping_factor_std, prior.damping_bound)
+        # All resonances tell a factor, however many of their residuals count as one: it keeps the weight of its prior.
+        wide = float(np.sqrt(self.statistics.errors.coarsening)) if self.parameters.of_joints else 1.0
         for name in self.names:
             shift = float(np.log(self.base.get(name, 1.0)))
             std, bound = stiff if moves_resonances(self.model.recipe, name) else damps
-            out.append(Nuisance(kind="factor", name=name, index=0, mean=-shift, std=std, bounds=(-bound - shift, bound - shift)))
+            out.append(Nuisance(kind="factor", name=name, index=0, mean=-shift, std=std * wide, bounds=(-bound - shift, bound - shift)))
         return (*out, *self.nuisances)
 
     @property
@@ -332,7 +334,7 @@ def _weighed(
         found, stage = _descend(problem, misfit, solution.theta, 0.0, tolerance, limit)
         stages.append(stage)
         if found.status == "failed":
-            return replace(found, theta=solution.theta), Noise(max(noise.sigma, least), noise.factor)
+            return replace(found, theta=solution.theta), noise.at(max(noise.sigma, least))
         solution = found
         noise = noise_of(misfit, solution.evaluation, problem.selected)
         if abs(noise.variance / before - 1.0) < change:
@@ -343,7 +345,7 @@ def _weighed(
 
     solution = no_worse(misfit, solution, places, again)
     noise = noise_of(misfit, solution.evaluation, problem.selected)
-    return solution, Noise(max(noise.sigma, least), noise.factor)
+    return solution, noise.at(max(noise.sigma, least))
 
 
 def _others(problem: FactorProblem, first: Solution, stages: list[Stage], limit: int) -> dict[str, Solution]:

@@ -120,10 +120,11 @@ def residual_places(misfit: Misfit, selected: NDArray[np.int64], count: int) -> 
 
 
 def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]) -> Noise:
-    """Noise from the residuals of an evaluation."""
+    """Noise from the residuals of an evaluation, coarsened where joints are sought: values along an edge are held by their neighbours."""
     rows = evaluation.residual.size - misfit.penalty.shape[0]
     line, response = residual_places(misfit, selected, rows)
-    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, misfit.errors)
+    errors = misfit.errors if misfit.model.parameters.of_joints else replace(misfit.errors, coarsening=1.0)
+    return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, errors)
 
 
 def weighed(
@@ -157,7 +158,7 @@ def weighed(
     level = misfit.followed(theta, evaluation)
     if damped:
         level = float(np.sqrt(level * before))
-    return misfit.with_level(level), level**2 * noise.factor
+    return misfit.with_level(level), noise.at(level).variance
 
 
 def no_worse(objective: Objective, solution: Solution, places: Sequence[Floats], again: Callable[[Floats], Solution]) -> Solution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,16 +22,23 @@ class Noise:
         Variance of an estimate over what it would be with independent residuals.
     ratio: float
         How many times larger errors are where nothing was fitted, see ``validation_ratio``.
+    coarsening : float
+        How many residuals tell as much as one, see ``ErrorModel``; 1 where no residual tells the noise.
     """
 
     sigma: float
     factor: float
     ratio: float = 1.0
+    coarsening: float = 1.0
 
     @property
     def variance(self) -> float:
-        """sigma² times the factor [dB²]: divides JᵀJ in the posterior."""
-        return self.sigma**2 * self.factor
+        """sigma² times the factor and the coarsening [dB²]: divides JᵀJ in every posterior."""
+        return self.sigma**2 * self.factor * self.coarsening
+
+    def at(self, sigma: float) -> Noise:
+        """The same with another scatter of a residual [dB]."""
+        return replace(self, sigma=sigma)
 
 
 def validation_ratio(validation_db: float | None, used_db: float | None) -> float:
@@ -146,4 +153,5 @@ def estimate_noise(
     """
     freedom = max(residual.size - spent(jacobian, penalty), 1.0)
     sigma = float(np.sqrt(residual @ residual / freedom))
-    return Noise(sigma, correlation_factor(residual, jacobian, line, response, errors))
+    factor = correlation_factor(residual, jacobian, line, response, errors)
+    return Noise(sigma, factor, coarsening=errors.coarsening)
