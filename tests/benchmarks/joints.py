@@ -5,7 +5,7 @@
     python tests/benchmarks/joints.py --exact [--virtual DESIGN:SEEDS]... [--states N]
 
 Campaigns of ``data_samples/virtual.py`` (cover, lap, space-frame, flange): calibrated, identified and judged through the Python face of
-the installed program, which sees no truth. Seeds 1 to 20 are for choosing; 501 to 520 for judging, once. --plan asks ``lrbc plan`` which
+the installed program, which sees no truth. Seeds 1 to 20 are for choosing; 501 to 540 for judging, once. --plan asks ``lrbc plan`` which
 joints are detectable; without it all count. --exact asks another question, of the nominal models themselves: measurements that they
 compute, without noise, in states drawn anew; the cost at the end must not lie above that at the truth. Exit code 1 where a figure
 misses its limit.
