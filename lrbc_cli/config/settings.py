@@ -206,7 +206,7 @@ class UpdateConfig(Strict):
     largest_misfit: Positive = Field(
         default=3.0,
         description="Mean misfit in dB of the responses that are not used (of those used, where all are) above which the model does not "
-        "explain the measurement: no verdict is given.",
+        "explain the measurement: no verdict is given. Not given: 3 for the reference job, and 1.5 above that for the others.",
     )
     nuisances: NuisanceConfig = Field(default=NuisanceConfig(), description="What may drift between jobs, estimated with the unknowns.")
 

@@ -19,7 +19,7 @@ def rule_of(update: UpdateConfig) -> DecisionRule:
     rule = DecisionRule(confidence=update.confidence, largest_misfit=update.largest_misfit)
     if "largest_misfit" in update.model_fields_set:
         # A limit that is given is the only one.
-        rule = replace(rule, misfit_margin=update.largest_misfit)
+        rule = replace(rule, misfit_margin=0.0)
     given = update.loose_change
     return rule if given is None else replace(rule, loose_change=given, mixture_change=given)
 

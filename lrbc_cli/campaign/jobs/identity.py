@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lrbc_cli.campaign.reading.inputs import Inputs
 
 #: Increased whenever the same input would be identified or judged differently; that numbers and operators changed is told by ``NUMBERS``.
-IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 30, 8
+IDENTIFICATION_VERSION, JUDGEMENT_VERSION = 30, 9
 
 #: The parts of an identification in words.
 PARTS = {

@@ -113,23 +113,23 @@ class Judgement:
 
 
 def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState | None = None) -> Validity:
-    """Compare the misfit of the validation channels with ``rule.largest_misfit``, and with that of the reference job and a margin.
+    """Compare the misfit of the validation channels with that of the reference job and a margin, or with ``rule.largest_misfit``.
 
-    The channels used must stay below it too, which is necessary and shows nothing: they were fitted, and where they are not explained a
-    sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
-    compare with. Nor does a measurement that was not exchanged tell anything of the bolts. A limit that was raised lets bolts be judged,
-    but above the usual one nothing is validated, nor is a change from a reference job that is known to within the limit only: it is the
-    difference of two states, each as wrong as that one.
+    The channels used must stay below theirs too, which is necessary and shows nothing: they were fitted, and where they are not explained
+    a sensor may sit elsewhere than the model has it. So must both of the reference job: what the model does not explain is no state to
+    compare with. Nor does a measurement that was not exchanged tell anything of the bolts. Above ``rule.validated_misfit`` bolts may be
+    judged, but nothing is validated, nor is a change from a reference job that is known to within the limit only: it is the difference of
+    two states, each as wrong as that one.
     """
     against = reference if evidence.against_reference else None
     compared_before, used_before = (None if against is None else against.misfit_of(channels) for channels in (evidence.compared, USED))
     limit, misfit = rule.most_db(compared_before), evidence.misfit_db
-    beside = f" ({rule.misfit_margin:g} dB more than that of the reference job)" if limit < rule.largest_misfit else ""
     if misfit is None:
         return Validity(passed=False, compared=None, misfit_db=None, limit_db=limit, reason="no response can be compared")
-    compared, fitted = evidence.compared, evidence.used_misfit_db
-    if misfit <= limit and fitted is not None and fitted > rule.largest_misfit:
-        compared, misfit, limit, beside = USED, fitted, rule.largest_misfit, ""
+    compared, fitted, of_used = evidence.compared, evidence.used_misfit_db, max(rule.largest_misfit, rule.most_db(used_before))
+    if misfit <= limit and fitted is not None and fitted > of_used:
+        compared, misfit, limit = USED, fitted, of_used
+    beside = f" ({rule.misfit_margin:g} dB more than that of the reference job)" if limit != rule.largest_misfit else ""
     within = misfit <= limit
     side = "within" if within else "above"
     reason = f"mean misfit of the {compared} {misfit:.2f} dB, {side} the limit of {limit:.3g} dB{beside}"
@@ -141,7 +141,7 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
     before = max(db or 0.0 for db in (compared_before, used_before))
     worst = max(db for db in (misfit, fitted, before) if db is not None)
     usual = rule.validated_misfit
-    raised = f"a misfit of {worst:.2f} dB validates nothing: the limit was raised from {usual:g} dB" if worst > usual else ""
+    raised = f"a misfit of {worst:.2f} dB, above {usual:g} dB, validates nothing" if worst > usual else ""
     both = math.hypot(before, before)
     coarse = (
         f"the model explains the reference job to {before:.2f} dB, so that a change from it, a difference of two such states, may err "
