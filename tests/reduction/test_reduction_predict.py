@@ -94,7 +94,9 @@ class TestPrediction:
         assert second.nonzeros > 4.0 * first.nonzeros
         # PARDISO adds room for each of its threads, which does not grow.
         assert second.memory["factors"] > (4.0 if backend == "superlu" else 1.2) * first.memory["factors"]
-        assert second.seconds > first.seconds > 0
+        # Counted operations: the seconds of either follow how busy the machine is.
+        assert second.work > 2.0 * first.work
+        assert min(first.seconds, second.seconds) > 0
         many = predict(cube(12, terms=36), options, backend=backend)
         assert many.memory["snapshots"] > 2 * first.memory["snapshots"]
         assert many.memory["factors"] < 1.1 * first.memory["factors"]
