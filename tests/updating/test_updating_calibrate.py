@@ -17,6 +17,7 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.calibration.apart import apart_notes, indistinguishable
 from lrbc_cli.updating.calibration.calibrate import fit_factors, moves_resonances
 from lrbc_cli.updating.search.smooth import smoothed
+from lrbc_cli.updating.search.starts import single_joints
 from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 SIX = ("stiffness.structure", "mass.acoustic", "alpha.structure", "beta.structure", "alpha.acoustic", "beta.acoustic")
@@ -154,6 +155,22 @@ class TestRecovery:
         assert fit.solution.evaluation.misfit_db < 0.2
         np.testing.assert_allclose(fit.solution.theta[:SPRINGS], state, atol=0.05)
         assert fit.factors["stiffness.structure"] == pytest.approx(1.06, rel=0.002)
+
+    def test_what_belongs_to_a_bolt_is_moved_together(self):
+        """Springs 0 and 3, 1 and 4 are of one bolt each, 2 and 5 of none."""
+        model, recipe = duct_model()
+        own, half = springs().groups[0], SPRINGS // 2
+        part = dict(parameter=np.arange(half), initial=own.initial[:half], bounds=own.bounds[:half], smoothing=np.eye(half))
+        groups = [replace(own, name=str(k), terms=k * half + np.arange(half), bolt=np.array([0, 1, -1]), **part) for k in (0, 1)]
+        state = np.full(SPRINGS, 4.5)
+        state[[1, 4]] -= 1.2
+        P = Parameterisation(tuple(groups))
+        p = problem(affine(model, recipe), measured(model, recipe, {}, state, 0.001), ("mass.acoustic",), parameters=P)
+        found = single_joints(p.misfit(9.0), p.start, p.start, p.bounds, kept=4)
+        assert len(found) == 4
+        np.testing.assert_allclose(found[0], np.append(state, 0.0))
+        moved = {tuple(np.flatnonzero(theta != p.start).tolist()) for theta in found}
+        assert moved == {(0, 3), (1, 4), (2,), (5,)}
 
     @pytest.mark.slow
     def test_intervals_hold_what_they_promise(self):

@@ -7,7 +7,7 @@ import pytest
 from samples import ROOT
 
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.updating.statistics.modal import modes_of, other_chain
+from lrbc_cli.updating.statistics.modal import fitted_modes, other_chain
 
 F = np.arange(30.0, 501.0, 1.0)
 OMEGA = 2 * np.pi * np.array([62.0, 118.0, 171.0, 240.0, 333.0, 421.0])
@@ -26,7 +26,7 @@ def frfs(omega=OMEGA, decay=DECAY, shapes=SHAPES, window=0.0, noise=0.003, seed=
 
 
 def test_frequency_and_decay_of_well_parted_modes():
-    found = modes_of(F, frfs())
+    found = fitted_modes(F, frfs())
     assert found.decay.size >= 5
     for hz, decay in zip(found.frequency_hz, found.decay, strict=True):
         k = np.argmin(np.abs(OMEGA / 2 / np.pi - hz))

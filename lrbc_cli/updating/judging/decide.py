@@ -141,13 +141,13 @@ def validity(evidence: Evidence, rule: DecisionRule, reference: ReferenceState |
     before = max(db or 0.0 for db in (compared_before, used_before))
     worst = max(db for db in (misfit, fitted, before) if db is not None)
     usual = rule.validated_misfit
-    raised = f"a misfit of {worst:.2f} dB, above {usual:g} dB, validates nothing" if worst > usual else ""
+    beyond = f"a misfit of {worst:.2f} dB, above {usual:g} dB, validates nothing" if worst > usual else ""
     both = math.hypot(before, before)
     coarse = (
         f"the model explains the reference job to {before:.2f} dB, so that a change from it, a difference of two such states, may err "
         f"by {both:.2f} dB, above {usual:g} dB: improve model or calibration"
     )
-    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or raised
+    unvalidated = evidence.doubted or (evidence.unvalidated if evidence.compared != VALIDATION else "") or beyond
     unvalidated = unvalidated or (coarse if both > usual else "")
     if not within or not unvalidated:
         return Validity(passed=within, compared=compared, misfit_db=misfit, limit_db=limit, reason=reason)

@@ -104,8 +104,9 @@ class DecisionRule:
 
     def most_db(self, before: float | None) -> float:
         """Mean misfit above which a state is not explained [dB], that of the reference job being ``before``; None: not known."""
-        relative = before is not None and before <= self.largest_misfit and self.misfit_margin > 0.0
-        return before + self.misfit_margin if before is not None and relative else self.largest_misfit
+        if before is None or before > self.largest_misfit or not self.misfit_margin:
+            return self.largest_misfit
+        return before + self.misfit_margin
 
     def word(self, probability: float) -> str:
         """Verdict at a posterior probability of being loose."""

@@ -14,7 +14,7 @@ from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
 from lrbc_cli.updating.search.optimise import Objective, Solution
-from lrbc_cli.updating.unknowns.shapes import Shapes
+from lrbc_cli.updating.unknowns.shapes import Shapes, joints_of
 
 #: For two columns of joints those that are exchanged with them, see ``Shapes.mirrored``.
 Mirrors = Callable[[int, int], Sequence[tuple[int, int]]]
@@ -199,14 +199,14 @@ def single_joints(misfit: Misfit, theta: Floats, start: Floats, bounds: Floats, 
         Level beside ``LEVELS`` [decades].
     kept : int
     """
-    P, joints = misfit.model.parameters, dict[tuple[str, int], list[int]]()
-    for group, values, _ in P.placed:
-        if group.kind == "stiffness":
-            for k in range(values.start, values.stop):
-                bolt = -1 if group.bolt is None else int(group.bolt[k - values.start])
-                joints.setdefault(("bolt", bolt) if bolt >= 0 else ("value", k), []).append(k)
+    P = misfit.model.parameters
+    bolts = 1 + max((int(group.bolt.max()) for group in P.groups if group.bolt is not None and group.bolt.size), default=-1)
+    joints = [np.concatenate(list(own.values())) for own in joints_of(P, bolts) if own]
+    owned = {int(k) for own in joints for k in own}
+    stiff = [k for group, values, _ in P.placed if group.kind == "stiffness" for k in range(values.start, values.stop)]
+    joints += [np.array([k]) for k in stiff if k not in owned]
     found = []
-    for number, values_of in enumerate(joints.values()):
+    for number, values_of in enumerate(joints):
         own = []
         for level in (*LEVELS, tighter):
             moved = theta.copy()

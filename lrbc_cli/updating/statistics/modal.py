@@ -31,7 +31,7 @@ class ModalRule:
     alike : float
         Least MAC of their shapes. The usual limit for one mode.
     least : int
-        FittedModes that have to agree. Two could by chance.
+        Modes that have to agree. Two could by chance.
     share : float
         All differences are at least this share of their median. A choice: loosened bolts damp some modes and leave others.
     powers : float
@@ -83,7 +83,7 @@ class FittedModes:
         return FittedModes(self.frequency_hz, self.decay, np.delete(self.shape, response, axis=1))
 
 
-def modes_of(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MODAL) -> FittedModes:
+def fitted_modes(frequency_hz: Floats, measured: Complexes, rule: ModalRule = MODAL) -> FittedModes:
     """Fit ``(a_r + b_r s) / (s - p)`` to the lines about each peak, with one pole p for all responses; linear least squares.
 
     Parameters
@@ -143,7 +143,7 @@ def _pole(H: Complexes, line: Floats) -> tuple[complex, float, Complexes]:
     return pole, std, constant + pole * slope
 
 
-def paired(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) -> list[tuple[int, int]]:
+def same_modes(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) -> list[tuple[int, int]]:
     """Which modes are the same: near each other, and each the most alike to the other by its shape."""
     if not own.decay.size or not other.decay.size or own.shape.shape[1] != other.shape.shape[1]:
         return []
@@ -175,8 +175,8 @@ def other_chain(
     if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
         return None
     held = np.isfinite(own).all(axis=0) & np.isfinite(tight).all(axis=0) & (own != 0).all(axis=0) & (tight != 0).all(axis=0)
-    one, other = (modes_of(frequency_hz, values[:, held], rule) for values in (own, tight))
-    pairs = paired(one, other, rule)
+    one, other = (fitted_modes(frequency_hz, values[:, held], rule) for values in (own, tight))
+    pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
     window = _window(one.decay[first], other.decay[second], 1.0 / float(steps.mean()), reference, rule)
     return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
@@ -195,7 +195,7 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
         f"all {own.size} modes that can be compared decay {'faster' if sign > 0 else 'slower'} than in {reference} by the same "
         f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks: was an exponential window set for {'this job' if sign > 0 else reference}, "
         f"down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record? Use one window in all jobs, "
-        "best with none"
+        "best none"
     )
 
 
@@ -204,7 +204,7 @@ def _filter(own: FittedModes, tight: FittedModes, reference: str, names: list[st
     found = []
     for r, name in enumerate(names if len(names) > rule.least else ()):
         others = np.arange(len(names)) != r
-        pairs = paired(own.without(r), tight.without(r), rule)
+        pairs = same_modes(own.without(r), tight.without(r), rule)
         mine, theirs = own.shape[[i for i, _ in pairs]], tight.shape[[k for _, k in pairs]]
         common = (theirs[:, others].conj() * mine[:, others]).sum(axis=1)
         seen = np.all([np.abs(each[:, r]) ** 2 > rule.seen * (np.abs(each) ** 2).mean(axis=1) for each in (mine, theirs)], axis=0)
