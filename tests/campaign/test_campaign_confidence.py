@@ -82,7 +82,7 @@ def test_intervals_against_the_profile_likelihood(tmp_path: Path) -> None:
     from scipy.optimize import brentq
 
     from lrbc_cli.updating.misfit.cost import Misfit
-    from lrbc_cli.updating.search.levels import Level
+    from lrbc_cli.updating.search.descent import Level
     from lrbc_cli.updating.search.optimise import gauss_newton
 
     made = Made(box(tmp_path / "box"), "update.weights=none")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.factors import with_factors
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.results.model import Boundary
-from lrbc_cli.updating.search import levels
+from lrbc_cli.updating.search import descent
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR
 
 FREQUENCY = np.arange(20.0, 401.0, 2.0)
@@ -126,7 +127,7 @@ def test_bfgs_is_the_descent_at_every_weight(frame: Folder, monkeypatch: pytest.
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("gauss-newton")
 
-    monkeypatch.setattr(levels, "gauss_newton", refuse)
+    monkeypatch.setattr(descent, "gauss_newton", refuse)
     monkeypatch.setattr(identification, "gauss_newton", refuse)
     tree = identify(frame, AUTO, "update.method=bfgs", job="loose-2")
     assert tree["optimiser"]["regularisation"] == pytest.approx(
@@ -554,9 +555,8 @@ def test_the_reference_job_begins_where_the_calibration_ended(box: Folder, monke
     # A search that goes nowhere: what is left is where it begins.
     nowhere: dict[str, Any] = {"max_iterations": 0, "knots": ()}
     monkeypatch.setattr(identification, "gauss_newton_by_levels", lambda *given, **known: search(*given, **known | nowhere))
-    monkeypatch.setattr(
-        identification._Job, "_descend", lambda self, misfit, start: levels.descend(misfit, start, self.parameters.bounds, max_iterations=0)
-    )
+    stay = partial(descent.descend, max_iterations=0)
+    monkeypatch.setattr(identification._Job, "_descend", lambda self, misfit, start: stay(misfit, start, self.parameters.bounds))
     use = CalibrationUse(used=True, text="used", boundary={"springs": Boundary(log10=MILD)})
     found = [identification.identify(replace(study.inputs, calibration=own), study.source, "tight") for own in (None, use)]
     before, after = (one.misfit_final.mean() for one in found)

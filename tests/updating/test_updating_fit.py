@@ -12,7 +12,7 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
 from lrbc_cli.updating.misfit.extended import Nuisance
 from lrbc_cli.updating.posterior.fit import extended_misfit, follow_noise, no_worse, noise_of, posterior, residual_places, weighed
-from lrbc_cli.updating.search.levels import Level, descend
+from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.optimise import HistoryEntry, Solution, gauss_newton
 from lrbc_cli.updating.statistics.noise import Noise
 from lrbc_cli.updating.statistics.residuals import ResidualOptions

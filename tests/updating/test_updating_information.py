@@ -29,7 +29,7 @@ from lrbc_cli.updating.posterior.information import (
     outlook,
     verdict,
 )
-from lrbc_cli.updating.search.levels import Level
+from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.search.optimise import gauss_newton
 from lrbc_cli.updating.statistics.residuals import ResidualOptions, decibel
 

@@ -14,8 +14,9 @@ from systems import direct_frf
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
+from lrbc_cli.updating.search.descent import Level, hats, level_matrix
 from lrbc_cli.updating.search.ends import near_tie, other_ends
-from lrbc_cli.updating.search.levels import Level, gauss_newton_by_levels, hats, level_matrix
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Start, bfgs, gauss_newton
 from lrbc_cli.updating.search.starts import basins, group_levels, uniform_values
 

@@ -13,8 +13,10 @@ from sharp import sharp_misfit
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
-from lrbc_cli.updating.search.levels import Race, descend, gauss_newton_by_levels
+from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution
+from lrbc_cli.updating.search.race import Race
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.starts import LEVELS, between, hops, other_levels
 from lrbc_cli.updating.unknowns.shapes import Shapes

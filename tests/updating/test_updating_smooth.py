@@ -11,7 +11,7 @@ from systems import beam, dense_ports, fe_model, unit
 from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
-from lrbc_cli.updating.search.levels import descend
+from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs, smoothed_lines
 from lrbc_cli.updating.unknowns.shapes import Shapes
 

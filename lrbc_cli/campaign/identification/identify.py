@@ -26,9 +26,10 @@ from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
+from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.ends import other_ends
 from lrbc_cli.updating.search.lcurve import curve_notes, l_curve
-from lrbc_cli.updating.search.levels import Level, descend, gauss_newton_by_levels
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
@@ -175,7 +176,8 @@ class _Job:
             mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
             beside: dict[str, Any] = {"span": span, "joints": self.shapes.joint_columns, "mirrors": mirrors}
             if span is not None:
-                further, sought = self._sought(misfit, relative)
+                beside["wide"] = self._smoothed(misfit, relative) if self.shapes.joint_columns else []
+                further, sought = self._sought(misfit, beside["wide"])
             solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, **beside, **stop)
             if span is not None and solution.evaluation.misfit_db > unexplained_db:
                 # The table may have stepped over a narrow valley: before anything is blamed, a closer one.
@@ -210,17 +212,15 @@ class _Job:
         pairs = neighbouring_columns(self.parameters, bolts.xyz, self.shapes)
         return search(misfit, self.shapes, self.parameters.bounds, pairs, names=bolts.name, levels=levels)
 
-    def _sought(self, misfit: Misfit, relative: bool) -> tuple[dict[str, Floats], int]:
-        """States from which to descend, described; and evaluations."""
-        bounds, span = self.parameters.bounds, self.shapes.T
-        wide = self._smoothed(misfit, relative) if self.shapes.joint_columns else []
+    def _sought(self, misfit: Misfit, wide: Sequence[Misfit]) -> tuple[dict[str, Floats], int]:
+        """States from which to descend, described; and evaluations. ``wide`` are costs between smoothed spectra, where there are some."""
         further, sought = self._table(misfit)
         if wide:
             # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
             tabled, more = self._table(wide[0])
-            led, most = narrowed(wide, tabled, bounds, span)
+            led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
         else:
-            (led, most), more = prior_draws(misfit, self.shapes, bounds, further), 0
+            (led, most), more = prior_draws(misfit, self.shapes, self.parameters.bounds, further), 0
         return further | led, sought + more + most
 
     def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:

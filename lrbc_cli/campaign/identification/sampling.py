@@ -13,7 +13,7 @@ from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
 from lrbc_cli.updating.posterior.fit import Posterior
 from lrbc_cli.updating.posterior.mixture import ChangeSamples, MixtureProblem
 from lrbc_cli.updating.posterior.sampling import sample_changes
-from lrbc_cli.updating.search.levels import Level
+from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.unknowns.shapes import neighbours
 
 

@@ -257,6 +257,11 @@ class Misfit:
         return self._data.level
 
     @property
+    def coarsening(self) -> float:
+        """How many residuals count as one: values along an edge are held by their neighbours."""
+        return self.errors.coarsening if self.model.parameters.of_joints else 1.0
+
+    @property
     def weighted(self) -> bool:
         """Whether lines are weighted by what is known of their noise."""
         return self._data.weighted

@@ -123,7 +123,7 @@ def noise_of(misfit: Misfit, evaluation: Evaluation, selected: NDArray[np.int64]
     """Noise from the residuals of an evaluation, coarsened where joints are sought: values along an edge are held by their neighbours."""
     rows = evaluation.residual.size - misfit.penalty.shape[0]
     line, response = residual_places(misfit, selected, rows)
-    errors = misfit.errors if misfit.model.parameters.of_joints else replace(misfit.errors, coarsening=1.0)
+    errors = replace(misfit.errors, coarsening=misfit.coarsening)
     return estimate_noise(evaluation.residual[:rows], evaluation.jacobian[:rows], evaluation.jacobian[rows:], line, response, errors)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from lrbc_cli.arrays import Floats
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.peaks import peaks_of
-from lrbc_cli.updating.search.levels import descend, gauss_newton_by_levels
+from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.levels import gauss_newton_by_levels
 from lrbc_cli.updating.search.optimise import Solution
 
 

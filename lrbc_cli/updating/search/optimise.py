@@ -185,6 +185,19 @@ def _box_step(A: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
     return np.clip(x, low, high)
 
 
+def _scale(normal: Floats) -> Floats:
+    """(m,) diagonal by which steps are damped: a value that nothing feels is held a little, too."""
+    diagonal = np.diag(normal)
+    return np.asarray(np.maximum(diagonal, 1e-8 * max(float(diagonal.max()), np.finfo(float).tiny)))
+
+
+def promised(value: Evaluation, theta: Floats, bounds: Floats, *, damping: float = 1e-6) -> Floats:
+    """Step to the minimum of the cost linearised about theta, inside the bounds; hardly damped."""
+    normal = value.jacobian.T @ value.jacobian
+    lower, upper = bounds.T
+    return _box_step(normal + damping * np.diag(_scale(normal)), value.jacobian.T @ value.residual, lower - theta, upper - theta)
+
+
 def _finite(value: Evaluation) -> bool:
     return bool(np.isfinite(value.total) and np.all(np.isfinite(value.jacobian)))
 
@@ -222,7 +235,7 @@ def gauss_newton(
             reason = "the gradient vanishes" if free.any() else "all parameters lie at their bounds"
             return record.solution(theta, value, "converged", reason, iteration - 1)
         normal = value.jacobian.T @ value.jacobian
-        scale = np.maximum(np.diag(normal), 1e-8 * max(float(np.diag(normal).max()), np.finfo(float).tiny))
+        scale = _scale(normal)
         for _ in range(12):
             # Clipping a free step afterwards could leave no decrease at all, far from the minimum.
             step = _box_step(normal + damping * np.diag(scale), gradient, lower - theta, upper - theta)

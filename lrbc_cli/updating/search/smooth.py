@@ -14,7 +14,7 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.reduction.threads import side_by_side
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import FrfModel
-from lrbc_cli.updating.search.levels import descend
+from lrbc_cli.updating.search.descent import over_smoothed
 from lrbc_cli.updating.statistics.priors import CALIBRATION_PRIOR, CalibrationPrior
 
 
@@ -142,14 +142,7 @@ def narrowed(wide: Sequence[Misfit], places: Mapping[str, Floats], bounds: Float
     int
         Evaluations.
     """
-
-    def one(theta: Floats) -> tuple[Floats, int]:
-        evaluations = 0
-        for misfit in wide:
-            end = descend(misfit, theta, bounds, span, tolerance=1e-3, max_iterations=20)
-            theta, evaluations = end.theta, evaluations + end.evaluations
-        return theta, evaluations
-
     begun = {"the reference job": wide[0].prior, **places}
-    ends = side_by_side(one, list(begun.values()))
-    return {f"{text}, over smoothed spectra": theta for text, (theta, _) in zip(begun, ends, strict=True)}, sum(n for _, n in ends)
+    ends = side_by_side(lambda theta: over_smoothed(wide, theta, bounds, span), list(begun.values()))
+    led = {f"{text}, over smoothed spectra": end.theta for text, end in zip(begun, ends, strict=True)}
+    return led, sum(end.evaluations for end in ends)

@@ -1,0 +1,213 @@
+"""Descents from many places, of which the better ones go on, as long as they lead elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.reduction.threads import side_by_side
+from lrbc_cli.updating.misfit.cost import Evaluation, Misfit
+from lrbc_cli.updating.search.descent import Level, admissible, descend, level_matrix, over_smoothed
+from lrbc_cli.updating.search.optimise import Best, HistoryEntry, Solution, Start, gauss_newton
+from lrbc_cli.updating.search.starts import Mirrors, alone, hops, other_levels
+from lrbc_cli.updating.search.valleys import Lead, leading_apart, worth
+
+#: How the description of an end goes on that was followed further, see ``Race.look_beside``.
+BESIDE = ", then"
+
+
+class Race:
+    """Descents from many places, of which the better ones go on.
+
+    Parameters
+    ----------
+    misfit : Misfit
+    bounds : (size, 2) float array
+    span : (size, m) float array or None
+        Unknowns ``prior + span z``; every value where None.
+    tolerance, max_iterations
+        Of a descent, see ``gauss_newton``.
+
+    Attributes
+    ----------
+    seen : Best
+        The misfit; remembers the best place that could be a solution.
+    ends : list of (str, Solution)
+        Where each start led to, described.
+    history : list of HistoryEntry
+        All evaluations.
+    iterations : int
+    elsewhere : int
+        Evaluations of another cost, see ``descend``.
+    """
+
+    def __init__(self, misfit: Misfit, bounds: Floats, span: Floats | None, tolerance: float, max_iterations: int) -> None:
+        self.seen = Best(misfit, admissible(misfit, bounds, span))
+        self.ends: list[tuple[str, Solution]] = []
+        self.history: list[HistoryEntry] = []
+        self.iterations = self.elsewhere = 0
+        self._misfit, self._bounds, self._span = misfit, bounds, span
+        self._tolerance, self._most = tolerance, max_iterations
+
+    def note(self, entries: Iterable[HistoryEntry]) -> None:
+        """Add evaluations to the history."""
+        first = len(self.history)
+        self.history.extend(replace(entry, evaluation=first + i) for i, entry in enumerate(entries))
+
+    def tried(self, value: Evaluation, totals: list[float]) -> None:
+        """Note one evaluation of a scan, whose totals these are."""
+        self.note([HistoryEntry(0, value.cost, value.misfit_db, bool(value.total < min(totals, default=np.inf)))])
+        totals.append(value.total if np.isfinite(value.total) else np.inf)
+
+    def begin(self, places: Iterable[tuple[str, Floats]], limit: int | None = None) -> None:
+        """Descend from further places, described, so many iterations at the most; of those that meet after the first, the better one."""
+        most = self._most if limit is None else min(limit, self._most)
+        described, before = list(places), len(self.ends)
+        first = min(1, most) if self._meeting else most
+        for (text, _), end in zip(described, self._descents([(theta, first) for _, theta in described]), strict=True):
+            self.ends.append((text, end))
+        if first < most:
+            self.go_on(self.apart(before), most)
+
+    @property
+    def _meeting(self) -> bool:
+        """Whether descents are told that meet: where lines do not resolve the peaks, a linearisation does not carry that far."""
+        return self._span is not None and not self._misfit.sharp
+
+    def apart(self, first: int) -> list[int]:
+        """Those of the ends from the ``first`` on that lead where no better one does, the best of them first."""
+        if not self._meeting:
+            return sorted(range(first, len(self.ends)), key=lambda at: self.ends[at][1].evaluation.total)
+        return [at for at in self._leading_apart(self._misfit, [end for _, end in self.ends]) if at >= first]
+
+    def _leading_apart(self, misfit: Misfit, ends: Sequence[Solution]) -> list[int]:
+        """Which ends of descents on a cost lead where no better one does, the best first."""
+        assert self._span is not None
+        box, inverse = Level(misfit, misfit.prior, self._span).bounds(self._bounds), np.linalg.pinv(self._span)
+        leads = [Lead.of(end.evaluation, inverse @ (end.theta - misfit.prior), box) for end in ends]
+        return leading_apart(leads, worth(misfit, min((end.evaluation for end in ends), key=lambda value: value.total)))
+
+    def go_on(self, which: Iterable[int], limit: int | None = None) -> None:
+        """Continue those of the descents that their limit stopped."""
+        most = self._most if limit is None else min(limit, self._most)
+        stopped = [at for at in which if self.ends[at][1].status == "stopped" and self.ends[at][1].iterations < most]
+        before = [self.ends[at][1] for at in stopped]
+        further = self._descents([(end.theta, most - end.iterations) for end in before])
+        for at, end, last in zip(stopped, before, further, strict=True):
+            self.ends[at] = self.ends[at][0], replace(last, iterations=end.iterations + last.iterations)
+
+    def halve(self, first: int, limit: int) -> None:
+        """Continue the better half of the descents from the ``first`` on that do not meet."""
+        order = self.apart(first)
+        self.go_on(order[: (len(order) + 1) // 2], limit)
+
+    def _descents(self, begun: Sequence[tuple[Floats, int]]) -> list[Solution]:
+        """From each place with its limit."""
+
+        def one(begin: tuple[Floats, int]) -> Solution:
+            theta, most = begin
+            return descend(self._misfit, theta, self._bounds, self._span, tolerance=self._tolerance, max_iterations=most)
+
+        ends = side_by_side(one, begun)
+        for end in ends:
+            self.note(end.history)
+            self.elsewhere += end.evaluations - len(end.history)
+            self.iterations += end.iterations
+        return ends
+
+    def look_beside(
+        self,
+        span: Floats,
+        shares: Sequence[float],
+        limits: tuple[int, int],
+        rounds: int,
+        joints: Sequence[int] = (),
+        mirrors: Mirrors = alone,
+        wide: Sequence[Misfit] = (),
+    ) -> None:
+        """Descend from places beside the best end until no round leads lower by what the data can tell.
+
+        Those of ``other_levels`` among joints, over smoothed spectra where there are some, else of ``hops``; and where the end leads
+        without some values.
+
+        A peak that passes a line is a ridge in the cost, narrow and steep. Beyond it there is another valley; and without the values that
+        the end explains least there is no ridge, so that the rest leads on.
+        """
+        few, more = limits
+        for _ in range(rounds + len(joints)):
+            self.go_on([self.best])
+            (description, end), before = self.ends[self.best], len(self.ends)
+            if not np.isfinite(end.evaluation.total):
+                return
+
+            def without(share: float, theta: Floats = end.theta) -> Floats:
+                rest = self._misfit.without(theta, share)
+                return descend(rest, theta, self._bounds, span, tolerance=self._tolerance, max_iterations=more).theta
+
+            first = description.partition(BESIDE)[0]
+            if joints and wide:
+                moved = other_levels(wide[-1], end, self._bounds, span, joints, mirrors)
+                places = [(f"{first}{BESIDE} over smoothed spectra", theta) for theta in self._smoothed(wide, [end.theta, *moved])]
+            elif joints:
+                moved = other_levels(self._misfit, end, self._bounds, span, joints, mirrors)
+                places = [(f"{first}{BESIDE} one joint at another level", theta) for theta in moved]
+            else:
+                places = [(f"{first}{BESIDE} a hop", theta) for theta in hops(self._misfit, end, self._bounds, span)]
+            texts = [f"{first}{BESIDE} without the {100 * share:g} % that it explains least" for share in shares]
+            self.begin([*places, *zip(texts, side_by_side(without, shares), strict=True)], few)
+            self.halve(before, more)
+            if not self.ends[self.best][1].evaluation.total < end.evaluation.total - worth(self._misfit, end.evaluation):
+                return
+
+    def _smoothed(self, wide: Sequence[Misfit], places: Sequence[Floats]) -> list[Floats]:
+        """Where descents over smoothed spectra lead from some places, but for those that meet."""
+        ends = side_by_side(lambda theta: over_smoothed(wide, theta, self._bounds, self._span), places)
+        self.elsewhere += sum(end.evaluations for end in ends)
+        return [ends[at].theta for at in self._leading_apart(wide[-1], ends)]
+
+    def coarse(self, places: Sequence[Floats], knots: Sequence[int], tolerance: float, iterations: int) -> list[Floats]:
+        """Where descents on coarse profiles lead from each place, each profile with more knots than the one before."""
+        parameters, bounds = self._misfit.model.parameters, self._bounds
+        unknowns = parameters.size if self._span is None else self._span.shape[1]
+
+        def one(theta: Floats) -> tuple[Floats, Best, list[Solution]]:
+            seen, found = self.seen.another(), list[Solution]()
+            for count in knots:
+                T = level_matrix(parameters, count, damping=True)
+                if T.shape[1] >= unknowns:
+                    break
+                level = Level(seen, theta, T)
+                found.append(
+                    gauss_newton(level, np.zeros(T.shape[1]), level.bounds(bounds), tolerance=tolerance, max_iterations=iterations)
+                )
+                theta = np.clip(level.theta(found[-1].theta), bounds[:, 0], bounds[:, 1])
+            return theta, seen, found
+
+        ends = []
+        for theta, seen, found in side_by_side(one, places):
+            ends.append(theta)
+            self.seen.take(seen)
+            for end in found:
+                self.note(end.history)
+                self.iterations += end.iterations
+        return ends
+
+    @property
+    def best(self) -> int:
+        """Which end costs least: the first of equals, also where a cost is not finite."""
+        kept = 0
+        for i, (_, end) in enumerate(self.ends):
+            if end.evaluation.total < self.ends[kept][1].evaluation.total:
+                kept = i
+        return kept
+
+    def solution(self) -> Solution:
+        """The best end, with all evaluations, and where each start led to."""
+        kept = self.best
+        led = tuple(Start(text, end.evaluation.cost, end.evaluation.total, i == kept, end.theta) for i, (text, end) in enumerate(self.ends))
+        history = tuple(self.history)
+        count = len(history) + self.elsewhere
+        return replace(self.ends[kept][1], iterations=self.iterations, evaluations=count, history=history, starts=led)
