@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from lrbc_cli.updating.posterior.mixture import MixtureProblem, settle
-from lrbc_cli.updating.posterior.sampling import profile, sample_changes
+from lrbc_cli.updating.posterior.sampling import about_itself, profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
@@ -145,6 +145,6 @@ def test_a_profile_ends_where_nothing_is_left() -> None:
     state = settle(problem, PRIOR, np.array([True, False]), np.array([-0.8, 0.0]), stops[0])
     for negligible in (np.inf, 10.0):
         calls.append(0)
-        found.append(profile(problem, PRIOR, state, 0, stops, 0.06, negligible=negligible))
+        found.append(profile(PRIOR, *about_itself(problem, PRIOR, state, stops[0]), 0, stops[1], 0.06, negligible=negligible))
     np.testing.assert_allclose(found[1], found[0], atol=0.01)
     assert calls[2] < 0.7 * calls[1]

@@ -45,6 +45,7 @@ def beyond(
     wide: float = 0.12,
     gain: float = 0.01,
     rounds: int = 3,
+    certain: float = 30.0,
     stop: Stop = (1e-3, 5),
     held: Stop = (1e-2, 3),
 ) -> tuple[State, Beyond]:
@@ -61,6 +62,8 @@ def beyond(
         Standard deviation of a loose joint's change from which on it is taken from a profile [decades].
     gain, rounds : float, int
         Where the other kind gains so much log evidence, all begins anew there, at most so many times.
+    certain : float
+        Log evidence between both kinds of a joint from which on it is not looked at again: 1 in 10^13.
     stop, held : (float, int)
         Of the descents, and of those with a change held, each from the end of the one before.
 
@@ -69,52 +72,71 @@ def beyond(
     State, Beyond
         The best state seen.
     """
+    # Log evidence for loose over tight of those that are settled.
+    known: dict[int, float] = {}
     for turn in range(rounds):
         score = KindScore(state.A, state.b, prior, state.kinds, problem.neighbours, problem.joint)
         gains, means, stds = score.flips()
-        found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
         doubted = np.flatnonzero(problem.joint & (state.kinds | (gains > doubt))).tolist()
-        widths = np.where((stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide), stds[:, 1], np.nan)
-        joints = [(i, float(means[i, 1]), float(widths[i])) for i in doubted]
         # Where errors follow the state, a descent moves the evidence by a nat though nothing changes: both kinds go the same way.
         own = settle(problem, prior, state.kinds, state.z, stop) if doubted else state
-        others = side_by_side(partial(_other_kind, problem, prior, state, own, (stop, held)), joints)
-        for i, (_, evidence, loose) in zip(doubted, others, strict=True):
-            found.further[i] = evidence - (gains[i] if not state.kinds[i] else -gains[i])
-            found.loose[i] = loose
-        best = max([own, *(other for other, _, _ in others)], key=lambda one: one.evidence)
+        asked = [(i, float(means[i, 1])) for i in doubted if i not in known]
+        others = dict(zip((i for i, _ in asked), side_by_side(partial(_other_kind, problem, prior, state, stop), asked), strict=True))
+        for i, other in others.items():
+            apart = own.evidence - other.evidence
+            if apart > certain:
+                known[i] = apart if state.kinds[i] else -apart
+        best = max([own, *others.values()], key=lambda one: one.evidence)
         if best.evidence <= own.evidence + gain or turn == rounds - 1:
             break
         state = best
+    found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
+    loose = {i: own if state.kinds[i] else others[i] for i in doubted if state.kinds[i] or i in others}
+    felt = (stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide)
+    flat = [(i, loose[i], float(stds[i, 1])) for i in loose if felt[i]]
+    profiles = dict(zip((i for i, *_ in flat), _profiles(problem, prior, flat, (stop, held)), strict=True))
+    for i in doubted:
+        apart = known[i] if i in known else (own.evidence - others[i].evidence) * (1.0 if state.kinds[i] else -1.0)
+        more, mean, std = profiles.get(i, (0.0, np.nan, np.nan))
+        found.loose[i] = mean, std
+        found.further[i] = apart + more - (gains[i] if not state.kinds[i] else -gains[i])
     return state, found
 
 
-def _other_kind(
-    problem: MixtureProblem, prior: BoltPrior, state: State, own: State, stops: tuple[Stop, Stop], joint: tuple[int, float, float]
-) -> tuple[State, float, tuple[float, float]]:
-    """A joint's state of the other kind, log evidence for loose over tight, and mean and standard deviation of its change if loose.
-
-    Of the joint its index, where its change begins, and the width of its profile; NaN where the linear problem holds. ``own`` is where the
-    kinds of the state itself lead from there, as those of the other do.
-    """
-    i, change, width = joint
+def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]) -> State:
+    """Where a state with one joint of the other kind leads; the change of that, if loose, begins as given."""
+    i, change = joint
     z, kinds = state.z.copy(), state.kinds.copy()
     kinds[i] = not kinds[i]
     z[problem.bolts[i]] = change if kinds[i] else 0.0
-    other = settle(problem, prior, kinds, z, stops[0])
-    tight, loose = (own, other) if kinds[i] else (other, own)
-    if np.isnan(width):
-        return other, loose.evidence - tight.evidence, (np.nan, np.nan)
-    more, mean, std = profile(problem, prior, loose, i, stops, width)
-    return other, loose.evidence + more - tight.evidence, (mean, std)
+    return settle(problem, prior, kinds, z, stop)
+
+
+def _profiles(
+    problem: MixtureProblem, prior: BoltPrior, joints: Sequence[tuple[int, State, float]], stops: tuple[Stop, Stop]
+) -> list[tuple[float, float, float]]:
+    """Profiles of some joints, each in a state in which it is loose, with its width; states that several share are settled once."""
+    states = list({id(state): state for _, state, _ in joints}.values())
+    bases = dict(zip(map(id, states), side_by_side(lambda state: about_itself(problem, prior, state, stops[0]), states), strict=True))
+    return side_by_side(lambda one: profile(prior, *bases[id(one[1])], one[0], stops[1], one[2]), joints)
+
+
+def about_itself(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop) -> tuple[MixtureProblem, State]:
+    """The problem with the covariance of the residuals of a state throughout, and where the state leads then.
+
+    Of a change that the data do not feel a profile is flat then.
+    """
+    if problem.about is not None:
+        problem = replace(problem, data=problem.about(state.z)[0], about=None)
+    return problem, settle(problem, prior, state.kinds, state.z, stop)
 
 
 def profile(
-    problem: MixtureProblem,
     prior: BoltPrior,
-    state: State,
+    problem: MixtureProblem,
+    base: State,
     i: int,
-    stops: tuple[Stop, Stop],
+    stop: Stop,
     width: float,
     *,
     points: int = 8,
@@ -124,16 +146,14 @@ def profile(
 ) -> tuple[float, float, float]:
     """Log evidence of a loose joint beyond that of its state, mean and standard deviation of its change, from descents with it held.
 
-    The covariance of the residuals is that of the state throughout: of a change that the data do not feel the profile is then flat.
-
     Parameters
     ----------
-    problem, prior, state
-        A state in which it is loose.
+    prior, problem, base
+        The latter two as ``about_itself`` gives them for a state in which the joint is loose.
     i : int
         Which of the bolts.
-    stops : pair of (float, int)
-        Of the descent from the state, and of those with the change held.
+    stop : (float, int)
+        Of the descents with the change held.
     width : float
         Standard deviation of the change by the linear problem [decades]: values are held there on both sides, too.
     points, reach : int, float
@@ -144,13 +164,10 @@ def profile(
         Where the data and the prior say so much less of a value, the ones beyond it are left out: 1 in 20 000 each.
     """
     low = max(prior.joint_loose_mean - reach * prior.joint_loose_std, float(problem.bounds[problem.bolts[i], 0]))
-    own = min(float(state.z[problem.bolts[i]]), 0.0)
+    own = min(float(base.z[problem.bolts[i]]), 0.0)
     low = min(low, own)
     at = np.unique(np.round(np.clip([*np.linspace(low, 0.0, points), *(own + width * np.arange(-2.0, 3.0))], low, 0.0), 6))
-    if problem.about is not None:
-        problem = replace(problem, data=problem.about(state.z)[0], about=None)
-    base = settle(problem, prior, state.kinds, state.z, stops[0])
-    at, evidence = _held(problem, prior, base, (i, at), stops[1], negligible)
+    at, evidence = _held(problem, prior, base, (i, at), stop, negligible)
     t = np.linspace(at[0], at[-1], fine)
     # Loaded here: most commands do without.
     from scipy.interpolate import PchipInterpolator

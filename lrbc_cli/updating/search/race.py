@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -163,10 +164,12 @@ class Race:
                 return
 
     def _smoothed(self, wide: Sequence[Misfit], places: Sequence[Floats]) -> list[Floats]:
-        """Where descents over smoothed spectra lead from some places, but for those that meet."""
-        ends = side_by_side(lambda theta: over_smoothed(wide, theta, self._bounds, self._span), places)
-        self.elsewhere += sum(end.evaluations for end in ends)
-        return [ends[at].theta for at in self._leading_apart(wide[-1], ends)]
+        """Where descents over smoothed spectra lead from some places, of those that meet the best one."""
+        for misfit in wide:
+            ends = side_by_side(partial(over_smoothed, [misfit], bounds=self._bounds, span=self._span), places)
+            self.elsewhere += sum(end.evaluations for end in ends)
+            places = [ends[at].theta for at in self._leading_apart(misfit, ends)]
+        return list(places)
 
     def coarse(self, places: Sequence[Floats], knots: Sequence[int], tolerance: float, iterations: int) -> list[Floats]:
         """Where descents on coarse profiles lead from each place, each profile with more knots than the one before."""
