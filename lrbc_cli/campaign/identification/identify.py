@@ -13,16 +13,16 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
+from lrbc_cli.campaign.identification.nuisances import common_gain, hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
-from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, theta_of
+from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
 from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
@@ -67,6 +67,7 @@ class _Job:
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
         self.error = self._change_error()
+        self.gains = common_gain(inputs) if self.error is not None else None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
@@ -106,18 +107,6 @@ class _Job:
                 return found
         # A weight that is given is one of decades.
         return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
-
-    def _rows(self) -> Floats:
-        """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
-        values = self.statistics.values
-        if self.shapes.by_bolt:
-            return self.shapes.penalty()
-        if not self.method.follows_noise:
-            return penalty_rows(self.parameters)
-        if self.against_reference:
-            return penalty_rows(self.parameters) / values.std
-        # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
-        return penalty_rows(self.parameters, values.level_std**-2, values.std**-2)
 
     def measured(self) -> Complexes:
         """(F, U) measurement on the selected lines, for the responses used."""
@@ -227,8 +216,9 @@ class _Job:
         # A ratio of two measurements has the noise of both.
         sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)
         options, errors = self.method.residual, self.statistics.errors
-        model, rows = self.model, self._rows()
-        return Misfit(model, measured, self.prior, eta, rows, options=options, sigma=sigma, errors=errors, sharp=self.sharp)
+        rows = penalty_of(self.method, self.statistics.values, self.parameters, self.shapes, self.against_reference)
+        further: dict[str, Any] = {"options": options, "sharp": self.sharp, "gains": self.gains}
+        return Misfit(self.model, measured, self.prior, eta, rows, sigma=sigma, errors=errors, **further)
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""
@@ -348,12 +338,19 @@ class _Job:
         noise = fit.knowledge.noise
         return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
 
+    def gain(self, fit: Fit) -> tuple[float, float] | None:
+        """By how much all responses lie above what the reference job lets expect, and its standard deviation [dB]."""
+        knowledge, jacobian = fit.knowledge, fit.solution.evaluation.jacobian
+        rows = jacobian.shape[0] - fit.misfit.penalty.shape[0]
+        found = fit.plain.gains(fit.solution.theta, jacobian[:rows], knowledge.covariance, knowledge.noise.variance)
+        return None if found is None else (float(found[0][0]), float(found[1][0]))
+
     def validation_ratio(self, updated: Complexes) -> float:
         """How many times larger the errors are than the residuals that were fitted."""
         return ratio_of(self.inputs, self.measurement, self.inputs.campaign.jobs[self.name], self.selected, updated)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
-        """(F, R) FRFs on all measured lines, with what drifted."""
+        """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
         if knowledge is None or self.source.stage is None or not knowledge.nuisances:
             return self.source.model(self.s, self.parameters).frf(theta)
         every = np.arange(len(self.inputs.responses))
@@ -406,7 +403,9 @@ def _identified(job: _Job) -> Identification:
     inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
     values = job.measurement.values
-    initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
+    initial, updated, gain = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge), job.gain(fit)
+    if gain is not None:
+        updated = updated * 10.0 ** (gain[0] / 20.0)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
     solution, knowledge = fit.solution, fit.knowledge.wider(job.validation_ratio(updated))
     if fit.curve is not None:
@@ -447,4 +446,5 @@ def _identified(job: _Job) -> Identification:
         warnings=tuple(job.warnings),
         reference=reference,
         tight=job.of_reference(),
+        gain=gain,
     )

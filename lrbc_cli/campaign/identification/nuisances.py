@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Integers
+from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
@@ -27,6 +27,13 @@ def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers 
     return (*found, *hits_of(inputs, nuisances))
 
 
+def common_gain(inputs: Inputs) -> Floats | None:
+    """(U, 1) gain that all responses used share, of one standard deviation [dB]; None where the settings name gains of their own."""
+    if inputs.campaign.update.nuisances.gain is not None:
+        return None
+    return np.full((inputs.used.size, 1), inputs.statistics.errors.gain_db)
+
+
 def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
     """Those of them that say where the hammer hit."""
     found: list[Nuisance] = []
@@ -42,9 +49,9 @@ def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> N
     return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
 
 
-def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``."""
-    tree: dict[str, Any] = {}
+def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[float, float] | None = None) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``; ``gain`` is what all responses share [dB]."""
+    tree: dict[str, Any] = {} if gain is None else {"common_gain_db": {"value": gain[0], "std": gain[1]}}
     stds = knowledge.std[knowledge.z.size :]
     for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
         if nuisance.kind == "gain":
