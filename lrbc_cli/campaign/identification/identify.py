@@ -340,10 +340,10 @@ class _Job:
 
     def gain(self, fit: Fit) -> tuple[float, float] | None:
         """By how much all responses lie above what the reference job lets expect, and its standard deviation [dB]."""
-        knowledge, jacobian = fit.knowledge, fit.solution.evaluation.jacobian
-        rows = jacobian.shape[0] - fit.misfit.penalty.shape[0]
-        found = fit.plain.gains(fit.solution.theta, jacobian[:rows], knowledge.covariance, knowledge.noise.variance)
-        return None if found is None else (float(found[0][0]), float(found[1][0]))
+        knowledge, rows = fit.knowledge, fit.solution.evaluation.jacobian[: -len(fit.misfit.penalty) or None]
+        found = fit.plain.gains(fit.solution.theta, rows, knowledge.covariance, knowledge.noise.variance)
+        reach = self.statistics.values.nuisance_reach * self.statistics.errors.gain_db
+        return None if found is None else (min(max(float(found[0][0]), -reach), reach), float(found[1][0]))
 
     def validation_ratio(self, updated: Complexes) -> float:
         """How many times larger the errors are than the residuals that were fitted."""

@@ -315,7 +315,7 @@ class DataResidual:
         difference : (v,) float array
             Plain difference in dB of each valid line, gains taken out.
         """
-        if self._centre.any():
+        if self.gains is not None and self._centre.any():
             y = y * 10.0 ** (self.gains @ self._centre / 20.0)
         difference = (decibel(y) - self.target)[self.valid]
         jacobian: NDArray[Any] = J[self.valid]
