@@ -255,9 +255,8 @@ class _Reader(GroupReader):
             assert ref is not None
             matrix = self.vectors(ref, f"responses.{name}")
             if point.row >= matrix.shape[1]:
-                raise self.campaign.error(
-                    "this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row
-                )
+                known, hint = f"0 to {matrix.shape[1] - 1}", "rows are counted from 0: take 1 off the row of each response"
+                raise self.campaign.error("this row does not exist", "responses", name, "row", expected=known, found=point.row, hint=hint)
             column = matrix[:, [point.row]]
             fields = acoustic[column.indices]
             if column.nnz == 0 or (fields.any() and not fields.all()):

@@ -68,11 +68,21 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
         return None
     ways = {f"{name} mirrored": dofs.xyz * np.where(np.arange(3) == k, -1.0, 1.0) for k, name in enumerate("xyz")}
     ways |= {f"{axes} exchanged": dofs.xyz[:, order] for axes, order in EXCHANGES.items()}
+    for k, name in enumerate("xyz"):
+        ahead, behind = (k + 1) % 3, (k + 2) % 3
+        for way, sign in (("", 1.0), ("-", -1.0)):
+            xyz = dofs.xyz.copy()
+            xyz[:, ahead], xyz[:, behind] = -sign * dofs.xyz[:, behind], sign * dofs.xyz[:, ahead]
+            ways[f"all turned by {way}90 degrees about {name}"] = xyz
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
     return (
         f"the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about {axis} meets forces at "
         f"{shares[axis]:.0%} of the DOFs where a translation meets none; "
-        + (f"with {fit} it does not: correct the coordinates" if fit else "give the nodes of the model that was exported, in its axes")
+        + (
+            f"with {fit} it does not: correct the coordinates, or the components in the DOF map"
+            if fit
+            else "give the nodes of the model that was exported, in its axes"
+        )
     )
 
 
