@@ -273,9 +273,8 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].
     """
-    gain, std = result.gain or (0.0, 0.0)
     # A gain that was taken out is looked for all the same.
-    states = result.initial, result.updated * 10.0 ** (-gain / 20.0)
+    states = result.initial, result.updated / (1.0 if result.gain is None else 10.0 ** (result.gain[0] / 20.0))
     reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, states)
     involved = {i for cycle in exchanges for i in cycle}
     offsets = factors_of(inputs, result.measurement, states)
@@ -290,18 +289,16 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     job = inputs.campaign.jobs[result.name]
     units = offset_texts(inputs, offsets, result.name)
     found = [*([swapped] if swapped else []), *units.values()]
-    if not any(kind == "units" for kind, *_ in units) and (text := gain_text(inputs, result.name, gain, std)):
-        found.append(text)
+    if result.gain is not None and not any(kind == "units" for kind, *_ in units):
+        found.append(gain_text(inputs, result.name, *result.gain))
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None], compared, swapped or None
 
 
-def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str | None:
-    """What to say of a gain that all responses of a job share [dB]; None where it is within what sensors are calibrated to."""
-    if abs(gain) - 2.0 * std < LEAST_REACH:
-        return None
+def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
+    """What to say of a gain that all responses of a job share, with its standard deviation [dB]."""
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
     factor = 10.0 ** (gain / 20.0)
     scales = ", ".join(f"{r.name}: {own.scale.get(r.name, 1.0) / factor:.4g}" for r in inputs.responses)

@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import common_gain, hits_of, nuisances_of
+from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, nuisances_of, off_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
@@ -67,14 +67,14 @@ class _Job:
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
         self.error = self._change_error()
-        self.gains = common_gain(inputs) if self.error is not None else None
+        self.gains: Floats | None = None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
         self.notes += notes
 
     def _read(self, name: str) -> Measurement:
-        """A job's measurement, from its file where it was not handed over."""
+        """From its file where it was not handed over."""
         return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
 
     def _before(self) -> Floats | None:
@@ -315,7 +315,15 @@ class _Job:
     def best(self) -> Fit:
         """Relative for changes at bolts, where the reference job has the same lines."""
         corrected = self.corrected() if self.method.relative and self.error is not None else None
-        return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
+        known = (self.measured(), False) if corrected is None else (corrected, True)
+        found = self.fit(*known)
+        if self.error is not None and (gains := common_gain(self.inputs)) is not None:
+            off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
+            if off:
+                self.gains, more = gains, more + found.evaluations
+                found = self.fit(*known)
+            found = found.after(more)
+        return self.drifted(found)
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""
@@ -337,17 +345,6 @@ class _Job:
         data = partial(fit.plain.data_sum, frf=frf)
         noise = fit.knowledge.noise
         return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
-
-    def gain(self, fit: Fit) -> tuple[float, float] | None:
-        """By how much all responses lie above what the reference job lets expect, and its standard deviation [dB]."""
-        knowledge, rows = fit.knowledge, fit.solution.evaluation.jacobian[: -len(fit.misfit.penalty) or None]
-        found = fit.plain.gains(fit.solution.theta, rows, knowledge.covariance, knowledge.noise.variance)
-        reach = self.statistics.values.nuisance_reach * self.statistics.errors.gain_db
-        return None if found is None else (min(max(float(found[0][0]), -reach), reach), float(found[1][0]))
-
-    def validation_ratio(self, updated: Complexes) -> float:
-        """How many times larger the errors are than the residuals that were fitted."""
-        return ratio_of(self.inputs, self.measurement, self.inputs.campaign.jobs[self.name], self.selected, updated)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
@@ -403,11 +400,18 @@ def _identified(job: _Job) -> Identification:
     inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
     values = job.measurement.values
-    initial, updated, gain = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge), job.gain(fit)
+    initial, updated, gain = (
+        job.frf(job.start),
+        job.frf(fit.solution.theta, fit.knowledge),
+        gain_of(inputs, fit.plain, fit.solution, fit.knowledge),
+    )
     if gain is not None:
         updated = updated * 10.0 ** (gain[0] / 20.0)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
-    solution, knowledge = fit.solution, fit.knowledge.wider(job.validation_ratio(updated))
+    solution, knowledge = (
+        fit.solution,
+        fit.knowledge.wider(ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)),
+    )
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)

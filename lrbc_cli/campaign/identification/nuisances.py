@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.extended import Nuisance
-from lrbc_cli.updating.posterior.fit import Posterior
+from lrbc_cli.updating.posterior.fit import Posterior, noise_of, posterior
+from lrbc_cli.updating.search.levels import descend
+from lrbc_cli.updating.search.optimise import Solution
 
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
@@ -32,6 +36,52 @@ def common_gain(inputs: Inputs) -> Floats | None:
     if inputs.campaign.update.nuisances.gain is not None:
         return None
     return np.full((inputs.used.size, 1), inputs.statistics.errors.gain_db)
+
+
+def gain_of(inputs: Inputs, misfit: Misfit, solution: Solution, knowledge: Posterior) -> tuple[float, float] | None:
+    """The gain that all responses share at an optimum, and its standard deviation [dB]; None where the cost allows for none.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    misfit : Misfit
+    solution : Solution
+        The Jacobian of its evaluation is to the unknowns.
+    knowledge : Posterior
+    """
+    rows = solution.evaluation.jacobian[: misfit.valid.sum() * (2 if inputs.method.residual.kind != "db" else 1)]
+    found = misfit.gains(solution.theta, rows, knowledge.covariance, knowledge.noise.variance)
+    if found is None:
+        return None
+    reach = inputs.statistics.values.nuisance_reach * inputs.statistics.errors.gain_db
+    return min(max(float(found[0][0]), -reach), reach), float(found[1][0])
+
+
+def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains: Floats) -> tuple[bool, int]:
+    """Whether the measurement has another gain than the reference job, and evaluations.
+
+    Bolts make up for a gain in part: it is sought from the end of the fit without it, and from the reference state.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    fit : Fit
+        Without a gain.
+    prior : (size,) float array
+        Theta of the reference state.
+    selected : int array
+        Lines that are compared.
+    gains : (U, 1) float array
+        See ``common_gain``.
+    """
+    misfit, shapes = fit.misfit.with_gains(gains), fit.knowledge.shapes
+    bounds, method = misfit.model.parameters.bounds, inputs.method
+    stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
+    ends = [descend(misfit, theta, bounds, shapes.T, **stop) for theta in (fit.solution.theta, prior)]
+    best = min(ends, key=lambda end: end.evaluation.total)
+    knowledge = posterior(misfit, best, shapes, (), noise_of(misfit, best.evaluation, selected), prior)
+    gain, std = gain_of(inputs, misfit, best, knowledge) or (0.0, 0.0)
+    return abs(gain) - 2.0 * std > inputs.statistics.errors.least_gain_db, sum(end.evaluations for end in ends)
 
 
 def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:

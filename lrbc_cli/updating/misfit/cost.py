@@ -278,6 +278,12 @@ class Misfit:
         found._data, found.evaluations = self._data.weighted_as(other._data), 0
         return found
 
+    def with_gains(self, gains: Floats) -> Misfit:
+        """The same cost where such gains may be wrong, see ``DataResidual``."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.with_gains(gains), 0
+        return other
+
     def on_sphere(self) -> Misfit:
         """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
         other = copy(self)

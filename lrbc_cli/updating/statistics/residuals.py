@@ -150,6 +150,14 @@ class DataResidual:
         found._weigh(other.level)
         return found
 
+    def with_gains(self, gains: Floats) -> DataResidual:
+        """The same where such gains may be wrong, see the class."""
+        other = copy(self)
+        other.gains, other._centre = gains, np.zeros(gains.shape[1])
+        other._gained = other._gain_rows()
+        other._weigh(self.level)
+        return other
+
     def on_sphere(self) -> DataResidual:
         """The same between points on Riemann's sphere, whose equator is the mean level of each response: for a search.
 
