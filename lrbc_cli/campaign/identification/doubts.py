@@ -16,6 +16,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
+from lrbc_cli.updating.statistics.echo import second_blow
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.statistics.modal import other_chain
 from lrbc_cli.updating.statistics.residuals import coherence_sigma
@@ -344,7 +345,7 @@ def calibration_doubts(
 
 
 def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
-    """What to say of a job that its modes tell to be measured with another window or filter than the reference job; None where not.
+    """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
 
     Parameters
     ----------
@@ -357,4 +358,6 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names = [response.name for response in inputs.responses]
+    if (blow := second_blow(own.frequency_hz, own.values, tight.values, reference)) is not None:
+        return blow
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal)

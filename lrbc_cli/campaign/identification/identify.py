@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, nuisances_of, off_gain
+from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, nuisances_of, off_gain, seen_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
-from lrbc_cli.campaign.identification.sampling import changes_of
+from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -24,7 +24,6 @@ from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.search.ends import other_ends
 from lrbc_cli.updating.search.lcurve import curve_notes, l_curve
@@ -34,7 +33,6 @@ from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
 from lrbc_cli.updating.statistics.lines import too_wide
-from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
@@ -320,8 +318,11 @@ class _Job:
         if self.error is not None and (gains := common_gain(self.inputs)) is not None:
             off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
             if off:
-                self.gains, more = gains, more + found.evaluations
-                found = self.fit(*known)
+                self.gains = gains
+                again = self.fit(*known)
+                seen = seen_gain(self.inputs, gain_of(self.inputs, again.plain, again.solution, again.knowledge))
+                self.gains, more = gains if seen else None, more + (found if seen else again).evaluations
+                found = again if seen else found
             found = found.after(more)
         return self.drifted(found)
 
@@ -337,14 +338,6 @@ class _Job:
         rows = value.residual.size - fit.misfit.penalty.shape[0]
         jacobian = fit.solution.evaluation.jacobian[:rows]
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
-
-    def opens(self, fit: Fit) -> tuple[Bools, Bools]:
-        """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
-        pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
-        frf = self.model.nearby(fit.solution.theta)
-        data = partial(fit.plain.data_sum, frf=frf)
-        noise = fit.knowledge.noise
-        return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
 
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
         """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
@@ -417,7 +410,7 @@ def _identified(job: _Job) -> Identification:
     state = None if fit.relative else stored_covariance(job.parameters, reference)
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
-    opens = job.opens(replace(fit, knowledge=knowledge))
+    opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta))
     optimised = time.perf_counter()
     return Identification(
         name=job.name,

@@ -57,6 +57,11 @@ def gain_of(inputs: Inputs, misfit: Misfit, solution: Solution, knowledge: Poste
     return min(max(float(found[0][0]), -reach), reach), float(found[1][0])
 
 
+def seen_gain(inputs: Inputs, gain: tuple[float, float] | None) -> bool:
+    """Whether a gain lies, with its 95 % interval, beyond what a measuring chain is calibrated to."""
+    return gain is not None and abs(gain[0]) - 2.0 * gain[1] > inputs.statistics.errors.least_gain_db
+
+
 def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains: Floats) -> tuple[bool, int]:
     """Whether the measurement has another gain than the reference job, and evaluations.
 
@@ -80,8 +85,7 @@ def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains:
     ends = [descend(misfit, theta, bounds, shapes.T, **stop) for theta in (fit.solution.theta, prior)]
     best = min(ends, key=lambda end: end.evaluation.total)
     knowledge = posterior(misfit, best, shapes, (), noise_of(misfit, best.evaluation, selected), prior)
-    gain, std = gain_of(inputs, misfit, best, knowledge) or (0.0, 0.0)
-    return abs(gain) - 2.0 * std > inputs.statistics.errors.least_gain_db, sum(end.evaluations for end in ends)
+    return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
 
 
 def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:

@@ -25,7 +25,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
             continue
         aside = shifted(own, tight)
-        counted = numbered(own, tight)
+        counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
             f"job {name}: its lines are not those of {reference} ({difference}): compared without correction by it, so that errors of the "
             "model may pass for loose bolts; "
@@ -35,6 +35,9 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 if counted
                 else f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
                 if aside
+                else f"its frequencies are {other:.5g} times those of {reference}, line by line: was another sampling rate typed in? "
+                f"Divide them by {other:.5g}, or measure again with the settings of {reference}"
+                if other
                 else f"measure or export it on the lines of {reference}"
             )
         )
@@ -48,6 +51,26 @@ def numbered(own: Measurement, other: Measurement) -> str:
         return ""
     first = float(axes[0][0]) - own.left_out[0]
     return f"{first:g}" if first in (0.0, 1.0) else ""
+
+
+def clocked(own: Measurement, other: Measurement, *, most: float = 1.25, least: float = 1e-3) -> float | None:
+    """Ratio of the frequencies to those of as many evenly spaced lines of another measurement; None where there is no such ratio.
+
+    Parameters
+    ----------
+    own, other : Measurement
+    most, least : float
+        It lies between this and its inverse (rates of 44.1 to 51.2 kHz are taken for one another), and differs by so much from one.
+    """
+    axes = [each.frequency_hz for each in (own, other)]
+    counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
+    steps = [np.diff(axis) for axis in axes]
+    if counts[0] != counts[1] or any(not step.size or not np.allclose(step, step.mean(), rtol=1e-3) for step in steps):
+        return None
+    ratio = float(steps[0].mean() / steps[1].mean())
+    first = [float(axis[0] - step.mean() * each.left_out[0]) for axis, step, each in zip(axes, steps, (own, other), strict=True)]
+    alike = abs(first[0] - ratio * first[1]) < least * float(steps[1].mean()) * counts[1]
+    return ratio if alike and 1.0 / most < ratio < most and abs(ratio - 1.0) > least else None
 
 
 def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:

@@ -68,7 +68,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     period = change.shape[0] * float(steps.mean()) / at
     return (
         f"beside {reference} the levels of all responses rise and fall by {mean[at]:.1f} dB every {period:.3g} Hz, which bolts do not do: "
-        f"as if the hammer had hit a second time, {1e3 / period:.3g} ms later and {mean[at] / DB:.0%} as hard, and a window had cut that blow "
-        "from the force; expected: one blow in each record. Look at the force over time, and measure this job again (or "
+        f"as if the hammer had hit a second time, {1e3 / period:.3g} ms later and {mean[at] / DB:.0%} as hard, and a window had cut that "
+        "blow from the force; expected: one blow in each record. Look at the force over time, and measure this job again (or "
         f"{reference}, where all jobs say this)"
     )
