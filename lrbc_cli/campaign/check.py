@@ -26,7 +26,7 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import interpolated, missed, too_wide
+from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -212,10 +212,23 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
+        few = (
+            few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
+            if name == inputs.campaign.update.reference
+            else None
+        )
+        if few is not None:
+            out.warnings.append(f"job {name}: {_few_text(inputs, measurement, few)}")
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
         # Lines that are listed were chosen one by one.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")
+        if rounded := few_digits(measurement.values):
+            which = ", ".join(f"{names[i]} ({error:.1f} dB)" for i, error in rounded.items())
+            out.warnings.append(
+                f"{job.first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of each number, "
+                "also of small ones. Export it again in exponential format (1.2345e-03)"
+            )
         if straight := interpolated(measurement.values):
             out.warnings.append(f"job {name}: {straight}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
@@ -235,6 +248,18 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
+    """That the band is too narrow for verdicts, and how far the file reaches."""
+    axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
+    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
+    ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
+    wider = f"the file holds {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
+    return (
+        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz: a loosened bolt moves each one by "
+        f"another amount, and so few do not tell which bolt it was; expected: three at least. Widen reduction.band ({wider})"
+    )
 
 
 def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
