@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -208,27 +208,14 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
-        out.warnings += measurement.warnings
+        out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
-        few = (
-            few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
-            if name == inputs.campaign.update.reference
-            else None
-        )
-        if few is not None:
-            out.warnings.append(f"job {name}: {_few_text(inputs, measurement, few)}")
         empty, count = missed(measurement.frequency_hz, measurement.values[:, inputs.used], selected)
         # Lines that are listed were chosen one by one.
         if 2 * empty > count and isinstance(chosen_lines, EveryLine):
             sparse.append(f"{name} ({empty} of {count})")
-        if rounded := few_digits(measurement.values):
-            which = ", ".join(f"{names[i]} ({error:.1f} dB)" for i, error in rounded.items())
-            out.warnings.append(
-                f"{job.first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of each number, "
-                "also of small ones. Export it again in exponential format (1.2345e-03)"
-            )
         if straight := interpolated(measurement.values):
             out.warnings.append(f"job {name}: {straight}")
         lines += [f"  {note}" for note in (*_packed(measurement.notes), *(measurement.records if detailed else ()))]
@@ -248,6 +235,19 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
+    """Warnings of a band with few resonances, of which the reference job tells, and of numbers with few digits."""
+    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
+    if few is not None and name == inputs.campaign.update.reference:
+        yield f"job {name}: {_few_text(inputs, measurement, few)}"
+    if rounded := few_digits(measurement.values):
+        which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
+        yield (
+            f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of "
+            "each number, also of small ones. Export it again in exponential format (1.2345e-03)"
+        )
 
 
 def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:

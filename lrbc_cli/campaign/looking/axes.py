@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 
 
@@ -92,3 +94,34 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
     if not 1e-3 * step < abs(aside) <= (most + 1e-3) * step:
         return ""
     return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
+
+
+def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Complexes, *, most: float = 1.25, steps: int = 90) -> str | None:
+    """By which factor all frequencies of a measurement are off from the model's, and what to do; None where no factor explains it.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of the tight state, which the model does not explain as it is.
+    frequency_hz, model : (F,) float and (F, R) complex arrays
+        Lines, and the model at the start values there.
+    most, steps : float, int
+        Factors from one over it to it, evenly spaced in their logarithm, so many to each side.
+    """
+    own, here = levels(measurement.values), levels(model)
+
+    def left(factor: float) -> float:
+        read = np.column_stack([np.interp(frequency_hz * factor, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+        return float(np.median(spread(read - here, 0)))
+
+    factors = most ** (np.arange(-steps, steps + 1) / steps)
+    found = [left(float(factor)) for factor in factors]
+    best, before = float(factors[int(np.argmin(found))]), found[steps]
+    if min(found) > min(MOST_LEFT, CLEARLY * before):
+        return None
+    return (
+        f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
+        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. Was another sampling rate typed in or set "
+        f"(51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else the model is too {'soft' if best > 1.0 else 'stiff'} or "
+        f"too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density (the stiffness is off by {best**2:.3g})"
+    )
