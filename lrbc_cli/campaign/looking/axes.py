@@ -122,6 +122,6 @@ def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Comple
     return (
         f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
         f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. Was another sampling rate typed in or set "
-        f"(51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else the model is too {'soft' if best > 1.0 else 'stiff'} or "
-        f"too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density (the stiffness is off by {best**2:.3g})"
+        f"(51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else the model is too {'soft' if best > 1.0 else 'stiff'} "
+        f"or too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density (the stiffness is off by {best**2:.3g})"
     )
