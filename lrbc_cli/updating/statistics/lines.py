@@ -264,7 +264,7 @@ def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straigh
     return None
 
 
-def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-3, least: int = 20) -> dict[int, float]:
+def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-3, least: int = 20, several: int = 4) -> dict[int, float]:
     """Responses whose real and imaginary parts were written with so few digits that it shows, and their error by that [dB].
 
     Parameters
@@ -276,13 +276,18 @@ def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-
         Parts that lie this near to whole multiples of the smallest were rounded to it.
     least : int
         Number of parts that tell.
+    several : int
+        Different multiples that tell: a constant is none that was rounded.
     """
     found: dict[int, float] = {}
     for r, response in enumerate(measured.T):
         known = response[np.isfinite(response)]
         parts = np.abs(np.concatenate([known.real, known.imag]))
         parts = parts[parts > 0.0]
-        if parts.size < least or np.abs(parts / parts.min() - np.round(parts / parts.min())).max() > whole:
+        if parts.size < least:
+            continue
+        times = np.round(parts / parts.min())
+        if np.abs(parts / parts.min() - times).max() > whole or np.unique(times).size < several:
             continue
         # Rounding errors are equal between both neighbours.
         error = DB * float(parts.min()) / np.sqrt(12.0) / float(np.median(np.abs(known)) or parts.min())
