@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import interpolated, missed, too_wide
+from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -208,7 +208,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         records = sum(bool(np.isfinite(measurement.values[:, i]).any()) for i in range(len(inputs.responses)))
         chosen = f"{selected.size} selected"
         lines.append(f"{name}: {measurement.lines}, {chosen}, {records} of {len(inputs.responses)} responses matched")
-        out.warnings += measurement.warnings
+        out.warnings += [*measurement.warnings, *_poor(inputs, name, measurement)]
         out.warnings += [f"job {name}: {text}" for text in pasted(measurement, names, inputs.statistics.validation)]
         if wide := too_wide((measurement.frequency_hz, measurement.values[:, inputs.used]), rule=inputs.statistics.resolution):
             out.warnings.append(f"job {name}: {wide}, or expect wide intervals, other valleys of the cost, and no all-clear")
@@ -235,6 +235,31 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
         out.jobs = []
     lines += [f"{p.name}: {p.verb} ({p.reason})" for p in out.jobs]
     return lines
+
+
+def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
+    """Warnings of a band with few resonances, of which the reference job tells, and of numbers with few digits."""
+    few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
+    if few is not None and name == inputs.campaign.update.reference:
+        yield f"job {name}: {_few_text(inputs, measurement, few)}"
+    if rounded := few_digits(measurement.values):
+        which = ", ".join(f"{inputs.responses[i].name} ({error:.1f} dB)" for i, error in rounded.items())
+        yield (
+            f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of "
+            "each number, also of small ones. Export it again in exponential format (1.2345e-03)"
+        )
+
+
+def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
+    """That the band is too narrow for verdicts, and how far the file reaches."""
+    axis, (low, high) = measurement.frequency_hz, inputs.campaign.reduction.band
+    step = float(np.median(np.diff(axis))) if axis.size > 1 else 0.0
+    ends = axis[0] - step * measurement.left_out[0], axis[-1] + step * measurement.left_out[1]
+    wider = f"the file holds {ends[0]:.6g} to {ends[1]:.6g} Hz" if sum(measurement.left_out) else "measure a wider band"
+    return (
+        f"{count or 'no'} resonance{'' if count == 1 else 's'} in the band from {low:g} to {high:g} Hz: a loosened bolt moves each one by "
+        f"another amount, and so few do not tell which bolt it was; expected: three at least. Widen reduction.band ({wider})"
+    )
 
 
 def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:

@@ -165,7 +165,8 @@ def _hint(kind: str, value: object, model: type[BaseModel], keys: Sequence[str |
     if number and isinstance(value, str) and any(char.isdigit() for char in value):
         return "write it like 1500, 0.5 or 1e6: decimal point, no unit, no quotes"
     if kind == "tuple_type" and isinstance(value, str | int | float):
-        return f"write a list: [{value}]"
+        parts = str(value).replace(",", " ").replace(";", " ").split()
+        return f"write a list: [{', '.join(parts) or value}]"
     if kind == "bool_type":
         return "write true or false"
     if kind in ("int_type", "int_from_float") and isinstance(value, float) and value.is_integer() and abs(value) < 1e15:

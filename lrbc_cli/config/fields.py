@@ -295,3 +295,26 @@ class OperatorRef(MatrixRef):
         default=False,
         description="Take the complex conjugate: of hysteretic damping exported for exp(-i omega t), a negative imaginary part.",
     )
+
+
+def check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
+    """Weights with a middle, and a positive sum."""
+    if len(value) % 2 == 0:
+        raise problem("smoothing weights without a middle", expected="an odd number of weights", found=f"{len(value)}")
+    if not sum(value) > 0:
+        raise problem("smoothing weights that are all zero", expected="a positive sum")
+    return value
+
+
+def check_smoothing_sum(weights: tuple[float, ...] | None, normalised: bool, *, most: float = 10.0) -> None:
+    """Weights that sum to more than ``most`` shift all values by a decade from what they are called."""
+    if weights is None or normalised or sum(weights) <= most:
+        return
+    own = ", ".join(f"{weight / 100.0:g}" for weight in weights)
+    raise problem(
+        "smoothing weights that multiply the stiffness",
+        "smoothing",
+        expected="weights whose sum is about 1",
+        found=f"a sum of {sum(weights):g}",
+        hint=f"in per cent, it seems: write [{own}]; or add normalised: true",
+    )

@@ -24,6 +24,8 @@ from lrbc_cli.config.fields import (
     Range,
     Strict,
     check_inside,
+    check_smoothing,
+    check_smoothing_sum,
     check_unique,
     problem,
 )
@@ -366,14 +368,6 @@ LARGEST_LOG10 = 20.0
 Weight = Annotated[float, Field(ge=0)]
 
 
-def _check_smoothing(value: tuple[float, ...]) -> tuple[float, ...]:
-    if len(value) % 2 == 0:
-        raise problem("smoothing weights without a middle", expected="an odd number of weights", found=f"{len(value)}")
-    if not sum(value) > 0:
-        raise problem("smoothing weights that are all zero", expected="a positive sum")
-    return value
-
-
 def _conditional_schema(schema: dict[str, Any]) -> None:
     given = {"enum": ["damping", "mass"]}
     schema["if"] = {"properties": {"kind": given}, "required": ["kind"]}
@@ -407,7 +401,7 @@ class GroupConfig(Strict):
         description="What the matrices already contain for these terms (linear, not log10); it is subtracted exactly. Of bushings: 1 where "
         "the stiffness matrix holds them.",
     )
-    smoothing: Annotated[tuple[Weight, ...], Field(min_length=1, max_length=99), AfterValidator(_check_smoothing)] | None = Field(
+    smoothing: Annotated[tuple[Weight, ...], Field(min_length=1, max_length=99), AfterValidator(check_smoothing)] | None = Field(
         default=None,
         description="Weights over neighbouring terms, an odd number, for instance [0.333333, 0.666667, 0.333333]; absent: none.",
     )
@@ -444,4 +438,5 @@ class GroupConfig(Strict):
             check_inside(self.start, self.bounds)
         if self.normalised and self.smoothing is None:
             raise problem("normalised rows without smoothing", "normalised", hint="add smoothing, or remove it")
+        check_smoothing_sum(self.smoothing, self.normalised)
         return self

@@ -87,13 +87,23 @@ def check_frequencies(frequency: NDArray[np.float64], path: Path, place: str) ->
     bad = np.flatnonzero(~np.isfinite(frequency) | (frequency < 0))
     if bad.size:
         at = int(bad[0])
-        found = f"{frequency[at]} at point {at + 1}"
-        raise DataError("a frequency is wrong", file=path, place=place, expected="finite numbers from 0 Hz", found=found)
+        found = f"{frequency[at]:.10g} at point {at + 1}"
+        hint = "take out the lines that have no frequency"
+        if np.isfinite(frequency[at]):
+            hint = "export one-sided spectra, or take out the lines below 0 Hz, which hold the conjugates of those above"
+        raise DataError("a frequency is wrong", file=path, place=place, expected="finite numbers from 0 Hz", found=found, hint=hint)
     fall = np.flatnonzero(frequency[1:] <= frequency[:-1])
     if fall.size:
         at = int(fall[0])
         found = f"{frequency[at]:.10g} Hz, then {frequency[at + 1]:.10g} Hz at point {at + 2}"
         hint = "take out the line that is there twice" if frequency[at] == frequency[at + 1] else "sort the lines"
+        if (
+            fall.size == 1
+            and frequency[at + 1] < frequency[at]
+            and at + 2 < frequency.size
+            and frequency[at + 1] <= np.median(frequency[: at + 1])
+        ):
+            hint = f"two measurements in one file, it seems: leave one of them there, the points up to {at + 1} or those from {at + 2} on"
         hint += ", or say which column holds the frequencies: 'format: {frequency: ...}'" if "column" in place else ""
         raise DataError("the frequencies do not rise", file=path, place=place, expected="each above the one before", found=found, hint=hint)
 

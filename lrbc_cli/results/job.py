@@ -177,8 +177,13 @@ class Estimate(Record):
 
 
 class Nuisances(Record):
-    """Nuisance parameters, by response, or by excitation and direction."""
+    """Nuisance parameters, by response, or by excitation and direction.
 
+    ``common_gain_db`` is by how much all FRFs of the job lie above what those of the reference job let expect; it is part of the updated
+    FRFs, and no verdict rests on it.
+    """
+
+    common_gain_db: Estimate | None = None
     gain_db: dict[str, Estimate] = Field(default_factory=dict)
     hammer_offset_mm: dict[str, Estimate] = Field(default_factory=dict)
     sound_speed_percent: Estimate | None = None

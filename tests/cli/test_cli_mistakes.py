@@ -304,6 +304,36 @@ def sorted_apart(content: str) -> str:
     return "name,x,y,z\n" + "".join(f"{name},-0.01,{0.4 * (k + 0.5) / 11:.6g},0\n" for k, name in enumerate(names))
 
 
+def other_clock(factor: float) -> Rows:
+    """Measured with another clock, on the same lines."""
+
+    def rows_of(rows: np.ndarray) -> np.ndarray:
+        hz = rows[:, 0]
+        return np.column_stack([hz, *(np.interp(hz / factor, hz, column) for column in rows[:, 1:].T)])
+
+    return rows_of
+
+
+def hit_twice(hz: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The second blow, half as hard after 12 ms, was cut from the force."""
+    return values * (1.0 + 0.5 * np.exp(-2j * np.pi * hz * 0.012))[:, None]
+
+
+def appended(content: str) -> str:
+    return content + content.partition("\n")[2]
+
+
+def two_sided(rows: np.ndarray) -> np.ndarray:
+    below = rows[::-1] * np.where(np.isin(np.arange(rows.shape[1]), (0, *range(2, 9, 2))), -1.0, 1.0)
+    return np.vstack([below, rows])
+
+
+def turned_by_90_degrees(content: str) -> str:
+    """Coordinates of the nodes in other axes than the matrices."""
+    head, table, rest = re.split(r"(?<=NSET=ALL\n)|(?=\*ELEMENT)", content, maxsplit=2)
+    return head + re.sub(r"(?m)^(\d+), ([^,]+), ([^,]+)", lambda m: f"{m[1]}, {float(m[3]):.6g}, {300 - float(m[2]):.6g}", table) + rest
+
+
 @dataclass(frozen=True)
 class Mistake:
     """What was done, to which sample, and what check says; ``fix`` is the part that tells what to do."""
@@ -412,6 +442,7 @@ TIGHT = "frf: data/frf/tight.csv"
 
 #: Those that need a reduced model of their own.
 DEAR = {
+    "coordinates turned by 90 degrees",
     "density of steel for aluminium",
     "stiffness with four digits",
     "nodes mirrored",
@@ -1238,6 +1269,121 @@ MISTAKES = [
         0,
         "measured and computed FRFs have little in common",
         "it is too soft or too heavy (density, modulus, thickness, supports)",
+    ),
+    Mistake(
+        "another sampling rate typed in for one job",
+        "frame",
+        numbers(FRFS[1], times(1.02, 0, 1)),
+        0,
+        "its frequencies are 1.02 times those of tight, line by line",
+        "Divide them by 1.02",
+    ),
+    Mistake(
+        "another sampling rate typed in for all jobs",
+        "frame",
+        all_of(*(numbers(n, times(51.2 / 48, 0, 1)) for n in FRFS)),
+        0,
+        "all resonances were measured at 1.06 times the frequencies of the model",
+        "divide the frequencies by 1.06",
+    ),
+    Mistake(
+        "a clock 2 % fast in one job",
+        "frame",
+        numbers(FRFS[1], other_clock(1.02)),
+        0,
+        "3 of the 4 modes that can be compared lie 1.74% higher than in tight",
+        "Set it as in tight",
+    ),
+    Mistake(
+        "a clock 2 % slow in one job",
+        "frame",
+        numbers(FRFS[1], other_clock(0.98)),
+        0,
+        "lie 2.21% lower than in tight",
+        "Set it as in tight",
+    ),
+    Mistake(
+        "band of one resonance",
+        "frame",
+        config(("band: [30.0, 500.0]", "band: [205.0, 250.0]")),
+        0,
+        "1 resonance in the band from 205 to 250 Hz",
+        "Widen reduction.band (the file holds 30 to 500 Hz)",
+    ),
+    Mistake(
+        "hit twice in one job",
+        "frame",
+        numbers(FRFS[1], parts(hit_twice)),
+        0,
+        "in this job the hammer had hit a second time, 12 ms later and 50% as hard",
+        "measure this job again",
+    ),
+    Mistake(
+        "coordinates turned by 90 degrees",
+        "plate",
+        text("plate.inp", turned_by_90_degrees),
+        0,
+        "with all turned by 90 degrees about z it does not",
+        "correct the coordinates, or the components in the DOF map",
+    ),
+    Mistake(
+        "hammer along another axis than the file says",
+        "plate",
+        config(("hammer: {near: [63.333, 60, 4], component: UZ}", "hammer: {near: [63.333, 60, 4], component: UX}")),
+        0,
+        "tight-1.uff: the hammer hit along UZ, excitation.hammer is UX",
+        "write excitation.hammer.component as it was hit",
+    ),
+    Mistake("two measurements in one file", "frame", text(FRFS[1], appended), 3, "do not rise", "points up to 471 or those from 472 on"),
+    Mistake("two-sided spectra", "frame", numbers(FRFS[1], two_sided), 3, "-500 at point 1", "export one-sided spectra"),
+    Mistake(
+        "damping ratio for beta",
+        "plate",
+        config(("beta: 0.0, loss_factor: 0.01", "beta: 0.02"), ("loss_factor.structure", "beta.structure")),
+        0,
+        "beta is in seconds",
+        "write loss_factor: 0.04 in place of both",
+    ),
+    Mistake(
+        "smoothing in per cent",
+        "frame",
+        config(("smoothing: [0.333333, 0.666667, 0.333333]", "smoothing: [33, 67, 33]")),
+        2,
+        "a sum of 133",
+        "write [0.33, 0.67, 0.33]",
+    ),
+    Mistake(
+        "smoothing with equal weights",
+        "frame",
+        config(("smoothing: [0.333333, 0.666667, 0.333333]", "smoothing: [1, 1, 1]")),
+        2,
+        "1 in the middle, 2 beside it",
+        "leave smoothing out",
+    ),
+    Mistake(
+        "a list as one string",
+        "frame",
+        config(("responses: [acc1, acc2, acc3]", "responses: acc1 acc2 acc3")),
+        2,
+        "the text 'acc1 acc2 acc3'",
+        "write a list: [acc1, acc2, acc3]",
+    ),
+    Mistake(
+        "a gain in per cent",
+        "frame",
+        config(("update:\n", "update:\n  nuisances: {gain: 12}\n")),
+        0,
+        "12 is a standard deviation in dB, a factor of 4",
+        "write 0.98",
+    ),
+    Mistake("rows counted from 1", "frame", config(("row: 1,", "row: 2,"), ("row: 0,", "row: 1,")), 2, "0 to 1", "counted from 0"),
+    Mistake(
+        "no digits after the point",
+        "frame",
+        numbers(FRFS[1], lambda rows: rows * [1.0, *[0.03] * 8], plain="%.0f"),
+        0,
+        "loose-2.csv: numbers with too few digits",
+        "in exponential format",
     ),
 ]
 

@@ -16,6 +16,7 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
+from lrbc_cli.updating.statistics.echo import second_blow
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.statistics.modal import other_chain
 from lrbc_cli.updating.statistics.residuals import coherence_sigma
@@ -273,9 +274,11 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     misfit : pair of float or None
         Of the responses used at the start values and at the end [dB].
     """
-    reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, (result.initial, result.updated))
+    # A gain that was taken out is looked for all the same.
+    states = result.initial, result.updated / (1.0 if result.gain is None else 10.0 ** (result.gain[0] / 20.0))
+    reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, states)
     involved = {i for cycle in exchanges for i in cycle}
-    offsets = factors_of(inputs, result.measurement, (result.initial, result.updated))
+    offsets = factors_of(inputs, result.measurement, states)
     offsets = tuple(offset for offset in offsets if offset.response not in involved)
     swapped = "; ".join(exchanged_text(inputs, cycle, result.name) for cycle in exchanges)
     compared = f"{compared_text(inputs, result)}; {largest_text(inputs, offsets)}"
@@ -285,11 +288,28 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         coarse = "" if fault else coarse_text(reference)
         compared += f"; {coarse or own_fault_text(inputs, result.misfit_final, reference.job, fault)}"
     job = inputs.campaign.jobs[result.name]
-    found = [*([swapped] if swapped else []), *offset_texts(inputs, offsets, result.name).values()]
+    units = offset_texts(inputs, offsets, result.name)
+    found = [*([swapped] if swapped else []), *units.values()]
+    if result.gain is not None and not any(kind == "units" for kind, *_ in units):
+        found.append(gain_text(inputs, result.name, *result.gain))
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None], compared, swapped or None
+
+
+def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
+    """What to say of a gain that all responses of a job share, with its standard deviation [dB]."""
+    reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
+    factor = 10.0 ** (gain / 20.0)
+    scales = ", ".join(f"{r.name}: {own.scale.get(r.name, 1.0) / factor:.4g}" for r in inputs.responses)
+    size = f"{abs(factor - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
+    return (
+        f"{own.first.name}: all FRFs are {size} than those of {reference} let expect, at all lines of all responses, which no bolt does; "
+        "expected: one hammer with one sensitivity in both jobs. Verdicts do not rest on it. Fix: compare the sensitivities typed in for "
+        f"{job} and for {reference} (where all jobs say this, those of {reference} are off), and export again, or write "
+        f"jobs.{job}.scale: {{{scales}}}"
+    )
 
 
 def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job: str) -> None:
@@ -325,7 +345,7 @@ def calibration_doubts(
 
 
 def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
-    """What to say of a job that its modes tell to be measured with another window or filter than the reference job; None where not.
+    """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
 
     Parameters
     ----------
@@ -338,4 +358,6 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names = [response.name for response in inputs.responses]
+    if (blow := second_blow(own.frequency_hz, own.values, tight.values, reference)) is not None:
+        return blow
     return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal)

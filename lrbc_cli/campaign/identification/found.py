@@ -79,6 +79,8 @@ class Identification:
         Of the reference job, where there is another and it has a result.
     tight : Measurement or None
         Of that job, where it can be read.
+    gain : (float, float) or None
+        By how much all responses lie above what the reference job lets expect, part of ``updated``, and its standard deviation [dB].
     """
 
     name: str
@@ -106,3 +108,4 @@ class Identification:
     warnings: tuple[str, ...] = ()
     reference: ReferenceState | None = field(default=None, repr=False)
     tight: Measurement | None = field(default=None, repr=False)
+    gain: tuple[float, float] | None = None

@@ -11,20 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
+from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, nuisances_of, off_gain, seen_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
-from lrbc_cli.campaign.identification.sampling import changes_of
-from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, select_lines, stored_covariance, theta_of
+from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
+from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
 from lrbc_cli.errors import DataError, NumericalError
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit, penalty_rows
+from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit
 from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
 from lrbc_cli.updating.search.descent import Level, descend
 from lrbc_cli.updating.search.ends import other_ends
@@ -35,7 +34,6 @@ from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
 from lrbc_cli.updating.statistics.lines import too_wide
-from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
@@ -68,13 +66,14 @@ class _Job:
         lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
         self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
         self.error = self._change_error()
+        self.gains: Floats | None = None
         self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
         self.tight: Measurement | None = None
         self.tight_sigma: Floats | None = None
         self.notes += notes
 
     def _read(self, name: str) -> Measurement:
-        """A job's measurement, from its file where it was not handed over."""
+        """From its file where it was not handed over."""
         return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
 
     def _before(self) -> Floats | None:
@@ -107,18 +106,6 @@ class _Job:
                 return found
         # A weight that is given is one of decades.
         return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
-
-    def _rows(self) -> Floats:
-        """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
-        values = self.statistics.values
-        if self.shapes.by_bolt:
-            return self.shapes.penalty()
-        if not self.method.follows_noise:
-            return penalty_rows(self.parameters)
-        if self.against_reference:
-            return penalty_rows(self.parameters) / values.std
-        # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
-        return penalty_rows(self.parameters, values.level_std**-2, values.std**-2)
 
     def measured(self) -> Complexes:
         """(F, U) measurement on the selected lines, for the responses used."""
@@ -227,8 +214,9 @@ class _Job:
         # A ratio of two measurements has the noise of both.
         sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)
         options, errors = self.method.residual, self.statistics.errors
-        model, rows = self.model, self._rows()
-        return Misfit(model, measured, self.prior, eta, rows, options=options, sigma=sigma, errors=errors, sharp=self.sharp)
+        rows = penalty_of(self.method, self.statistics.values, self.parameters, self.shapes, self.against_reference)
+        further: dict[str, Any] = {"options": options, "sharp": self.sharp, "gains": self.gains}
+        return Misfit(self.model, measured, self.prior, eta, rows, sigma=sigma, errors=errors, **further)
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""
@@ -325,7 +313,18 @@ class _Job:
     def best(self) -> Fit:
         """Relative for changes at bolts, where the reference job has the same lines."""
         corrected = self.corrected() if self.method.relative and self.error is not None else None
-        return self.drifted(self.fit(self.measured(), False) if corrected is None else self.fit(corrected, True))
+        known = (self.measured(), False) if corrected is None else (corrected, True)
+        found = self.fit(*known)
+        if self.error is not None and (gains := common_gain(self.inputs)) is not None:
+            off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
+            if off:
+                self.gains = gains
+                again = self.fit(*known)
+                seen = seen_gain(self.inputs, gain_of(self.inputs, again.plain, again.solution, again.knowledge))
+                self.gains, more = gains if seen else None, more + (found if seen else again).evaluations
+                found = again if seen else found
+            found = found.after(more)
+        return self.drifted(found)
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""
@@ -340,20 +339,8 @@ class _Job:
         jacobian = fit.solution.evaluation.jacobian[:rows]
         return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
 
-    def opens(self, fit: Fit) -> tuple[Bools, Bools]:
-        """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped."""
-        pitch = 0.0 if self.inputs.bolts is None else pitch_of(self.inputs.bolts.xyz)
-        frf = self.model.nearby(fit.solution.theta)
-        data = partial(fit.plain.data_sum, frf=frf)
-        noise = fit.knowledge.noise
-        return open_values(self.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)
-
-    def validation_ratio(self, updated: Complexes) -> float:
-        """How many times larger the errors are than the residuals that were fitted."""
-        return ratio_of(self.inputs, self.measurement, self.inputs.campaign.jobs[self.name], self.selected, updated)
-
     def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
-        """(F, R) FRFs on all measured lines, with what drifted."""
+        """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
         if knowledge is None or self.source.stage is None or not knowledge.nuisances:
             return self.source.model(self.s, self.parameters).frf(theta)
         every = np.arange(len(self.inputs.responses))
@@ -406,15 +393,24 @@ def _identified(job: _Job) -> Identification:
     inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
     values = job.measurement.values
-    initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
+    initial, updated, gain = (
+        job.frf(job.start),
+        job.frf(fit.solution.theta, fit.knowledge),
+        gain_of(inputs, fit.plain, fit.solution, fit.knowledge),
+    )
+    if gain is not None:
+        updated = updated * 10.0 ** (gain[0] / 20.0)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
-    solution, knowledge = fit.solution, fit.knowledge.wider(job.validation_ratio(updated))
+    solution, knowledge = (
+        fit.solution,
+        fit.knowledge.wider(ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)),
+    )
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
-    opens = job.opens(replace(fit, knowledge=knowledge))
+    opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta))
     optimised = time.perf_counter()
     return Identification(
         name=job.name,
@@ -447,4 +443,5 @@ def _identified(job: _Job) -> Identification:
         warnings=tuple(job.warnings),
         reference=reference,
         tight=job.of_reference(),
+        gain=gain,
     )

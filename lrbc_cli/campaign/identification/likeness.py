@@ -78,7 +78,19 @@ def off_level(inputs: Inputs, measured: Complexes, tight: Complexes, reference: 
             f"it out of {job}"
         )
         for i in np.flatnonzero(np.abs(change) > OTHER_LEVEL_DB).tolist()
+        # A sensor that is off is off wherever the hammer hits.
+        if not any(held[k] and abs(change[k]) <= OTHER_LEVEL_DB for k in _same_sensor(inputs, i))
     }
+
+
+def _same_sensor(inputs: Inputs, response: int) -> list[int]:
+    """Other responses at the same DOF, hit elsewhere."""
+    own = inputs.responses[response]
+    return [
+        k
+        for k, other in enumerate(inputs.responses)
+        if k != response and own.node is not None and (other.node, other.direction) == (own.node, own.direction)
+    ]
 
 
 def turned(measured: Complexes, states: Complexes) -> list[int]:

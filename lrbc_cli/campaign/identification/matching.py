@@ -274,7 +274,14 @@ def misplaced(inputs: Inputs, job: JobConfig, records: list[FrfRecord | None]) -
                 f"{where} along {axes[record.response_direction]}, response {r.name} is {axes[r.direction or 0]} of that node: write "
                 f"{key}.component: {axes[record.response_direction]}, or take another channel of the sensor for it ({key}.record)"
             )
-    for at, (name, (node, _)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+    for at, (name, (node, along)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+        ways = {abs(record.reference_direction or 0) for r, record in own if r.input == at}
+        if len(ways) == 1 and {along, *ways} <= {1, 2, 3} and along not in ways:
+            axes = dict(enumerate(COMPONENTS[:3], start=1))
+            found.append(
+                f"{called(job)}: the hammer hit along {axes[ways.pop()]}, excitation.{name} is {axes[along or 0]}: write "
+                f"excitation.{name}.component as it was hit, or take the measurement that was hit along {axes[along or 0]}"
+            )
         over = {record.reference_node for r, record in own if r.input == at}
         if node is not None and len(over) == 1 and not over & {None, node}:
             hit = over.pop()

@@ -6,13 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Integers
+from lrbc_cli.arrays import Floats, Integers
+from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
+from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.extended import Nuisance
-from lrbc_cli.updating.posterior.fit import Posterior
+from lrbc_cli.updating.posterior.fit import Posterior, noise_of, posterior
+from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.optimise import Solution
 
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
@@ -25,6 +29,63 @@ def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers 
         chosen = (inputs.used if responses is None else responses).tolist()
         found += [_nuisance(inputs, "gain", inputs.responses[i].name, i, nuisances.gain) for i in chosen]
     return (*found, *hits_of(inputs, nuisances))
+
+
+def common_gain(inputs: Inputs) -> Floats | None:
+    """(U, 1) gain that all responses used share, of one standard deviation [dB]; None where the settings name gains of their own."""
+    if inputs.campaign.update.nuisances.gain is not None:
+        return None
+    return np.full((inputs.used.size, 1), inputs.statistics.errors.gain_db)
+
+
+def gain_of(inputs: Inputs, misfit: Misfit, solution: Solution, knowledge: Posterior) -> tuple[float, float] | None:
+    """The gain that all responses share at an optimum, and its standard deviation [dB]; None where the cost allows for none.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    misfit : Misfit
+    solution : Solution
+        The Jacobian of its evaluation is to the unknowns.
+    knowledge : Posterior
+    """
+    rows = solution.evaluation.jacobian[: misfit.valid.sum() * (2 if inputs.method.residual.kind != "db" else 1)]
+    found = misfit.gains(solution.theta, rows, knowledge.covariance, knowledge.noise.variance)
+    if found is None:
+        return None
+    reach = inputs.statistics.values.nuisance_reach * inputs.statistics.errors.gain_db
+    return min(max(float(found[0][0]), -reach), reach), float(found[1][0])
+
+
+def seen_gain(inputs: Inputs, gain: tuple[float, float] | None) -> bool:
+    """Whether a gain lies, with its 95 % interval, beyond what a measuring chain is calibrated to."""
+    return gain is not None and abs(gain[0]) - 2.0 * gain[1] > inputs.statistics.errors.least_gain_db
+
+
+def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains: Floats) -> tuple[bool, int]:
+    """Whether the measurement has another gain than the reference job, and evaluations.
+
+    Bolts make up for a gain in part: it is sought from the end of the fit without it, and from the reference state.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    fit : Fit
+        Without a gain.
+    prior : (size,) float array
+        Theta of the reference state.
+    selected : int array
+        Lines that are compared.
+    gains : (U, 1) float array
+        See ``common_gain``.
+    """
+    misfit, shapes = fit.misfit.with_gains(gains), fit.knowledge.shapes
+    bounds, method = misfit.model.parameters.bounds, inputs.method
+    stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
+    ends = [descend(misfit, theta, bounds, shapes.T, **stop) for theta in (fit.solution.theta, prior)]
+    best = min(ends, key=lambda end: end.evaluation.total)
+    knowledge = posterior(misfit, best, shapes, (), noise_of(misfit, best.evaluation, selected), prior)
+    return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
 
 
 def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
@@ -42,9 +103,9 @@ def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> N
     return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
 
 
-def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``."""
-    tree: dict[str, Any] = {}
+def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[float, float] | None = None) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``; ``gain`` is what all responses share [dB]."""
+    tree: dict[str, Any] = {} if gain is None else {"common_gain_db": {"value": gain[0], "std": gain[1]}}
     stds = knowledge.std[knowledge.z.size :]
     for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
         if nuisance.kind == "gain":

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Bools, Complexes, Floats
+from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
+from lrbc_cli.updating.posterior.confidence import open_values
 from lrbc_cli.updating.posterior.fit import Posterior
 from lrbc_cli.updating.posterior.mixture import ChangeSamples, MixtureProblem
 from lrbc_cli.updating.posterior.sampling import sample_changes
 from lrbc_cli.updating.search.descent import Level
+from lrbc_cli.updating.unknowns.places import pitch_of
 from lrbc_cli.updating.unknowns.shapes import neighbours
 
 
@@ -108,3 +112,18 @@ def changes_of(
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
+
+
+def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tuple[Bools, Bools]:
+    """Whether the data object to a stretch of half a pitch about each stiffness value being free, or clamped.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    fit : Fit
+    frf : callable
+        FRFs near its end, see ``FrfModel.nearby``.
+    """
+    pitch = 0.0 if inputs.bolts is None else pitch_of(inputs.bolts.xyz)
+    data, noise = partial(fit.plain.data_sum, frf=frf), fit.knowledge.noise
+    return open_values(fit.plain.model.parameters, pitch, data, fit.solution.theta, noise.variance * noise.ratio**2)

@@ -16,12 +16,16 @@ from lrbc_cli.campaign.reading.inputs import Inputs, TermGroup
 from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.config.settings import EveryLine, ListedLines
 from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.method.resolve import Method
 from lrbc_cli.model.terms import EdgeDamping, ParameterGroup, Parameterisation, smoothing_matrix
 from lrbc_cli.reduction.problem.vectors import band_omega, local_scale
 from lrbc_cli.reduction.steps.grid import band_lines
 from lrbc_cli.updating.judging.reference import ReferenceState
+from lrbc_cli.updating.misfit.cost import penalty_rows
 from lrbc_cli.updating.statistics.lines import resonance_lines
+from lrbc_cli.updating.statistics.priors import ValuePrior
 from lrbc_cli.updating.statistics.saturation import Saturation, saturation
+from lrbc_cli.updating.unknowns.shapes import Shapes
 
 
 def parameterise(inputs: Inputs, source: FrfSource, s: Complexes) -> tuple[Parameterisation, dict[str, Saturation]]:
@@ -226,3 +230,15 @@ def select_lines(inputs: Inputs, measurement: Measurement, name: str) -> Integer
     if lines == "all":
         return np.arange(frequency.size)
     return resonance_lines(frequency, measurement.values[:, inputs.used], inputs.statistics.resonances)
+
+
+def penalty_of(method: Method, values: ValuePrior, parameters: Parameterisation, shapes: Shapes, against_reference: bool) -> Floats:
+    """Rows of the penalty: in standard deviations of the prior where its weight follows the noise."""
+    if shapes.by_bolt:
+        return shapes.penalty()
+    if not method.follows_noise:
+        return penalty_rows(parameters)
+    if against_reference:
+        return penalty_rows(parameters) / values.std
+    # Of a state that nothing is compared with the level is unknown; neighbours are alike all the same.
+    return penalty_rows(parameters, values.level_std**-2, values.std**-2)

@@ -125,7 +125,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         },
         "modes": modes_tree(inputs, stage, result),
         "method": inputs.method.tree(),
-        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge),
+        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge, result.gain),
         "iterations": solution.iterations,
         "evaluations": solution.evaluations,
         "line_evaluations": result.line_evaluations,

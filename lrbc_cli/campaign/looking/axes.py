@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 
 
@@ -25,7 +27,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
         if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
             continue
         aside = shifted(own, tight)
-        counted = numbered(own, tight)
+        counted, other = numbered(own, tight), clocked(own, tight)
         found.append(
             f"job {name}: its lines are not those of {reference} ({difference}): compared without correction by it, so that errors of the "
             "model may pass for loose bolts; "
@@ -35,6 +37,9 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 if counted
                 else f"its file begins {aside}, with as many lines: were they counted from another first one? Correct its frequencies"
                 if aside
+                else f"its frequencies are {other:.5g} times those of {reference}, line by line: was another sampling rate typed in? "
+                f"Divide them by {other:.5g}, or measure again with the settings of {reference}"
+                if other
                 else f"measure or export it on the lines of {reference}"
             )
         )
@@ -48,6 +53,26 @@ def numbered(own: Measurement, other: Measurement) -> str:
         return ""
     first = float(axes[0][0]) - own.left_out[0]
     return f"{first:g}" if first in (0.0, 1.0) else ""
+
+
+def clocked(own: Measurement, other: Measurement, *, most: float = 1.25, least: float = 1e-3) -> float | None:
+    """Ratio of the frequencies to those of as many evenly spaced lines of another measurement; None where there is no such ratio.
+
+    Parameters
+    ----------
+    own, other : Measurement
+    most, least : float
+        It lies between this and its inverse (rates of 44.1 to 51.2 kHz are taken for one another), and differs by so much from one.
+    """
+    axes = [each.frequency_hz for each in (own, other)]
+    counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
+    steps = [np.diff(axis) for axis in axes]
+    if counts[0] != counts[1] or any(not step.size or not np.allclose(step, step.mean(), rtol=1e-3) for step in steps):
+        return None
+    ratio = float(steps[0].mean() / steps[1].mean())
+    first = [float(axis[0] - step.mean() * each.left_out[0]) for axis, step, each in zip(axes, steps, (own, other), strict=True)]
+    alike = abs(first[0] - ratio * first[1]) < least * float(steps[1].mean()) * counts[1]
+    return ratio if alike and 1.0 / most < ratio < most and abs(ratio - 1.0) > least else None
 
 
 def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
@@ -69,3 +94,34 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
     if not 1e-3 * step < abs(aside) <= (most + 1e-3) * step:
         return ""
     return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
+
+
+def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Complexes, *, most: float = 1.25, steps: int = 90) -> str | None:
+    """By which factor all frequencies of a measurement are off from the model's, and what to do; None where no factor explains it.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of the tight state, which the model does not explain as it is.
+    frequency_hz, model : (F,) float and (F, R) complex arrays
+        Lines, and the model at the start values there.
+    most, steps : float, int
+        Factors from one over it to it, evenly spaced in their logarithm, so many to each side.
+    """
+    own, here = levels(measurement.values), levels(model)
+
+    def left(factor: float) -> float:
+        read = np.column_stack([np.interp(frequency_hz * factor, measurement.frequency_hz, level, np.nan, np.nan) for level in own.T])
+        return float(np.median(spread(read - here, 0)))
+
+    factors = most ** (np.arange(-steps, steps + 1) / steps)
+    found = [left(float(factor)) for factor in factors]
+    best, before = float(factors[int(np.argmin(found))]), found[steps]
+    if min(found) > min(MOST_LEFT, CLEARLY * before):
+        return None
+    return (
+        f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
+        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. Was another sampling rate typed in or set "
+        f"(51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else the model is too {'soft' if best > 1.0 else 'stiff'} "
+        f"or too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density (the stiffness is off by {best**2:.3g})"
+    )

@@ -26,6 +26,7 @@ from lrbc_cli.campaign.identification.likeness import (
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import structural_share
@@ -168,6 +169,8 @@ def _looked_at(
         told |= _other_unit(inputs, source, few.values, s, states[0], parameters) or _unlike(
             inputs, few.values, s, states, loosened, parameters
         )
+        if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
+            told = {("stretched",): text}
     if not told and beside:
         told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
         away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)

@@ -40,7 +40,8 @@ from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
-from lrbc_cli.updating.statistics.residuals import DB, band_means, coherence_sigma, decibel
+from lrbc_cli.updating.statistics.residuals import DB, coherence_sigma, decibel
+from lrbc_cli.updating.statistics.shared import band_means
 
 #: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.
 REHEARSALS, DRAWS = 150, (1, 5)

@@ -11,6 +11,7 @@ import numpy as np
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign
+from lrbc_cli.method.resolve import Facts, resolve
 from lrbc_cli.model.dofs import PointTable
 from lrbc_cli.model.selection import JUMP, arc_length, edges_of, is_line, jumps
 
@@ -25,6 +26,8 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
         smoothing, differences along the edge, or the hat of a bolt reach across a jump.
     """
     found, notes, doubts = list[TermGroup](), list[str](), list[str]()
+    if resolve(campaign.update, Facts(campaign.update.reference is not None, bolts is not None)).approach == "bolts":
+        _require_own_weight(campaign)
     for group in groups:
         if group.xyz is None or group.arc_length is None:
             found.append(group)
@@ -57,6 +60,33 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
         notes += [line for part in parts if (line := _preview(part))]
         found += parts
     return found, notes, doubts
+
+
+def _require_own_weight(campaign: Campaign, *, rounding: float = 1e-3) -> None:
+    """Refuse smoothing by which a term has more of its neighbours' values than of its own.
+
+    A gap comes out narrower than it is, by the values of the tight neighbours, and to explain it these are made loose, too: on the frame
+    sample with three equal weights a tight bolt was called loose.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for name, group in campaign.parameters.items():
+        weights = group.smoothing or (1.0,)
+        own = weights[len(weights) // 2]
+        if own >= (1.0 - rounding) * (sum(weights) - own):
+            continue
+        raise campaign.error(
+            "smoothing so wide that bolts beside a loose one come out loose, too",
+            "parameters",
+            name,
+            "smoothing",
+            expected="a weight in the middle that is at least as large as all others together",
+            found=f"{own:g} in the middle, {sum(weights) - own:g} beside it",
+            hint="leave smoothing out (changes at bolts reach from bolt to bolt anyway), or write [0.333333, 0.666667, 0.333333]; "
+            "update.approach: paper takes any",
+        )
 
 
 def _no_line(campaign: Campaign, group: TermGroup, at: Integers, bolts: PointTable | None) -> str | None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
-from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, places_doubt
+from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, rigid_doubts
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import (
@@ -255,9 +255,8 @@ class _Reader(GroupReader):
             assert ref is not None
             matrix = self.vectors(ref, f"responses.{name}")
             if point.row >= matrix.shape[1]:
-                raise self.campaign.error(
-                    "this row does not exist", "responses", name, "row", expected=f"0 to {matrix.shape[1] - 1}", found=point.row
-                )
+                known, hint = f"0 to {matrix.shape[1] - 1}", "rows are counted from 0: take 1 off the row of each response"
+                raise self.campaign.error("this row does not exist", "responses", name, "row", expected=known, found=point.row, hint=hint)
             column = matrix[:, [point.row]]
             fields = acoustic[column.indices]
             if column.nnz == 0 or (fields.any() and not fields.all()):
@@ -414,7 +413,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         order = order_doubt(K, reader.dofs, source.dofs)
         reader.disordered = order is not None
         fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
-        reader.warn(*(text for text in (units, order, fewer, None if order else places_doubt(K, reader.dofs)) if text))
+        reader.warn(*(text for text in (units, order, fewer, *([] if order else rigid_doubts(K, reader.dofs))) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

@@ -207,7 +207,9 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
             )
         elif _least_ratio(own.alpha, own.beta, campaign.reduction.band) > 1.0:
             fix = "correct them, or leave out what the model has from elsewhere"
-            if _largest_ratio(own.beta, own.alpha, campaign.reduction.band) < 1.0:
+            if not own.alpha and own.beta < 0.5:
+                fix = f"beta is in seconds; if it is the damping ratio of the modes, write loss_factor: {2.0 * own.beta:g} in place of both"
+            elif _largest_ratio(own.beta, own.alpha, campaign.reduction.band) < 1.0:
                 fix = f"exchanged, it seems: write alpha: {own.beta:g}, beta: {own.alpha:g}"
             yield (
                 f"model.damping.{field}: with alpha: {own.alpha:g} and beta: {own.beta:g} nothing in the band oscillates, the damping "

@@ -96,7 +96,11 @@ def _estimates(job: JobRecord) -> dict[tuple[str, str], Estimate]:
     found = job.nuisances
     several = {("gain [dB]", of): entry for of, entry in found.gain_db.items()}
     several |= {("hammer offset [mm]", of): entry for of, entry in found.hammer_offset_mm.items()}
-    single = {("sound speed [%]", ""): found.sound_speed_percent, ("temperature [K]", ""): found.temperature_kelvin}
+    single = {
+        ("gain of all [dB]", ""): found.common_gain_db,
+        ("sound speed [%]", ""): found.sound_speed_percent,
+        ("temperature [K]", ""): found.temperature_kelvin,
+    }
     return several | {key: entry for key, entry in single.items() if entry is not None}
 
 

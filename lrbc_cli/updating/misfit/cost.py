@@ -160,6 +160,8 @@ class Misfit:
     errors : ErrorModel
     sharp : bool
         Whether the lines do not resolve the peaks: then squares in dB have a valley between any two lines, see ``on_sphere``.
+    gains : (R, K) float array or None
+        See ``DataResidual``.
 
     Raises
     ------
@@ -179,9 +181,10 @@ class Misfit:
         sigma: Floats | None = None,
         errors: ErrorModel = ERRORS,
         sharp: bool = False,
+        gains: Floats | None = None,
     ) -> None:
         self.model, self.errors, self.sharp = model, errors, sharp
-        self._data = DataResidual(measured, options, sigma, errors)
+        self._data = DataResidual(measured, options, sigma, errors, gains)
         self.prior, self.eta = prior, eta
         rows = penalty_rows(model.parameters) if penalty is None else penalty
         self.rows = rows[np.any(rows != 0.0, axis=1)]
@@ -217,11 +220,13 @@ class Misfit:
 
     def on(self, model: Sensitive, measured: Complexes) -> Misfit:
         """The same cost with another model and measurement, on other lines that weigh alike."""
-        return Misfit(model, measured, self.prior, self.eta, self.rows, options=self._data.options, errors=self.errors)
+        data = self._data
+        return Misfit(model, measured, self.prior, self.eta, self.rows, options=data.options, errors=self.errors, gains=data.gains)
 
     def mean_db(self, y: Complexes) -> float:
         """Mean absolute difference in dB, as in ``Evaluation``."""
-        return float(np.mean(np.abs(decibel(y) - self.target)[self.valid]))
+        gains = self._data.gains_db(y)
+        return float(np.mean(np.abs(decibel(y) - self.target + (0.0 if gains is None else gains))[self.valid]))
 
     def data_sum(self, theta: Floats, frf: Callable[[Floats], Complexes] | None = None) -> float:
         """Sum of squares of the data residuals, without derivatives; with another way to the same FRFs, see ``FrfModel.nearby``."""
@@ -278,6 +283,12 @@ class Misfit:
         found._data, found.evaluations = self._data.weighted_as(other._data), 0
         return found
 
+    def with_gains(self, gains: Floats) -> Misfit:
+        """The same cost where such gains may be wrong, see ``DataResidual``."""
+        other = copy(self)
+        other._data, other.evaluations = self._data.with_gains(gains), 0
+        return other
+
     def on_sphere(self) -> Misfit:
         """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
         other = copy(self)
@@ -296,6 +307,22 @@ class Misfit:
         change, shifts, band = error(self.prior, theta)
         other._data, other.evaluations = self._data.with_change(self.model.frf(theta), change, error.most, shifts, band), 0
         return other
+
+    def gains(self, theta: Floats, jacobian: Floats, covariance: Floats, variance: float) -> tuple[Floats, Floats] | None:
+        """Gains of the responses at an optimum and their standard deviations [dB]; None where none are allowed for.
+
+        Parameters
+        ----------
+        theta : (size,) float array
+        jacobian : (m, n) float array
+            Of the data residuals there, to the unknowns.
+        covariance : (n, n) float array
+            Of these.
+        variance : float
+            Of the residuals [dB²].
+        """
+        found, std = self._data.gains_db(self.model.frf(theta)), self._data.gains_std(jacobian, covariance, variance)
+        return None if found is None or std is None else (found, std)
 
     @property
     def log_det(self) -> float:

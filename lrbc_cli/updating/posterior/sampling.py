@@ -6,7 +6,7 @@ evidence of doubtful joints comes from descents with the other kind, and a chang
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -90,17 +90,47 @@ def beyond(
         if best.evidence <= own.evidence + gain or turn == rounds - 1:
             break
         state = best
-    found = Beyond(np.zeros(gains.size), np.full((gains.size, 2), np.nan))
-    loose = {i: own if state.kinds[i] else others[i] for i in doubted if state.kinds[i] or i in others}
-    felt = (stds[:, 1] > wide) & (problem.bounds[problem.bolts, 0] < -wide)
-    flat = [(i, loose[i], float(stds[i, 1])) for i in loose if felt[i]]
-    profiles = dict(zip((i for i, *_ in flat), _profiles(problem, prior, flat, (stop, held)), strict=True))
-    for i in doubted:
-        apart = known[i] if i in known else (own.evidence - others[i].evidence) * (1.0 if state.kinds[i] else -1.0)
-        more, mean, std = profiles.get(i, (0.0, np.nan, np.nan))
-        found.loose[i] = mean, std
-        found.further[i] = apart + more - (gains[i] if not state.kinds[i] else -gains[i])
-    return state, found
+    last = _Turn(state=state, own=own, others=others, doubted=doubted, known=known, gains=gains)
+    felt = np.where(problem.bounds[problem.bolts, 0] < -wide, stds[:, 1], 0.0)
+    return state, last.said(problem, prior, np.where(felt > wide, felt, np.nan), (stop, held))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Turn:
+    """What descents from one state found: where it leads itself, and with the other kind of each joint that is not settled.
+
+    Attributes
+    ----------
+    state, own : State
+    others : mapping of int to State
+    doubted : sequence of int
+        Joints that are loose or could be.
+    known : mapping of int to float
+        Log evidence for loose over tight of those that are settled.
+    gains : (b,) float array
+        Log evidence that the linear problem gives a flip.
+    """
+
+    state: State
+    own: State
+    others: Mapping[int, State]
+    doubted: Sequence[int]
+    known: Mapping[int, float]
+    gains: Floats
+
+    def said(self, problem: MixtureProblem, prior: BoltPrior, widths: Floats, stops: tuple[Stop, Stop]) -> Beyond:
+        """Evidence beyond the linear problem, and changes by profiles of those joints that have a width (b,), else NaN."""
+        kinds, found = self.state.kinds, Beyond(np.zeros(self.gains.size), np.full((self.gains.size, 2), np.nan))
+        loose = {i: self.own if kinds[i] else self.others[i] for i in self.doubted if kinds[i] or i in self.others}
+        flat = [(i, at, float(widths[i])) for i, at in loose.items() if np.isfinite(widths[i])]
+        profiles = dict(zip((i for i, *_ in flat), _profiles(problem, prior, flat, stops), strict=True))
+        for i in self.doubted:
+            sign = 1.0 if kinds[i] else -1.0
+            apart = self.known[i] if i in self.known else sign * (self.own.evidence - self.others[i].evidence)
+            more, mean, std = profiles.get(i, (0.0, np.nan, np.nan))
+            found.loose[i] = mean, std
+            found.further[i] = apart + more + sign * self.gains[i]
+        return found
 
 
 def _other_kind(problem: MixtureProblem, prior: BoltPrior, state: State, stop: Stop, joint: tuple[int, float]) -> State:

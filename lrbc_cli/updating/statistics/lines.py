@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.residuals import DB, decibel
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,16 @@ def missed(frequency_hz: Floats, measured: Complexes, selected: Integers, rule: 
     lines = np.sort(selected)
     empty = np.searchsorted(lines, ends[::2]) == np.searchsorted(lines, ends[1::2])
     return int(empty.sum()), empty.size
+
+
+def few_resonances(frequency_hz: Floats, measured: Complexes, rule: Resonances = RESONANCES, *, least: int = 3) -> int | None:
+    """How many resonances stand out of (F, R) FRFs where they are fewer than the least that tell bolts from one another; else None.
+
+    A loosened bolt moves each resonance by another amount: one or two of them have as many causes as there are bolts.
+    """
+    ends = np.diff(around_resonances(frequency_hz, measured, rule).astype(np.int8), prepend=0)
+    count = int((ends == 1).sum())
+    return count if count < least else None
 
 
 @dataclass(frozen=True)
@@ -252,6 +262,38 @@ def interpolated(measured: Complexes, *, most: int = 16, least: int = 8, straigh
                     "lines count than were measured; export the lines as they were measured"
                 )
     return None
+
+
+def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-3, least: int = 20, several: int = 4) -> dict[int, float]:
+    """Responses whose real and imaginary parts were written with so few digits that it shows, and their error by that [dB].
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+    least_db : float
+        Less shows in no verdict: a tenth of what a measuring chain is calibrated to, squared and added, is nothing.
+    whole : float
+        Parts that lie this near to whole multiples of the smallest were rounded to it.
+    least : int
+        Number of parts that tell.
+    several : int
+        Different multiples that tell: a constant is none that was rounded.
+    """
+    found: dict[int, float] = {}
+    for r, response in enumerate(measured.T):
+        known = response[np.isfinite(response)]
+        parts = np.abs(np.concatenate([known.real, known.imag]))
+        parts = parts[parts > 0.0]
+        if parts.size < least:
+            continue
+        times = np.round(parts / parts.min())
+        if np.abs(parts / parts.min() - times).max() > whole or np.unique(times).size < several:
+            continue
+        # Rounding errors are equal between both neighbours.
+        error = DB * float(parts.min()) / np.sqrt(12.0) / float(np.median(np.abs(known)) or parts.min())
+        if error > least_db:
+            found[r] = float(error)
+    return found
 
 
 def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:

@@ -38,6 +38,13 @@ class ModalRule:
         Least decay over the length of a record, in powers of e: a window that leaves more than 1/e at its end is none.
     level_db : float
         Least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as not explained.
+    clock : float
+        Least share by which modes lie higher or lower alike. A choice: temperature alone comes to a third of it for 10 K.
+    together : float
+        Largest distance of a mode's share from the median one, over that, in the half of the modes that lie highest. A choice: bolts lower
+        some modes and leave others.
+    clocked : int
+        Modes that have to be known. A choice.
     seen : float
         A channel shows a mode with at least this share of the mean square amplitude of all. A choice.
     turned : float
@@ -54,6 +61,9 @@ class ModalRule:
     share: float = 0.5
     powers: float = 1.0
     level_db: float = 1.5
+    clock: float = 0.005
+    together: float = 0.15
+    clocked: int = 4
     seen: float = 0.1
     turned: float = 20.0
 
@@ -179,6 +189,7 @@ def other_chain(
     pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
     window = _window(one.decay[first], other.decay[second], 1.0 / float(steps.mean()), reference, rule)
+    window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule)
     return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
 
 
@@ -196,6 +207,23 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
         f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks: was an exponential window set for {'this job' if sign > 0 else reference}, "
         f"down to about {100.0 * np.exp(-abs(change) * length):.2g} % at the end of the record? Use one window in all jobs, "
         "best none"
+    )
+
+
+def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule) -> str | None:
+    """Frequencies of the same modes [Hz]: loosened bolts lower some, of the others most have moved by the share of the clock alone."""
+    if own.size < rule.clocked:
+        return None
+    share = np.sort(own / tight - 1.0)[::-1]
+    upper = share[: max(rule.least, (share.size + 1) // 2)]
+    typical = float(np.median(upper))
+    if abs(typical) < rule.clock or np.abs(upper - typical).max() > rule.together * abs(typical):
+        return None
+    return (
+        f"{upper.size} of the {own.size} modes that can be compared lie {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "
+        f"{reference}, by one share, which bolts do not do, they move each mode by another: is the sampling rate, or the clock of the "
+        f"front end, another one in one of the two? Set it as in {reference} and measure again; where the file alone is wrong, divide its "
+        f"frequencies by {1.0 + typical:.5g}"
     )
 
 

@@ -8,11 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import DataError
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
+from lrbc_cli.updating.statistics.losses import on_sphere, soft
+from lrbc_cli.updating.statistics.shared import Bands, Shared, band_means
 
 #: d(20 log10 x)/d ln x.
 DB = 20.0 / float(np.log(10.0))
@@ -44,68 +45,6 @@ class ResidualOptions:
     floor: float | None = None
 
 
-def band_means(values: Floats, band: Integers, valid: NDArray[np.bool_] | None = None) -> Floats:
-    """(F, R) mean of a response's values over the lines of each one's band, of those that count."""
-    lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
-    known = np.ones(values.shape, dtype=bool) if valid is None else valid
-    return np.asarray((lies.T @ np.where(known, values, 0.0) / np.maximum(lies.T @ known, 1.0))[band])
-
-
-class _Bands:
-    """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
-
-    Parameters
-    ----------
-    size : (m,) float array
-        The error of one standard deviation over the residual's own.
-    band : (m,) int array
-    """
-
-    def __init__(self, size: Floats, band: Integers) -> None:
-        self._errors = csr_array((size, band, np.arange(size.size + 1)), shape=(size.size, int(band.max(initial=-1)) + 1))
-        self._power = np.bincount(band, size**2)
-        self._known = self._power > 0.0
-        #: log det of ``I + GGᵀ``.
-        self.log_det = float(np.log1p(self._power).sum())
-
-    def _scaled(self, columns: Floats, exponent: float) -> Floats:
-        factor = np.zeros_like(self._power)
-        factor[self._known] = ((1.0 + self._power[self._known]) ** exponent - 1.0) / self._power[self._known]
-        along = self._errors.T @ columns
-        return np.asarray(columns + self._errors @ (factor.reshape(-1, *[1] * (columns.ndim - 1)) * along))
-
-    def __call__(self, columns: Floats) -> Floats:
-        return self._scaled(columns, -0.5)
-
-    def undo(self, columns: Floats) -> Floats:
-        """What was whitened, as it was before."""
-        return self._scaled(columns, 0.5)
-
-
-class _Shared:
-    """Errors that residuals share, taken out: ``(I + BBᵀ)^(-1/2)``, the columns of B being the errors over the residuals' own.
-
-    Parameters
-    ----------
-    patterns : (m, k) float array
-    """
-
-    def __init__(self, patterns: Floats) -> None:
-        power, rotation = np.linalg.eigh(patterns.T @ patterns)
-        kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
-        self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
-        self._grown = np.sqrt(1.0 + power[kept])
-        #: log det of ``I + BBᵀ``.
-        self.log_det = float(2.0 * np.log(self._grown).sum())
-
-    def __call__(self, columns: Floats) -> Floats:
-        return np.asarray(columns - (self._directions * (1.0 - 1.0 / self._grown)) @ (self._directions.T @ columns))
-
-    def undo(self, columns: Floats) -> Floats:
-        """What was whitened, as it was before."""
-        return np.asarray(columns + (self._directions * (self._grown - 1.0)) @ (self._directions.T @ columns))
-
-
 class DataResidual:
     """Residuals of the data and their Jacobian, from the FRFs of the model and their logarithmic derivatives.
 
@@ -118,6 +57,8 @@ class DataResidual:
         Standard deviation of the measured magnitude [dB], NaN where unknown; lines are weighted by it, see ``noise_weights``.
     errors : ErrorModel
         Its model discrepancy is the first one.
+    gains : (R, K) float array or None
+        Gains of the responses that may be wrong at all lines alike, each with a standard deviation of one [dB]: taken out.
 
     Attributes
     ----------
@@ -134,9 +75,14 @@ class DataResidual:
     """
 
     def __init__(
-        self, measured: Complexes, options: ResidualOptions | None = None, sigma: Floats | None = None, errors: ErrorModel = ERRORS
+        self,
+        measured: Complexes,
+        options: ResidualOptions | None = None,
+        sigma: Floats | None = None,
+        errors: ErrorModel = ERRORS,
+        gains: Floats | None = None,
     ) -> None:
-        self.errors = errors
+        self.errors, self.gains = errors, gains
         self.options = ResidualOptions() if options is None else options
         self.valid = np.isfinite(measured) & (np.abs(measured) > 0)
         if not self.valid.any():
@@ -153,17 +99,33 @@ class DataResidual:
         self._noise = self._sigma
         self._shifts: Floats | None = None
         self._changes: tuple[Floats, Integers] | None = None
+        # Where the loss is linearised in the gains, in their standard deviations.
+        self._centre = np.zeros(0 if gains is None else gains.shape[1])
+        self._gained = self._gain_rows()
         self._weigh(errors.first_discrepancy_db)
 
     def _weigh(self, level: float) -> None:
         self.level = level
         self._weights = None if self._sigma is None else noise_weights(self._sigma, level)
-        self._bands, self._shared = None, None
-        if self._changes is not None and self._shifts is not None:
+        self._bands: Bands | None = None
+        self._shared: Shared | None = None
+        patterns = [part for part in (self._shifts, self._gained) if part is not None]
+        if not patterns:
+            return
+        columns = np.hstack(patterns)
+        own = self._own_weights(len(columns)) / level
+        if self._changes is not None:
             size, band = self._changes
-            own = self._own_weights(size.size) / level
-            self._bands = _Bands(own * size, band)
-            self._shared = _Shared(self._bands(own[:, None] * self._shifts))
+            self._bands = Bands(own * size, band)
+        columns = own[:, None] * columns
+        self._shared = Shared(columns if self._bands is None else self._bands(columns))
+
+    def _gain_rows(self) -> Floats | None:
+        """(m, K) changes of small residuals by the gains; None without them."""
+        if self.gains is None or self.options.kind == "sphere":
+            return None
+        rows = np.broadcast_to(self.gains, (*self.valid.shape, self.gains.shape[1]))[self.valid]
+        return np.vstack([rows, np.zeros_like(rows)]) if self.phase else rows
 
     def _own_weights(self, count: int) -> Floats:
         """(count,) weights of the residuals."""
@@ -184,8 +146,17 @@ class DataResidual:
         """The same with the weights of another on the same lines."""
         found = copy(self)
         found._sigma, found._shifts, found._changes = other._sigma, other._shifts, other._changes
+        found._gained, found._centre = other._gained, other._centre
         found._weigh(other.level)
         return found
+
+    def with_gains(self, gains: Floats) -> DataResidual:
+        """The same where such gains may be wrong, see the class."""
+        other = copy(self)
+        other.gains, other._centre = gains, np.zeros(gains.shape[1])
+        other._gained = other._gain_rows()
+        other._weigh(self.level)
+        return other
 
     def on_sphere(self) -> DataResidual:
         """The same between points on Riemann's sphere, whose equator is the mean level of each response: for a search.
@@ -196,7 +167,8 @@ class DataResidual:
         """
         other = copy(self)
         other.options, other._floor = ResidualOptions(kind="sphere"), None
-        other._shifts, other._changes = None, None
+        other._shifts, other._changes, other._gained = None, None, None
+        other._centre = np.zeros_like(self._centre)
         other._weigh(self.level)
         return other
 
@@ -230,6 +202,14 @@ class DataResidual:
         -------
         DataResidual
         """
+        other = self._changed(y, change, most, shifts, band)
+        for _ in range(0 if self.gains is None else self.errors.gain_rounds):
+            centred = copy(self)
+            centred._centre = other._sizes(other.raw(y))
+            other = centred._changed(y, change, most, shifts, band)
+        return other
+
+    def _changed(self, y: Complexes, change: Floats, most: float, shifts: Floats | Complexes, band: Integers) -> DataResidual:
         other = self._plain()
         wrong = self.errors.change_error * change
         both = np.hypot(wrong, most)
@@ -238,19 +218,24 @@ class DataResidual:
         own = np.abs(wrong[self.valid])
         other._sigma = own if self._noise is None else np.hypot(self._noise, own)
         mean, count = band_means(wrong, band, self.valid), int(band.max()) + 1
-        errors = np.concatenate([shifts, ((1.0 + 1.0j) * mean if self.phase else mean)[:, :, None]], axis=2)
+        parts = [shifts, ((1.0 + 1.0j) * mean if self.phase else mean)[:, :, None]]
+        if self.gains is not None:
+            parts.append(np.broadcast_to(self.gains, (*mean.shape, self.gains.shape[1])))
+        errors = np.concatenate(parts, axis=2)
         _, rows, _ = other(y, errors if self.phase else errors.real)
         bands = (band[:, None] + count * np.arange(change.shape[1]))[self.valid]
         if self.phase:
             bands = np.concatenate([bands, bands + count * change.shape[1]])
-        other._shifts, other._changes = rows[:, :-1], (rows[:, -1], bands)
+        known = shifts.shape[2]
+        other._shifts, other._changes = rows[:, :known], (rows[:, known], bands)
+        other._gained = None if self.gains is None else rows[:, known + 1 :]
         other._weigh(self.level)
         return other
 
     def _plain(self) -> DataResidual:
         """The same without weights."""
         other = copy(self)
-        other._weights = other._bands = other._shared = None
+        other._weights = other._bands = other._shared = other._gained = None
         return other
 
     @property
@@ -270,8 +255,9 @@ class DataResidual:
         return self._whiten(share[:, None] * plain)
 
     def raw(self, y: Complexes) -> Floats:
-        """Residuals before they are weighted."""
-        return self._plain()(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+        """Residuals before they are weighted, and without a gain."""
+        found = self._plain()(y, np.zeros((*y.shape, 0), dtype=complex))[0]
+        return found if self._gained is None else found - self._gained @ self._centre
 
     def follow(self, y: Complexes, spent: float) -> float:
         """Standard deviation of the model discrepancy, by the residuals that are left [dB].
@@ -335,8 +321,10 @@ class DataResidual:
             [dB]; real parts, then imaginary parts where the phase enters.
         jacobian : (m, size) float array
         difference : (v,) float array
-            Plain difference in dB of each valid line.
+            Plain difference in dB of each valid line, gains taken out.
         """
+        if self.gains is not None and self._centre.any():
+            y = y * 10.0 ** (self.gains @ self._centre / 20.0)
         difference = (decibel(y) - self.target)[self.valid]
         jacobian: NDArray[Any] = J[self.valid]
         residual: NDArray[Any] = difference
@@ -351,13 +339,48 @@ class DataResidual:
             residual, jacobian = weights * residual, weights[:, None] * jacobian
         if np.iscomplexobj(residual):
             residual, jacobian = np.concatenate([residual.real, residual.imag]), np.vstack([jacobian.real, jacobian.imag])
-        return self._whiten(np.asarray(residual)), self._whiten(np.asarray(jacobian)), difference
+        found = np.asarray(residual)
+        if self.gains is not None and self._gained is not None:
+            found = found - self._own_weights(len(found)) * (self._gained @ self._centre)
+            gain = self.gains @ (self._sizes(found, weighted=True) - self._centre)
+            difference = difference + np.broadcast_to(gain, self.valid.shape)[self.valid]
+        return self._whiten(found), self._whiten(np.asarray(jacobian)), difference
+
+    def _sizes(self, residual: Floats, weighted: bool = False) -> Floats:
+        """(K,) most probable gains, in standard deviations, by the residuals without a gain."""
+        if self._gained is None or self._shared is None:
+            return np.zeros(0)
+        own = residual if weighted else self._own_weights(residual.size) * residual
+        plain = own if self._bands is None else self._bands(own)
+        return -self._shared.sizes(plain / self.level)[-self._gained.shape[1] :]
+
+    def gains_db(self, y: Complexes) -> Floats | None:
+        """(R,) by how much measured lies above the model's FRFs y at all lines, most probably [dB]; None where no gain is allowed for."""
+        return None if self.gains is None or self._gained is None else np.asarray(self.gains @ self._sizes(self.raw(y)))
+
+    def gains_std(self, jacobian: Floats, covariance: Floats, variance: float) -> Floats | None:
+        """(R,) standard deviations of those gains [dB].
+
+        Parameters
+        ----------
+        jacobian : (m, n) float array
+            Of the residuals to unknowns, as a call gives it.
+        covariance : (n, n) float array
+            Of the unknowns.
+        variance : float
+            Of the residuals [dB²].
+        """
+        if self.gains is None or self._gained is None or self._shared is None:
+            return None
+        spread = self._shared.sizes_covariance(self._shared.undo(jacobian) / self.level, covariance, variance / self.level**2)
+        own = spread[-self.gains.shape[1] :, -self.gains.shape[1] :]
+        return np.asarray(np.sqrt(np.einsum("rk,kl,rl->r", self.gains, own, self.gains)))
 
     def _spherical(self, now: Complexes, jacobian: Complexes) -> tuple[Floats, Floats]:
         """Differences of the three coordinates, one after the other; the scale is such that a dB at the equator counts as one."""
         level = (band_means(self.target, np.zeros(len(self.target), dtype=np.int64), self.valid)[self.valid]) / DB
         (here, along), (there, _) = (
-            _on_sphere(np.asarray(decibel(x) / DB - level), np.asarray(np.angle(x), dtype=float)) for x in (now, self._measured)
+            on_sphere(np.asarray(decibel(x) / DB - level), np.asarray(np.angle(x), dtype=float)) for x in (now, self._measured)
         )
         by_level, by_phase = along
         rows = by_level[:, :, None] * jacobian.real + by_phase[:, :, None] * jacobian.imag
@@ -380,37 +403,6 @@ class DataResidual:
             return real, real_rows
         angle = weight * DB * np.angle(now / self._measured)
         return real + 1j * angle, real_rows + 1j * (np.broadcast_to(weight, angle.shape)[:, None] * jacobian.imag)
-
-
-def _on_sphere(level: Floats, phase: Floats) -> tuple[Floats, tuple[Floats, Floats]]:
-    """(3, m) points of ``exp(level + i phase)`` by stereographic projection, and their derivatives to both."""
-    cosine, sine, height, radius = np.cos(phase), np.sin(phase), np.tanh(level), 1.0 / np.cosh(level)
-    point = np.stack([radius * cosine, radius * sine, height])
-    by_level = np.stack([-radius * height * cosine, -radius * height * sine, radius**2])
-    return point, (by_level, np.stack([-radius * sine, radius * cosine, np.zeros_like(phase)]))
-
-
-def soft(residual: Floats | Complexes, jacobian: Floats | Complexes, scale: float) -> tuple[Floats | Complexes, Floats | Complexes]:
-    """Residuals whose squares are the pseudo-Huber loss ``2 a² (sqrt(1 + |r|²/a²) - 1)`` of the given ones.
-
-    ``q = r sqrt(2/(1 + u))`` with ``u = sqrt(1 + |r|²/a²)``: smooth, of the same sign or direction, r where it is small and growing
-    as the root of ``|r|`` where it is large. A complex residual shrinks as a whole.
-
-    Parameters
-    ----------
-    residual : (m,) float or complex array
-    jacobian : (m, size) float or complex array
-    scale : float
-        a.
-
-    Returns
-    -------
-    The transformed residual and its Jacobian.
-    """
-    u = np.sqrt(1.0 + np.abs(residual) ** 2 / scale**2)
-    factor = np.sqrt(2.0 / (1.0 + u))
-    along = (np.conj(residual)[:, None] * jacobian).real / scale**2
-    return factor * residual, factor[:, None] * jacobian - (residual * factor / (2.0 * u * (1.0 + u)))[:, None] * along
 
 
 def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorModel = ERRORS) -> Floats:

@@ -68,12 +68,27 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
         return None
     ways = {f"{name} mirrored": dofs.xyz * np.where(np.arange(3) == k, -1.0, 1.0) for k, name in enumerate("xyz")}
     ways |= {f"{axes} exchanged": dofs.xyz[:, order] for axes, order in EXCHANGES.items()}
+    for k, name in enumerate("xyz"):
+        ahead, behind = (k + 1) % 3, (k + 2) % 3
+        for way, sign in (("", 1.0), ("-", -1.0)):
+            xyz = dofs.xyz.copy()
+            xyz[:, ahead], xyz[:, behind] = -sign * dofs.xyz[:, behind], sign * dofs.xyz[:, ahead]
+            ways[f"all turned by {way}90 degrees about {name}"] = xyz
     fit = next((way for way, xyz in ways.items() if max(_turned(K, dofs, xyz, rows).values()) <= most), None)
     return (
         f"the coordinates of the nodes are not those of the stiffness matrix, it seems: a rigid rotation about {axis} meets forces at "
         f"{shares[axis]:.0%} of the DOFs where a translation meets none; "
-        + (f"with {fit} it does not: correct the coordinates" if fit else "give the nodes of the model that was exported, in its axes")
+        + (
+            f"with {fit} it does not: correct the coordinates, or the components in the DOF map"
+            if fit
+            else "give the nodes of the model that was exported, in its axes"
+        )
     )
+
+
+def rigid_doubts(K: sp.csc_array, dofs: DofTable) -> list[str]:
+    """What coordinates and held DOFs tell together, in words."""
+    return [text for text in (places_doubt(K, dofs), symmetry_doubt(K, dofs)) if text is not None]
 
 
 def _resting(K: sp.csc_array, component: NDArray[np.str_], *, share: float = 1e-6) -> Bools:
@@ -105,3 +120,47 @@ def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share:
         if loaded.any():
             found[name] = float((np.abs(force[loaded]) > share * size[loaded]).mean())
     return found
+
+
+def symmetry_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.8, least: int = 3, flat: float = 1e-6) -> str | None:
+    """A warning where the nodes of an outer plane are held as a plane of symmetry holds them, in words: half of the structure is missing.
+
+    A plane of symmetry with the normal x holds UX, ROTY and ROTZ, and leaves UY, UZ and ROTX; a clamped or a pinned border holds others.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    dofs : DofTable
+        Of n rows.
+    most : float
+        Share of the nodes of the plane that are held so: corners are held otherwise, too.
+    least : int
+        Number of such nodes.
+    flat : float
+        Tolerance of the plane, over the extent.
+    """
+    own = np.isin(dofs.component, COMPONENTS) & (K.diagonal() != 0.0)
+    there = set(dofs.component[own].tolist())
+    node, first, which = np.unique(dofs.node[own], return_index=True, return_inverse=True)
+    xyz = dofs.xyz[own][first]
+    held = {label: np.ones(node.size, dtype=bool) for label in there}
+    for label in there:
+        held[label][which[dofs.component[own] == label]] = False
+    extent = np.ptp(xyz, axis=0) if node.size else np.zeros(3)
+    for k, axis in enumerate("xyz"):
+        across = {f"U{axis.upper()}", *(f"ROT{other.upper()}" for other in "xyz" if other != axis)} & there
+        along = there - across
+        if not across or not along or extent[k] <= flat * extent.max():
+            continue
+        alike = np.all([held[label] for label in across] + [~held[label] for label in along], axis=0)
+        for end in (float(xyz[:, k].min()), float(xyz[:, k].max())):
+            plane = np.abs(xyz[:, k] - end) <= flat * extent[k]
+            if alike[plane].sum() >= max(least, most * plane.sum()):
+                lacking = " and ".join(sorted(across)) + (" alone is" if len(across) == 1 else " alone are")
+                return (
+                    f"half of a structure, it seems: at the nodes of an outer plane, {axis} = {end:.6g} m, {lacking} held, as on a plane "
+                    "of symmetry: the modes in which two halves move against each other, and the bolts of the other half, are not in such "
+                    "a model; expected: the whole structure. Export it without the condition of symmetry; where the real one is guided "
+                    "there, all is well"
+                )
+    return None

@@ -19,6 +19,7 @@ def setting_slips(campaign: Campaign) -> Iterator[str]:
         yield f"{lenient}: leave loose_change out, or write -0.5 for a third of the stiffness left"
     yield from _narrow_prior(campaign.update)
     yield from _ranges(campaign)
+    yield from _wide_nuisances(campaign.update)
 
 
 def _tight_states(campaign: Campaign) -> Iterator[str]:
@@ -49,6 +50,21 @@ def _narrow_prior(update: UpdateConfig, *, most: float = 4.0) -> Iterator[str]:
         yield (
             f"update.prior_std: {update.prior_std:g} expects no change at all: the one from which on a bolt counts as loose, {change:g} "
             f"decades, is {-change / update.prior_std:.0f} standard deviations away, so that loose bolts are not found: write auto"
+        )
+
+
+def _wide_nuisances(update: UpdateConfig, *, decibels: float = 3.0, kelvin: float = 40.0) -> Iterator[str]:
+    """Standard deviations of what drifts that no measuring chain and no room has, as if they were per cent and degrees."""
+    gain, air = update.nuisances.gain, update.nuisances.temperature
+    if gain is not None and gain > decibels:
+        yield (
+            f"update.nuisances.gain: {gain:g} is a standard deviation in dB, a factor of {10.0 ** (gain / 20.0):.2g}: levels then tell "
+            f"nothing; if per cent were meant, write {20.0 * np.log10(1.0 + gain / 100.0):.2g}"
+        )
+    if air is not None and air > kelvin:
+        yield (
+            f"update.nuisances.temperature: {air:g} is a standard deviation in K, by how much the air differs from job to job; the "
+            "temperature itself is `room`, in degrees Celsius: write 2 or so"
         )
 
 

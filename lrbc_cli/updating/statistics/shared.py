@@ -1,0 +1,94 @@
+"""Errors that residuals share, taken out of them: of the lines of a band, and of patterns over all lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from lrbc_cli.arrays import Floats, Integers
+
+
+def band_means(values: Floats, band: Integers, valid: NDArray[np.bool_] | None = None) -> Floats:
+    """(F, R) mean of a response's values over the lines of each one's band, of those that count."""
+    lies = (band[:, None] == np.arange(band.max() + 1)).astype(float)
+    known = np.ones(values.shape, dtype=bool) if valid is None else valid
+    return np.asarray((lies.T @ np.where(known, values, 0.0) / np.maximum(lies.T @ known, 1.0))[band])
+
+
+class Bands:
+    """Errors that the residuals of a band share, each residual being of one band: ``(I + GGᵀ)^(-1/2)``, G having one value a row.
+
+    Parameters
+    ----------
+    size : (m,) float array
+        The error of one standard deviation over the residual's own.
+    band : (m,) int array
+    """
+
+    def __init__(self, size: Floats, band: Integers) -> None:
+        self._errors = csr_array((size, band, np.arange(size.size + 1)), shape=(size.size, int(band.max(initial=-1)) + 1))
+        self._power = np.bincount(band, size**2)
+        self._known = self._power > 0.0
+        #: log det of ``I + GGᵀ``.
+        self.log_det = float(np.log1p(self._power).sum())
+
+    def _scaled(self, columns: Floats, exponent: float) -> Floats:
+        factor = np.zeros_like(self._power)
+        factor[self._known] = ((1.0 + self._power[self._known]) ** exponent - 1.0) / self._power[self._known]
+        along = self._errors.T @ columns
+        return np.asarray(columns + self._errors @ (factor.reshape(-1, *[1] * (columns.ndim - 1)) * along))
+
+    def __call__(self, columns: Floats) -> Floats:
+        """Columns of residuals, whitened."""
+        return self._scaled(columns, -0.5)
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return self._scaled(columns, 0.5)
+
+
+class Shared:
+    """Errors that residuals share, taken out: ``(I + BBᵀ)^(-1/2)``, the columns of B being the errors over the residuals' own.
+
+    Parameters
+    ----------
+    patterns : (m, k) float array
+    """
+
+    def __init__(self, patterns: Floats) -> None:
+        self._patterns = patterns
+        power, rotation = np.linalg.eigh(patterns.T @ patterns)
+        kept = power > 1e-10 * max(float(power.max(initial=0.0)), 1e-10)
+        self._directions = patterns @ (rotation[:, kept] / np.sqrt(power[kept]))
+        self._grown = np.sqrt(1.0 + power[kept])
+        #: log det of ``I + BBᵀ``.
+        self.log_det = float(2.0 * np.log(self._grown).sum())
+
+    def __call__(self, columns: Floats) -> Floats:
+        """Columns of residuals, whitened."""
+        return np.asarray(columns - (self._directions * (1.0 - 1.0 / self._grown)) @ (self._directions.T @ columns))
+
+    def undo(self, columns: Floats) -> Floats:
+        """What was whitened, as it was before."""
+        return np.asarray(columns + (self._directions * (self._grown - 1.0)) @ (self._directions.T @ columns))
+
+    def sizes(self, residual: Floats) -> Floats:
+        """(k,) the most probable size of each error, in its standard deviations, by (m,) residuals over their own."""
+        return self._share(self._patterns.T @ residual)
+
+    def sizes_covariance(self, jacobian: Floats, covariance: Floats, variance: float) -> Floats:
+        """(k, k) covariance of the sizes where the unknowns are known by (n, n) ``covariance``, residuals over their own by ``variance``.
+
+        Parameters
+        ----------
+        jacobian : (m, n) float array
+            Of the residuals over their own, before the errors are taken out.
+        covariance : (n, n) float array
+        variance : float
+        """
+        moved = self._share(self._patterns.T @ jacobian)
+        return np.asarray(self._share(variance * np.eye(self._patterns.shape[1])) + moved @ covariance @ moved.T)
+
+    def _share(self, columns: Floats) -> Floats:
+        return np.asarray(np.linalg.solve(np.eye(self._patterns.shape[1]) + self._patterns.T @ self._patterns, columns))

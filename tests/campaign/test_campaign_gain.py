@@ -1,0 +1,54 @@
+"""A job whose hammer was 12 % off: bolts were called loose; and a plane of symmetry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from campaigns import frame as make_frame
+from campaigns import lrbc
+from samples import reduced_cache
+
+from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
+from lrbc_cli.model.dofs import DofTable
+
+
+@pytest.mark.parametrize("decibels", [0.0, 1.0, -1.0])
+def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: float) -> None:
+    folder = make_frame(tmp_path)
+    factor = f"{10.0 ** (decibels / 20.0):.6f}"
+    scale = "{" + ", ".join(f"acc{k}: {factor}" for k in range(1, 5)) + "}"
+    line = ["--job", "tight", "--job", "loose-2"] + (["--override", f"jobs.loose-2.scale={scale}"] if decibels else [])
+    assert lrbc("update", folder.config, "--cache", reduced_cache("frame"), *line).code == 0
+    result = folder.result("loose-2")
+    assert {bolt["name"] for bolt in result["bolts"] if bolt["verdict"] == "loose"} == {"B3", "B4"}
+    assert result["misfit_db"]["final"] < 0.7
+    told = [text for text in result["warnings"] if "no bolt does" in text]
+    gain = result["nuisances"].get("common_gain_db")
+    if not decibels:
+        assert not told
+        assert gain is None
+        return
+    assert abs(gain["value"] - decibels) < 0.1
+    assert "higher" in told[0] if decibels > 0 else "lower" in told[0]
+    # What stands there already is kept.
+    assert "jobs.loose-2.scale: {acc1: " in told[0]
+    assert abs(float(told[0].partition("acc1: ")[2].partition(",")[0]) - 1.0) < 0.02
+
+
+def table(*held: str) -> tuple[sp.csc_array, DofTable]:
+    """Nodes of a block; those at its end lack some components."""
+    xyz = np.array([[x, y, z] for x in (0.0, 0.1, 0.2) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    rows = [(k, c, p) for k, p in enumerate(xyz) for c in ("UX", "UY", "UZ") if not (p[0] == 0.2 and c in held)]
+    dofs = DofTable(
+        node=np.array([k for k, _, _ in rows]), component=np.array([c for _, c, _ in rows]), xyz=np.array([p for _, _, p in rows])
+    )
+    return sp.eye_array(dofs.size, format="csc"), dofs
+
+
+def test_a_plane_of_symmetry_is_told_from_a_support():
+    assert "at the nodes of an outer plane, x = 0.2 m, UX alone is held" in str(symmetry_doubt(*table("UX")))
+    for held in ((), ("UX", "UY", "UZ"), ("UY",), ("UX", "UY")):
+        assert symmetry_doubt(*table(*held)) is None

@@ -1,0 +1,73 @@
+"""A gain that all responses share: found, and taken out of the cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lrbc_cli.updating.statistics.echo import second_blow
+from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
+
+LINES, RESPONSES = 200, 3
+CASES = [ResidualOptions(kind, loss) for kind in ("db", "log-complex") for loss in (None, 3.0)]
+
+
+def values(seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.exp(rng.normal(size=(LINES, RESPONSES)) + 1j * rng.uniform(-1.0, 1.0, (LINES, RESPONSES)))
+
+
+def cost(data: DataResidual, y: np.ndarray) -> float:
+    own, _, _ = data(y, np.zeros((*y.shape, 0), dtype=complex))
+    return float(own @ own)
+
+
+@pytest.mark.parametrize("options", CASES, ids=lambda o: f"{o.kind}-{o.loss_scale}")
+def test_it_is_found_and_costs_no_more_than_its_prior(options):
+    y = values()
+    plain = DataResidual(y * 10.0 ** (1.0 / 20.0), options)
+    gains = plain.with_gains(np.ones((RESPONSES, 1)))
+    assert plain.gains_db(y) is None
+    # Squares grow as they should; the soft loss is linearised where differences are small.
+    np.testing.assert_allclose(gains.gains_db(y), 1.0, atol=0.06)
+    assert cost(plain, y) > 0.8 * LINES * RESPONSES
+    assert cost(gains, y) < (1.1 if options.loss_scale is None else 4.0)
+
+
+@pytest.mark.parametrize("options", CASES, ids=lambda o: f"{o.kind}-{o.loss_scale}")
+def test_linearised_about_itself_it_is_exact_also_with_a_loss(options):
+    y = values()
+    change, band = np.zeros(y.shape), np.zeros(LINES, dtype=np.int64)
+    shifts = np.zeros((*y.shape, 1), dtype=complex)
+    data = DataResidual(y * 10.0 ** (2.0 / 20.0), options).with_gains(np.ones((RESPONSES, 1)))
+    about = data.with_change(y, change, 1.0, shifts, band)
+    np.testing.assert_allclose(about.gains_db(y), 2.0, atol=0.03)
+
+
+def test_the_difference_is_told_without_it():
+    y = values()
+    data = DataResidual(2.0 * y).with_gains(np.full((RESPONSES, 1), 10.0))
+    _, _, difference = data(y, np.zeros((*y.shape, 0)))
+    assert np.abs(difference).max() < 0.01
+
+
+def test_its_standard_deviation_is_that_of_a_mean_beside_unknowns():
+    rng = np.random.default_rng(2)
+    y, J = values(), rng.normal(size=(LINES, RESPONSES, 2))
+    data = DataResidual(y).with_gains(np.full((RESPONSES, 1), 100.0))
+    _, rows, _ = data(y, J)
+    covariance = 0.25 * np.linalg.inv(rows.T @ rows)
+    exact = np.linalg.inv((A := np.column_stack([J.reshape(-1, 2), np.ones(y.size)])).T @ A)[2, 2]
+    np.testing.assert_allclose(data.gains_std(rows, covariance, 0.25), 0.5 * np.sqrt(exact), rtol=1e-3)
+
+
+@pytest.mark.parametrize("size", [0.3, 0.6])
+def test_a_second_blow_in_either_job(size):
+    hz, tight = np.arange(30.0, 430.0), np.ones((400, 2), dtype=complex)
+    own = tight * np.exp(0.02 * np.random.default_rng(3).normal(size=tight.shape))
+    twice = (1.0 + size * np.exp(-2j * np.pi * hz * 0.02))[:, None]
+    assert second_blow(hz, own, tight, "tight") is None
+    told = str(second_blow(hz, own * twice, tight, "tight"))
+    assert "as if in this job the hammer had hit a second time, 20" in told
+    assert f"ms later and {size:.0%} as hard" in told
+    assert "as if in tight the hammer" in str(second_blow(hz, own, tight * twice, "tight"))
