@@ -14,7 +14,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import fitting, key_of, key_parts
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
-from lrbc_cli.campaign.identification.doubts import calibration_doubts, refuse_units
+from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
 from lrbc_cli.campaign.identification.nuisances import hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines

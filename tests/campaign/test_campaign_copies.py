@@ -11,8 +11,8 @@ from campaigns import Folder, frame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lrbc_cli.campaign.identification import copies
-from lrbc_cli.campaign.identification.copies import Earlier, copied_responses, copied_text
+from lrbc_cli.campaign.identification.compared import copies
+from lrbc_cli.campaign.identification.compared.copies import Earlier, copied_responses, copied_text
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.updating.statistics.model import ValidationChannels
 

@@ -10,7 +10,7 @@ import pytest
 from campaigns import Folder
 
 import lrbc_cli as lrbc
-from lrbc_cli.campaign.identification.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
+from lrbc_cli.campaign.identification.compared.doubts import coarse_text, noise_level, offset_texts, own_fault_text, unreached, worsened
 from lrbc_cli.campaign.identification.records import read_measurement
 from lrbc_cli.campaign.reading.doubts import springs
 from lrbc_cli.model.units import SI

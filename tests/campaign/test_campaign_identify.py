@@ -15,6 +15,7 @@ from systems import direct_frf
 
 import lrbc_cli
 from lrbc_cli.campaign.identification import identify as identification
+from lrbc_cli.campaign.identification import job as job_module
 from lrbc_cli.campaign.jobs.identity import identification as identity_of
 from lrbc_cli.campaign.reading.factors import CalibrationUse
 from lrbc_cli.campaign.reading.inputs import read_as_exported
@@ -128,7 +129,7 @@ def test_bfgs_is_the_descent_at_every_weight(frame: Folder, monkeypatch: pytest.
         raise AssertionError("gauss-newton")
 
     monkeypatch.setattr(descent, "gauss_newton", refuse)
-    monkeypatch.setattr(identification, "gauss_newton", refuse)
+    monkeypatch.setattr(job_module, "gauss_newton", refuse)
     tree = identify(frame, AUTO, "update.method=bfgs", job="loose-2")
     assert tree["optimiser"]["regularisation"] == pytest.approx(
         tree["noise"]["sigma_db"] ** 2 * tree["noise"]["correlation_factor"], rel=0.1
@@ -551,12 +552,12 @@ def test_values_along_the_edge_have_a_normal_prior(box: Folder) -> None:
 def test_the_reference_job_begins_where_the_calibration_ended(box: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     """A calibration identifies the boundary beside its factors. A reference job that ends above it makes all others look wrong."""
     measure(box, 10.0**MILD, job="tight")
-    study, search = lrbc_cli.load(box.config, cache=box.cache), identification.gauss_newton_by_levels
+    study, search = lrbc_cli.load(box.config, cache=box.cache), job_module.gauss_newton_by_levels
     # A search that goes nowhere: what is left is where it begins.
     nowhere: dict[str, Any] = {"max_iterations": 0, "knots": ()}
-    monkeypatch.setattr(identification, "gauss_newton_by_levels", lambda *given, **known: search(*given, **known | nowhere))
+    monkeypatch.setattr(job_module, "gauss_newton_by_levels", lambda *given, **known: search(*given, **known | nowhere))
     stay = partial(descent.descend, max_iterations=0)
-    monkeypatch.setattr(identification._Job, "_descend", lambda self, misfit, start: stay(misfit, start, self.parameters.bounds))
+    monkeypatch.setattr(job_module.Job, "_descend", lambda self, misfit, start: stay(misfit, start, self.parameters.bounds))
     use = CalibrationUse(used=True, text="used", boundary={"springs": Boundary(log10=MILD)})
     found = [identification.identify(replace(study.inputs, calibration=own), study.source, "tight") for own in (None, use)]
     before, after = (one.misfit_final.mean() for one in found)

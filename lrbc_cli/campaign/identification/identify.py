@@ -2,356 +2,29 @@
 
 from __future__ import annotations
 
-import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
-import numpy as np
-
-from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit, Identification
-from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, nuisances_of, off_gain, seen_gain
-from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
+from lrbc_cli.campaign.identification.job import Job
+from lrbc_cli.campaign.identification.nuisances import gain_of
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
-from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
-from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma, ratio_of
+from lrbc_cli.campaign.identification.unknowns import stored_covariance
+from lrbc_cli.campaign.identification.weights import ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reduced.stage import FrfSource, affine_model
-from lrbc_cli.errors import DataError, NumericalError
+from lrbc_cli.campaign.reduced.stage import FrfSource
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError, Misfit, mean_misfit
-from lrbc_cli.updating.misfit.extended import ExtendedFrf, Nuisance
-from lrbc_cli.updating.posterior.fit import Posterior, extended_misfit, follow_noise, no_worse, noise_of, posterior, weighed
-from lrbc_cli.updating.search.descent import Level, descend
+from lrbc_cli.updating.misfit.cost import mean_misfit
 from lrbc_cli.updating.search.ends import other_ends
-from lrbc_cli.updating.search.lcurve import curve_notes, l_curve
-from lrbc_cli.updating.search.levels import gauss_newton_by_levels
-from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
-from lrbc_cli.updating.search.search import search
-from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
-from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
-from lrbc_cli.updating.statistics.lines import too_wide
-from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
-
-log = logging.getLogger(__name__)
-
-
-class _Job:
-    """What the steps of one identification share."""
-
-    def __init__(
-        self, inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, given: Mapping[str, Measurement]
-    ) -> None:
-        self.inputs, self.source, self.name, self.reference, self._given = inputs, source, name, reference, given
-        self.method, self.statistics = inputs.method, inputs.statistics
-        self.begin = time.perf_counter()
-        self.measurement = self._read(name)
-        self.seconds_read = time.perf_counter() - self.begin
-        for warning in self.measurement.warnings:
-            log.warning("job %s: %s", name, warning)
-        self.s = 2j * np.pi * self.measurement.frequency_hz
-        self.parameters, self.limits = parameterise(inputs, source, self.s)
-        self.start = self.parameters.initial
-        self.notes: list[str] = []
-        self.warnings: list[str] = []
-        before = self._before()
-        self.against_reference = before is not None
-        self.prior = self.start if before is None else before
-        self.shapes = self._shapes()
-        self.selected = select_lines(inputs, self.measurement, name)
-        self.model = source.model(self.s, self.parameters, self.selected, inputs.used)
-        lines = self.measurement.frequency_hz, self.measurement.values[:, inputs.used]
-        self.sharp = too_wide(lines, rule=self.statistics.resolution) is not None
-        self.error = self._change_error()
-        self.gains: Floats | None = None
-        self.sigma, notes = line_sigma(inputs, self.measurement, inputs.campaign.jobs[name], self.selected)
-        self.tight: Measurement | None = None
-        self.tight_sigma: Floats | None = None
-        self.notes += notes
-
-    def _read(self, name: str) -> Measurement:
-        """From its file where it was not handed over."""
-        return self._given[name] if name in self._given else read_measurement(self.inputs, self.inputs.campaign.jobs[name], name)
-
-    def _before(self) -> Floats | None:
-        """Theta of the reference job, where it is the prior."""
-        job = self.inputs.campaign.update.reference
-        if self.method.approach == "paper" or job is None or job == self.name:
-            return None
-        found = None if self.reference is None else theta_of(self.parameters, self.reference.parameters)
-        if found is None:
-            self.warnings.append(f"the reference job {job} has no result: the start values are the prior, no bolt is judged")
-        return found
-
-    def _change_error(self) -> ChangeError | None:
-        """How wrong the changes may be that the model predicts; None without a state that it explains."""
-        if self.reference is None or not self.shapes.by_bolt or not self.method.weighted:
-            return None
-        step = SLOPE_STEP * float(self.measurement.frequency_hz[-1])
-        nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, self.selected, self.inputs.used)
-        # A change is the difference of two states, each as wrong as the reference state.
-        most = float(np.sqrt(2.0)) * max(self.reference.sigma_db, self.reference.misfit_db)
-        lines = self.measurement.frequency_hz[self.selected]
-        here, size, errors = self.model.frf, self.parameters.size, self.statistics.errors
-        return ChangeError(most=most, here=here, nearby=nearby.frf, frequency_hz=lines, step_hz=step, size=size, errors=errors)
-
-    def _shapes(self) -> Shapes:
-        values, bolts = self.statistics.values, self.inputs.bolts
-        if self.against_reference and bolts is not None:
-            found = bolt_shapes(self.parameters, bolts.xyz, values, self.statistics.bolts)
-            if (found.bolts >= 0).any():
-                return found
-        # A weight that is given is one of decades.
-        return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
-
-    def measured(self) -> Complexes:
-        """(F, U) measurement on the selected lines, for the responses used."""
-        return self.measurement.values[np.ix_(self.selected, self.inputs.used)]
-
-    def corrected(self) -> Complexes | None:
-        """The same times what the model at the reference state has over the reference measurement, where both are known.
-
-        The model discrepancy of the tight state is mostly that of the others too; a small change then shows above it.
-        """
-        reference = self.inputs.campaign.update.reference
-        if not self.against_reference or reference is None:
-            return None
-        try:
-            tight = self.tight = self._read(reference)
-        except DataError as error:
-            # Its earlier result still serves.
-            self.warnings.append(f"the measurement of {reference} is unusable ({error.problem}): compared without correction")
-            return None
-        if which := unlike(self.measurement.frequency_hz, tight.frequency_hz):
-            self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
-            return None
-        self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
-        known = tight.values[np.ix_(self.selected, self.inputs.used)]
-        return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
-
-    def of_reference(self) -> Measurement | None:
-        """The measurement of the reference job; None in that itself, or where it cannot be read."""
-        reference = self.inputs.campaign.update.reference
-        if self.tight is not None or reference in (None, self.name):
-            return self.tight
-        try:
-            return self._read(reference)
-        except DataError:
-            return None
-
-    def fit(self, measured: Complexes, relative: bool, *, unexplained_db: float = 3.0) -> Fit:
-        """Minimise; the weight of the prior by the method. An end that leaves more than so much is not yet believed."""
-        method, bounds, weight = self.method, self.parameters.bounds, self.method.regularisation
-        eta = self.statistics.values.first_variance if weight == "noise" else 0.0 if weight == "l-curve" else float(weight)
-        misfit = self._misfit(measured, eta, relative)
-        span = self.shapes.T if self.shapes.by_bolt else None
-        curve, sought = None, 0
-        further = {} if span is not None else calibrated_start(self.inputs, self.parameters)
-        known = tuple(further.values())
-        begin = self.prior if span is not None else self.start
-        if weight == "l-curve":
-            curve = l_curve(misfit, begin, bounds)
-            misfit = misfit.with_eta(curve.chosen)
-            further |= {"end of the L-curve": curve.nearest}
-        if method.optimiser == "bfgs":
-            solution = self._descend(misfit, begin)
-        else:
-            stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
-            mirrors = alone if self.inputs.bolts is None else partial(self.shapes.mirrored, self.inputs.bolts.xyz)
-            beside: dict[str, Any] = {"span": span, "joints": self.shapes.joint_columns, "mirrors": mirrors}
-            if span is not None:
-                beside["wide"] = self._smoothed(misfit, relative) if self.shapes.joint_columns else []
-                further, sought = self._sought(misfit, beside["wide"])
-            solution = gauss_newton_by_levels(misfit, begin, bounds, further=further, **beside, **stop)
-            if span is not None and solution.evaluation.misfit_db > unexplained_db:
-                # The table may have stepped over a narrow valley: before anything is blamed, a closer one.
-                closer, more = self._table(misfit, between(LEVELS))
-                first, places = solution, {"the end without it": solution.theta} | closer
-                again = gauss_newton_by_levels(misfit, begin, bounds, further=places, **beside, **stop)
-                solution, sought = min(first, again, key=lambda end: end.evaluation.total), sought + more
-                sought += (first.evaluations + again.evaluations) - solution.evaluations
-        if solution.status == "failed":
-            raise NumericalError(f"job {self.name}: {solution.reason}")
-        if method.follows_noise:
-            misfit, solution, noise = follow_noise(misfit, solution, self._descend, self.selected, self.error, (begin, *known))
-        else:
-            noise = noise_of(misfit, solution.evaluation, self.selected)
-        knowledge = posterior(misfit, solution, self.shapes, (), noise, self.prior)
-        evaluations = solution.evaluations + (curve.evaluations if curve else 0)
-        return Fit(
-            measured=measured,
-            relative=relative,
-            plain=misfit,
-            misfit=misfit,
-            solution=solution,
-            knowledge=knowledge,
-            curve=curve,
-            evaluations=evaluations,
-        ).after(sought)
-
-    def _table(self, misfit: Misfit, levels: Sequence[float] = LEVELS) -> tuple[dict[str, Floats], int]:
-        """States of loosened bolts by a table, described; bolts side by side may have loosened together. And evaluations."""
-        bolts = self.inputs.bolts
-        assert bolts is not None
-        pairs = neighbouring_columns(self.parameters, bolts.xyz, self.shapes)
-        return search(misfit, self.shapes, self.parameters.bounds, pairs, names=bolts.name, levels=levels)
-
-    def _sought(self, misfit: Misfit, wide: Sequence[Misfit]) -> tuple[dict[str, Floats], int]:
-        """States from which to descend, described; and evaluations. ``wide`` are costs between smoothed spectra, where there are some."""
-        further, sought = self._table(misfit)
-        if wide:
-            # Where all joints scatter, a loose one shows there only; where the model errs, on the lines only.
-            tabled, more = self._table(wide[0])
-            led, most = narrowed(wide, tabled, self.parameters.bounds, self.shapes.T)
-        else:
-            (led, most), more = prior_draws(misfit, self.shapes, self.parameters.bounds, further), 0
-        return further | led, sought + more + most
-
-    def _misfit(self, measured: Complexes, eta: float, relative: bool) -> Misfit:
-        # A ratio of two measurements has the noise of both.
-        sigma = joint_sigma(self.sigma, self.tight_sigma if relative else None)
-        options, errors = self.method.residual, self.statistics.errors
-        rows = penalty_of(self.method, self.statistics.values, self.parameters, self.shapes, self.against_reference)
-        further: dict[str, Any] = {"options": options, "sharp": self.sharp, "gains": self.gains}
-        return Misfit(self.model, measured, self.prior, eta, rows, sigma=sigma, errors=errors, **further)
-
-    def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
-        """Costs between smoothed spectra, the widest first."""
-        measurement, used = self.measurement, self.inputs.used
-        tight = self.tight.values[:, used] if relative and self.tight is not None else None
-        own, model = measurement.values[:, used], lambda s: self.source.model(s, self.parameters, None, used)
-        return smoothed_costs(misfit, model, measurement.frequency_hz, own, tight, self.statistics.calibration)
-
-    def _descend(self, misfit: Misfit, start: Floats) -> Solution:
-        """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""
-        method, bounds = self.method, self.parameters.bounds
-        if method.optimiser == "gauss-newton":
-            return descend(misfit, start, bounds, self.shapes.T, tolerance=method.tolerance, max_iterations=method.max_iterations)
-        return bfgs(misfit, start, bounds, tolerance=method.tolerance, max_iterations=method.max_iterations)
-
-    def _nuisances(self) -> tuple[Nuisance, ...]:
-        """What may have drifted; in the reference job itself, from which the others drift, where the hammer hit."""
-        update = self.inputs.campaign.update
-        if self.against_reference:
-            return nuisances_of(self.inputs, update.nuisances)
-        return hits_of(self.inputs, update.nuisances) if self.name == update.reference else ()
-
-    def _tight_frf(self) -> Complexes:
-        """FRFs of the model at the reference state on the selected lines, hit where the reference job was."""
-        nuisances = hits_of(self.inputs, self.inputs.campaign.update.nuisances)
-        offsets = {} if self.reference is None else self.reference.hammer_offset_m
-        if not nuisances or self.source.stage is None or not offsets:
-            return self.model.frf(self.prior)
-        affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
-        return model.frf(np.concatenate([self.prior, [offsets.get(nuisance.name, 0.0) for nuisance in nuisances]]))
-
-    def drifted(self, fit: Fit, *, rounds: int = 3, steps: int = 12, tolerance: float = 1e-3, change: float = 0.15) -> Fit:
-        """The same with what may have drifted since the reference job, from here and from the reference state.
-
-        Its evaluations cost a factorisation of the reduced model a line. Rounds of noise, iterations and stop rule of each, and change of
-        the noise variance that needs no further round.
-        """
-        nuisances = self._nuisances()
-        if not nuisances:
-            return fit
-        # The campaign file is refused where it asks for drift of the full model.
-        assert self.source.stage is not None
-        affine = affine_model(self.inputs, self.source.stage)
-        model = ExtendedFrf(affine, self.s[self.selected], self.parameters, nuisances, self.inputs.used)
-        noise, least = fit.knowledge.noise, self.statistics.errors.least_variance
-        T = np.zeros((model.size, self.shapes.T.shape[1] + len(nuisances)))
-        T[: self.parameters.size, : self.shapes.T.shape[1]] = self.shapes.T
-        T[self.parameters.size :, self.shapes.T.shape[1] :] = np.eye(len(nuisances))
-        misfit = extended_misfit(fit.misfit, model, nuisances, noise.variance)
-        level = Level(misfit, misfit.prior, T)
-        box = level.bounds(model.bounds)
-
-        def onwards(z: Floats, iterations: int) -> Solution:
-            limit = min(iterations, self.method.max_iterations)
-            return gauss_newton(level, np.clip(z, box[:, 0], box[:, 1]), box, tolerance=tolerance, max_iterations=limit)
-
-        # Drift alone may explain what a first fit gave to the bolts: the reference state is a start of its own.
-        first = np.concatenate([fit.knowledge.z, np.zeros(len(nuisances))])
-        begun = [onwards(z, 2) for z in (first, np.zeros(first.size))]
-        evaluations = fit.evaluations + sum(found.evaluations for found in begun)
-        found = min(begun, key=lambda end: end.evaluation.total)
-        for _ in range(rounds):
-            found = onwards(found.theta, steps)
-            evaluations += found.evaluations
-            now = noise_of(misfit, found.evaluation, self.selected)
-            settled = abs(now.variance - noise.variance) < change * max(noise.variance, least)
-            if not self.method.follows_noise or settled:
-                break
-            base, variance = weighed(misfit, found.evaluation, now, level.theta(found.theta), self.error)
-            noise = now.at(float(np.sqrt(variance / now.at(1.0).variance)))
-            misfit = extended_misfit(fit.misfit.weighted_as(base).with_eta(max(noise.variance, least)), model, nuisances, noise.variance)
-            level = Level(misfit, misfit.prior, T)
-        best = no_worse(level, found, (first, np.zeros(first.size)), lambda z: onwards(z, steps))
-        evaluations += best.evaluations - found.evaluations
-        found = replace(best, theta=level.theta(best.theta))
-        noise = noise_of(misfit, found.evaluation, self.selected)
-        knowledge = posterior(misfit, found, self.shapes, nuisances, noise, self.prior)
-        history = fit.solution.history
-        solution = replace(
-            found,
-            theta=found.theta[: self.parameters.size],
-            starts=fit.solution.starts,
-            history=history,
-            iterations=fit.solution.iterations + found.iterations,
-            evaluations=fit.solution.evaluations + evaluations - fit.evaluations,
-        )
-        # The same measurement without what drifted, as far as it is known: the port formula then serves for what follows.
-        own = solution.theta
-        measured = fit.measured * (self.model.frf(own) / model.frf(found.theta))
-        plain = self._misfit(measured, misfit.eta if fit.plain.eta else 0.0, fit.relative).weighted_as(misfit)
-        return replace(fit, measured=measured, plain=plain, misfit=misfit, solution=solution, knowledge=knowledge, evaluations=evaluations)
-
-    def best(self) -> Fit:
-        """Relative for changes at bolts, where the reference job has the same lines."""
-        corrected = self.corrected() if self.method.relative and self.error is not None else None
-        known = (self.measured(), False) if corrected is None else (corrected, True)
-        found = self.fit(*known)
-        if self.error is not None and (gains := common_gain(self.inputs)) is not None:
-            off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
-            if off:
-                self.gains = gains
-                again = self.fit(*known)
-                seen = seen_gain(self.inputs, gain_of(self.inputs, again.plain, again.solution, again.knowledge))
-                self.gains, more = gains if seen else None, more + (found if seen else again).evaluations
-                found = again if seen else found
-            found = found.after(more)
-        return self.drifted(found)
-
-    def about_reference(self, fit: Fit) -> Fit:
-        """The same with the uncertainty of the reference state."""
-        if not self.against_reference:
-            return fit
-        state, knowledge = stored_covariance(self.parameters, self.reference), fit.knowledge
-        if fit.relative:
-            # Its error is in model and measurement alike; that of its measurement is in the residuals.
-            return replace(fit, knowledge=knowledge.about_estimate(state))
-        value = fit.misfit(np.concatenate([fit.solution.theta, knowledge.values]))
-        rows = value.residual.size - fit.misfit.penalty.shape[0]
-        jacobian = fit.solution.evaluation.jacobian[:rows]
-        return replace(fit, knowledge=knowledge.about_estimate(state, jacobian, value.jacobian[:rows, : self.parameters.size])).after(1)
-
-    def frf(self, theta: Floats, knowledge: Posterior | None = None) -> Complexes:
-        """(F, R) FRFs on all measured lines, with what drifted; a common gain apart."""
-        if knowledge is None or self.source.stage is None or not knowledge.nuisances:
-            return self.source.model(self.s, self.parameters).frf(theta)
-        every = np.arange(len(self.inputs.responses))
-        model = ExtendedFrf(affine_model(self.inputs, self.source.stage), self.s, self.parameters, knowledge.nuisances, every)
-        return model.frf(np.concatenate([theta, knowledge.values]))
+from lrbc_cli.updating.search.lcurve import curve_notes
 
 
 def fit(inputs: Inputs, source: FrfSource, name: str, reference: ReferenceState | None, measurements: Mapping[str, Measurement]) -> Fit:
     """The optimisation of one job alone: the cost as it was weighted in the end, and its minimum. Parameters as of ``identify``."""
     with source.threads():
-        return _Job(inputs, source, name, reference, measurements).best()
+        return Job(inputs, source, name, reference, measurements).best()
 
 
 def identify(
@@ -385,26 +58,21 @@ def identify(
         Where the optimisation fails.
     """
     with source.threads():
-        return _identified(_Job(inputs, source, name, reference, measurements or {}))
+        return _identified(Job(inputs, source, name, reference, measurements or {}))
 
 
-def _identified(job: _Job) -> Identification:
+def _identified(job: Job) -> Identification:
     ports = time.perf_counter()
     inputs, reference = job.inputs, job.reference
     fit = job.about_reference(job.best())
     values = job.measurement.values
-    initial, updated, gain = (
-        job.frf(job.start),
-        job.frf(fit.solution.theta, fit.knowledge),
-        gain_of(inputs, fit.plain, fit.solution, fit.knowledge),
-    )
+    initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
+    gain = gain_of(inputs, fit.plain, fit.solution, fit.knowledge)
     if gain is not None:
         updated = updated * 10.0 ** (gain[0] / 20.0)
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
-    solution, knowledge = (
-        fit.solution,
-        fit.knowledge.wider(ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)),
-    )
+    ratio = ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)
+    solution, knowledge = fit.solution, fit.knowledge.wider(ratio)
     if fit.curve is not None:
         job.notes += curve_notes(fit.curve)
     state = None if fit.relative else stored_covariance(job.parameters, reference)

@@ -31,6 +31,38 @@ def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers 
     return (*found, *hits_of(inputs, nuisances))
 
 
+def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
+    """Those of them that say where the hammer hit."""
+    found: list[Nuisance] = []
+    if nuisances.hammer is not None and inputs.shifts is not None:
+        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
+            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
+            found += [_nuisance(inputs, "shift", f"{name} {along[k]}", 2 * load + k, nuisances.hammer) for k in range(2)]
+    return tuple(found)
+
+
+def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> Nuisance:
+    bound = inputs.statistics.values.nuisance_reach * std
+    return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
+
+
+def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[float, float] | None = None) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``; ``gain`` is what all responses share [dB]."""
+    tree: dict[str, Any] = {} if gain is None else {"common_gain_db": {"value": gain[0], "std": gain[1]}}
+    stds = knowledge.std[knowledge.z.size :]
+    for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
+        if nuisance.kind == "gain":
+            tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
+        elif nuisance.kind == "shift":
+            tree.setdefault("hammer_offset_mm", {})[nuisance.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
+        else:
+            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
+            if nuisances.temperature is not None:
+                kelvin = 2.0 * (nuisances.room + KELVIN)
+                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
+    return tree
+
+
 def common_gain(inputs: Inputs) -> Floats | None:
     """(U, 1) gain that all responses used share, of one standard deviation [dB]; None where the settings name gains of their own."""
     if inputs.campaign.update.nuisances.gain is not None:
@@ -88,33 +120,14 @@ def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains:
     return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
 
 
-def hits_of(inputs: Inputs, nuisances: NuisanceConfig) -> tuple[Nuisance, ...]:
-    """Those of them that say where the hammer hit."""
-    found: list[Nuisance] = []
-    if nuisances.hammer is not None and inputs.shifts is not None:
-        for load, (name, (_, normal)) in enumerate(zip(inputs.excitations, inputs.excitation_points, strict=True)):
-            along = [axis for i, axis in enumerate("xyz") if i + 1 != normal]
-            found += [_nuisance(inputs, "shift", f"{name} {along[k]}", 2 * load + k, nuisances.hammer) for k in range(2)]
-    return tuple(found)
+def explains(inputs: Inputs, without: Fit, allowed: Fit) -> bool:
+    """Whether a fit that allows for a gain has one, and comes nearer to the measurement by it.
 
+    Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
+    without it is none.
+    """
 
-def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> Nuisance:
-    bound = inputs.statistics.values.nuisance_reach * std
-    return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
+    def left(fit: Fit) -> float:
+        return fit.plain.mean_db(fit.plain.model.frf(fit.solution.theta))
 
-
-def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[float, float] | None = None) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``; ``gain`` is what all responses share [dB]."""
-    tree: dict[str, Any] = {} if gain is None else {"common_gain_db": {"value": gain[0], "std": gain[1]}}
-    stds = knowledge.std[knowledge.z.size :]
-    for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
-        if nuisance.kind == "gain":
-            tree.setdefault("gain_db", {})[nuisance.name] = {"value": float(value), "std": float(std)}
-        elif nuisance.kind == "shift":
-            tree.setdefault("hammer_offset_mm", {})[nuisance.name] = {"value": 1e3 * float(value), "std": 1e3 * float(std)}
-        else:
-            tree["sound_speed_percent"] = {"value": 100.0 * float(np.expm1(value)), "std": 100.0 * float(std)}
-            if nuisances.temperature is not None:
-                kelvin = 2.0 * (nuisances.room + KELVIN)
-                tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
-    return tree
+    return seen_gain(inputs, gain_of(inputs, allowed.plain, allowed.solution, allowed.knowledge)) and left(allowed) < left(without)

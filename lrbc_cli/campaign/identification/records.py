@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.likeness import LEAST_DIFFERENCE, apart
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
 from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.campaign.identification.likeness import CLEARLY, MOST_LEFT, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 
 

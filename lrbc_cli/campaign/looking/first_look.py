@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.doubts import LEAST_BAND, factors_of, offset_texts, trusted
-from lrbc_cli.campaign.identification.likeness import (
+from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, trusted
+from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
     MOST_LEFT,

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Integers
-from lrbc_cli.campaign.identification.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.places import GRAVITIES, POWERS, mistake_text
 from lrbc_cli.campaign.reduced.memory import reduction_cost

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.found import Identification
-from lrbc_cli.campaign.identification.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig

@@ -1,0 +1,1 @@
+"""What measurements say of each other: copies, exchanges, other units, other chains."""
