@@ -12,6 +12,7 @@ from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.race import Race
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs, smoothed_lines
 from lrbc_cli.updating.unknowns.shapes import Shapes
 
@@ -91,3 +92,24 @@ def test_they_lead_where_a_descent_on_the_lines_does_not():
     alone = descend(plain, plain.prior, bounds, shapes.T)
     assert led.evaluation.total <= 1.01 * plain(truth).total
     assert alone.evaluation.total > 100.0 * led.evaluation.total
+
+
+@pytest.mark.parametrize("seed", [3, 7, 8])
+def test_an_end_in_the_wrong_valley_leads_on_over_them(seed: int):
+    """A descent from the tight state alone ends far above the truth; the way on takes fewer evaluations on the measured lines."""
+    rng = np.random.default_rng(seed)
+    change = 0.15 * rng.standard_normal(JOINTS)
+    change[rng.permutation(JOINTS)[:2]] -= [2.0, 1.0]
+    plain, wide, bounds, shapes, truth = joints(change)
+    assert descend(plain, plain.prior, bounds, shapes.T).evaluation.total > 100.0 * plain(truth).total
+    counts = []
+    for smoothed in (wide, []):
+        race = Race(plain, bounds, shapes.T, 1e-6, 100)
+        race.begin([("the reference job", plain.prior)], 3)
+        race.look_beside(shapes.T, (0.2,), (3, 8), 3, range(JOINTS), wide=smoothed)
+        race.go_on([race.best])
+        described, end = race.ends[race.best]
+        assert end.evaluation.total <= 1.01 * plain(truth).total
+        assert described.startswith("the reference job, then")
+        counts.append(len(race.history))
+    assert counts[0] < 0.8 * counts[1]
