@@ -48,6 +48,18 @@ def test_a_window_in_one_of_two_measurements(end):
     assert "set for windowed" in other
 
 
+def test_another_clock_and_warmer_air():
+    """Air of three kelvin more moves all of its modes by half a per cent: no clock, where the model holds air."""
+    loosened = np.array([0.97, 1.0, 1.0, 1.0, 0.98, 1.0])
+    clock, warm = (frfs(OMEGA * share * loosened, seed=1) for share in (1.04, 1.006))
+    for air in (False, True):
+        text = other_chain(F, clock, frfs(), "tight", NAMES, air=air)
+        assert text is not None
+        assert float(text.split("divide its frequencies by ")[1]) == pytest.approx(1.04, abs=2e-3)
+    assert other_chain(F, warm, frfs(), "tight", NAMES, air=True) is None
+    assert "one share" in str(other_chain(F, warm, frfs(), "tight", NAMES))
+
+
 @pytest.mark.parametrize("more", [[4.0, 0.1, 4.0, 0.0, 3.0, 2.0], [1.0, 1.5, 1.7, 2.5, 4.0, 5.5]])
 def test_damping_of_loosened_bolts_is_no_window(more):
     """Some modes lose more, others none; the second: half as much again of all, less than the file would hold as a window."""

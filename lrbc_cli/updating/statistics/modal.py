@@ -39,7 +39,9 @@ class ModalRule:
     level_db : float
         Least change of the levels at the peaks [dB]: as much as a misfit may rise before a job counts as not explained.
     clock : float
-        Least share by which modes lie higher or lower alike. A choice: temperature alone comes to a third of it for 10 K.
+        Least share by which modes lie higher or lower alike. A choice: the temperature of metals comes to a third of it for 10 K.
+    clock_in_air : float
+        The same where the model holds air: the speed of sound, and all modes of air, rise by as much for 9 K.
     together : float
         Largest distance of a mode's share from the median one, over that, in the half of the modes that lie highest. A choice: bolts lower
         some modes and leave others.
@@ -62,6 +64,7 @@ class ModalRule:
     powers: float = 1.0
     level_db: float = 1.5
     clock: float = 0.005
+    clock_in_air: float = 0.015
     together: float = 0.15
     clocked: int = 4
     seen: float = 0.1
@@ -165,7 +168,14 @@ def same_modes(own: FittedModes, other: FittedModes, rule: ModalRule = MODAL) ->
 
 
 def other_chain(
-    frequency_hz: Floats, own: Complexes, tight: Complexes, reference: str, names: list[str], rule: ModalRule = MODAL
+    frequency_hz: Floats,
+    own: Complexes,
+    tight: Complexes,
+    reference: str,
+    names: list[str],
+    rule: ModalRule = MODAL,
+    *,
+    air: bool = False,
 ) -> str | None:
     """What to say of a job whose modes tell that it was measured with another window or filter than the reference job; None where not.
 
@@ -180,6 +190,8 @@ def other_chain(
     names : list of str
         Of the responses.
     rule : ModalRule
+    air : bool
+        Whether the modes are those of air, too, which its temperature moves.
     """
     steps = np.diff(frequency_hz)
     if not steps.size or not np.allclose(steps, steps.mean(), rtol=1e-3):
@@ -189,7 +201,8 @@ def other_chain(
     pairs = same_modes(one, other, rule)
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
     window = _window(one.decay[first], other.decay[second], 1.0 / float(steps.mean()), reference, rule)
-    window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule)
+    least = rule.clock_in_air if air else rule.clock
+    window = window or _clock(one.frequency_hz[first], other.frequency_hz[second], reference, rule, least)
     return window or _filter(one, other, reference, [name for name, there in zip(names, held, strict=True) if there], rule)
 
 
@@ -210,20 +223,20 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
     )
 
 
-def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule) -> str | None:
+def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: float) -> str | None:
     """Frequencies of the same modes [Hz]: loosened bolts lower some, of the others most have moved by the share of the clock alone."""
     if own.size < rule.clocked:
         return None
     share = np.sort(own / tight - 1.0)[::-1]
     upper = share[: max(rule.least, (share.size + 1) // 2)]
     typical = float(np.median(upper))
-    if abs(typical) < rule.clock or np.abs(upper - typical).max() > rule.together * abs(typical):
+    if abs(typical) < least or np.abs(upper - typical).max() > rule.together * abs(typical):
         return None
     return (
         f"{upper.size} of the {own.size} modes that can be compared lie {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "
         f"{reference}, by one share, which bolts do not do, they move each mode by another: is the sampling rate, or the clock of the "
-        f"front end, another one in one of the two? Set it as in {reference} and measure again; where the file alone is wrong, divide its "
-        f"frequencies by {1.0 + typical:.5g}"
+        "front end, another one in one of the two, or is the structure much warmer or colder? Set it as in "
+        f"{reference} and measure again; where the file alone is wrong, divide its frequencies by {1.0 + typical:.5g}"
     )
 
 

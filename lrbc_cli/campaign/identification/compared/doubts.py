@@ -13,6 +13,7 @@ from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
+from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
@@ -360,4 +361,5 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
     names = [response.name for response in inputs.responses]
     if (blow := second_blow(own.frequency_hz, own.values, tight.values, reference)) is not None:
         return blow
-    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal)
+    air = SOUND_SPEED in inputs.recipe.names
+    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
