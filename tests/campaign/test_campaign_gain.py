@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from campaigns import frame as make_frame
 from campaigns import lrbc
-from samples import reduced_cache
+from samples import ROOT, reduced_cache
 
+from lrbc_cli import load
+from lrbc_cli.campaign.identification.nuisances import explains
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
 
@@ -36,6 +39,28 @@ def test_a_gain_of_all_responses_makes_no_bolt_loose(tmp_path: Path, decibels: f
     # What stands there already is kept.
     assert "jobs.loose-2.scale: {acc1: " in told[0]
     assert abs(float(told[0].partition("acc1: ")[2].partition(",")[0]) - 1.0) < 0.02
+
+
+def test_right_jobs_of_the_plate_have_no_gain(tmp_path: Path) -> None:
+    """Where two bolts change much, errors of predicted changes alone allowed for 1.5 dB, which left three times as much as without."""
+    study = load(ROOT / "configs" / "plate.yaml", cache=tmp_path, calibration=False)
+    reference = study.identify("tight-1")
+    for job in ("tight-2", "b5-loose", "b3-half-b4-loose"):
+        found = study.identify(job, reference=reference)
+        assert found.identification.gain is None
+        assert found.misfit_db < 1.0
+
+
+@pytest.mark.parametrize(("elsewhere", "told"), [([0.9, 1.1, 1.0], True), ([0.1, 0.2, 0.0], False), ([], True)])
+def test_a_gain_shows_where_damping_does_not(elsewhere: list[float], told: bool) -> None:
+    """About resonances a change of the damping is a gain, too; without other lines nothing tells them apart."""
+
+    def fit(left: float) -> SimpleNamespace:
+        model = SimpleNamespace(frf=lambda theta: theta)
+        return SimpleNamespace(plain=SimpleNamespace(model=model, mean_db=lambda y: left), solution=SimpleNamespace(theta=np.zeros(1)))
+
+    assert explains(fit(1.2), fit(0.8), 1.0, np.array(elsewhere)) is told
+    assert not explains(fit(0.8), fit(1.2), 1.0, np.array(elsewhere))
 
 
 def table(*held: str) -> tuple[sp.csc_array, DofTable]:

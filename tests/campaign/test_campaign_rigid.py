@@ -108,6 +108,25 @@ def test_models_that_are_right_are_not_doubted(kind):
     assert places_doubt(K[:, kept][kept], table(xyz[30 // len(labels) :], labels)) is None
 
 
+def test_rounding_of_rotated_elements_is_no_stiffness():
+    """Two rows of beams that bend and twist; what they lack in their plane an FE program may keep as rounding, and a rotation loads it."""
+    xyz = np.array([[0.1 * k, y, 0.0] for y in (0.0, 0.2) for k in range(15)])
+    labels, h = COMPONENTS[:6], 0.1
+    K = np.zeros((6 * len(xyz),) * 2)
+    bend = np.array(
+        [[12, -6 * h, -12, -6 * h], [-6 * h, 4 * h**2, 6 * h, 2 * h**2], [-12, 6 * h, 12, 6 * h], [-6 * h, 2 * h**2, 6 * h, 4 * h**2]]
+    )
+    for a in (k for k in range(len(xyz) - 1) if k != 14):
+        uz, rotx, roty = (6 * np.array([a, a + 1]) + c for c in (2, 3, 4))
+        K[np.ix_(rotx, rotx)] += 1e3 * np.array([[1, -1], [-1, 1]])
+        at = [uz[0], roty[0], uz[1], roty[1]]
+        K[np.ix_(at, at)] += 1e6 * bend
+    assert places_doubt(sp.csc_array(K), table(xyz, labels)) is None
+    uz, rotz = (np.arange(c, len(K), 6) for c in (2, 5))
+    K[uz, rotz] = K[rotz, uz] = 1e-16 * K.max() * np.random.default_rng(0).standard_normal(uz.size)
+    assert places_doubt(sp.csc_array(K), table(xyz, labels)) is None
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_coordinates_of_another_model_are_told(kind):
     build, labels = MODELS[kind]

@@ -48,6 +48,17 @@ def test_a_window_in_one_of_two_measurements(end):
     assert "set for windowed" in other
 
 
+@pytest.mark.parametrize("factor", [0.7, 1.5])
+def test_another_damping_of_the_material_is_no_window(factor):
+    """All rates multiplied, by more than a window's length: a window adds the same to all of them."""
+    slow = DECAY + 6.0
+    own, tight = frfs(decay=factor * slow, seed=1), frfs(decay=slow)
+    first, second = fitted_modes(F, own), fitted_modes(F, tight)
+    assert first.decay.size == second.decay.size >= 5
+    assert abs(np.median(first.decay - second.decay)) > 1.0
+    assert other_chain(F, own, tight, "tight", NAMES) is None
+
+
 def test_another_clock_and_warmer_air():
     """Air of three kelvin more moves all of its modes by half a per cent: no clock, where the model holds air."""
     loosened = np.array([0.97, 1.0, 1.0, 1.0, 0.98, 1.0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit
-from lrbc_cli.campaign.identification.nuisances import common_gain, explains, hits_of, nuisances_of, off_gain
+from lrbc_cli.campaign.identification.nuisances import common_gain, explains, gain_of, hits_of, nuisances_of, off_gain, seen_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma
@@ -32,6 +32,7 @@ from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
 from lrbc_cli.updating.statistics.lines import too_wide
+from lrbc_cli.updating.statistics.residuals import decibel
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
@@ -318,11 +319,24 @@ class Job:
             if off:
                 self.gains = gains
                 again = self.fit(*known)
-                kept = explains(self.inputs, found, again)
+                gain = gain_of(self.inputs, again.plain, again.solution, again.knowledge)
+                kept = gain is not None and seen_gain(self.inputs, gain) and explains(found, again, gain[0], self._elsewhere(again))
                 more += (found if kept else again).evaluations
                 found, self.gains = (again, gains) if kept else (found, None)
             found = found.after(more)
         return self.drifted(found)
+
+    def _elsewhere(self, fit: Fit) -> Floats:
+        """By how much levels have risen against the reference job beyond what a fit expects, on lines that it does not compare [dB]."""
+        used, rest = self.inputs.used, np.setdiff1d(np.arange(self.s.size), self.selected)
+        tight = self.of_reference()
+        if tight is None or not rest.size or unlike(self.measurement.frequency_hz, tight.frequency_hz):
+            return np.zeros(0)
+        model = self.source.model(self.s, self.parameters, rest, used)
+        levels = [each[np.ix_(rest, used)] for each in (self.measurement.values, tight.values)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            measured, expected = decibel(levels[0] / levels[1]), decibel(model.frf(fit.solution.theta) / model.frf(self.prior))
+        return (measured - expected)[np.isfinite(measured - expected)]
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""

@@ -120,14 +120,24 @@ def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains:
     return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
 
 
-def explains(inputs: Inputs, without: Fit, allowed: Fit) -> bool:
-    """Whether a fit that allows for a gain has one, and comes nearer to the measurement by it.
+def explains(without: Fit, allowed: Fit, gain: float, elsewhere: Floats) -> bool:
+    """Whether a gain brings a fit nearer to the measurement, and shows on lines where damping would not.
 
     Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
-    without it is none.
+    without it is none. Damping moves levels about resonances as a gain does, and hardly others.
+
+    Parameters
+    ----------
+    without, allowed : Fit
+        That allows for no gain, and that does.
+    gain : float
+        [dB]
+    elsewhere : (m,) float array
+        By how much levels have risen against the reference job beyond what the second fit expects, on lines that are not compared [dB].
     """
 
     def left(fit: Fit) -> float:
         return fit.plain.mean_db(fit.plain.model.frf(fit.solution.theta))
 
-    return seen_gain(inputs, gain_of(inputs, allowed.plain, allowed.solution, allowed.knowledge)) and left(allowed) < left(without)
+    shown = not elsewhere.size or abs(float(np.median(elsewhere)) - gain) < 0.5 * abs(gain)
+    return left(allowed) < left(without) and shown

@@ -215,6 +215,10 @@ def _window(own: Floats, tight: Floats, length: float, reference: str, rule: Mod
     level = 20.0 * float(np.median(np.abs(np.log10(own / tight))))
     if abs(change) * length < rule.powers or level < rule.level_db or np.any(sign * (own - tight) < rule.share * abs(change)):
         return None
+    # Damping of the material multiplies all rates; a window adds to them.
+    added, times = own - tight, np.log(own / tight)
+    if np.ptp(times) / abs(np.median(times)) < np.ptp(added) / abs(change):
+        return None
     return (
         f"all {own.size} modes that can be compared decay {'faster' if sign > 0 else 'slower'} than in {reference} by the same "
         f"{abs(change):.3g} 1/s, {level:.1f} dB at their peaks: was an exponential window set for {'this job' if sign > 0 else reference}, "

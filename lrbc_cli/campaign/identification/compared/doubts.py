@@ -307,7 +307,7 @@ def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
     size = f"{abs(factor - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
     return (
         f"{own.first.name}: all FRFs are {size} than those of {reference} let expect, at all lines of all responses, which no bolt does; "
-        "expected: one hammer with one sensitivity in both jobs. Verdicts allow for it. Fix: compare the sensitivities typed in for "
+        "expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it. Fix: compare the sensitivities typed for "
         f"{job} and for {reference} (where all jobs say this, those of {reference} are off), and export again, or write "
         f"jobs.{job}.scale: {{{scales}}}"
     )

@@ -11,6 +11,9 @@ from lrbc_cli.campaign.reading.dof_source import FEW, LEAST_DOFS, MOST_FILLED
 from lrbc_cli.campaign.reading.places import EXCHANGES
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
 
+#: Entries below this share of their row are rounding: element matrices that were rotated leave them.
+ROUNDING = 1e-9
+
 
 def digits_doubt(
     K: sp.csc_array, values: NDArray[np.number], component: NDArray[np.str_], *, most: int = 5, kinds: int = 200
@@ -116,7 +119,9 @@ def _turned(K: sp.csc_array, dofs: DofTable, xyz: Floats, rows: Bools, *, share:
         force, size = (
             np.bincount(entries.row, each, minlength=int(rows.sum())) for each in (entries.data * motion, np.abs(entries.data * motion))
         )
-        loaded = size > 0.0
+        # Entries that are the rounding of a rotated element matrix load nothing.
+        whole = np.bincount(entries.row, np.abs(entries.data), minlength=int(rows.sum()))
+        loaded = size > ROUNDING * np.ptp(xyz, axis=0).max(initial=0.0) * whole
         if loaded.any():
             found[name] = float((np.abs(force[loaded]) > share * size[loaded]).mean())
     return found
