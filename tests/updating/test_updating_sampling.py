@@ -9,8 +9,9 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from lrbc_cli.updating.posterior.mixture import MixtureProblem, settle
-from lrbc_cli.updating.posterior.sampling import about_itself, profile, sample_changes
+from lrbc_cli.updating.posterior import sampling
+from lrbc_cli.updating.posterior.mixture import MixtureProblem, State, settle
+from lrbc_cli.updating.posterior.sampling import about_itself, beyond, profile, sample_changes
 from lrbc_cli.updating.statistics.priors import BoltPrior
 
 PRIOR = BoltPrior()
@@ -148,3 +149,17 @@ def test_a_profile_ends_where_nothing_is_left() -> None:
         found.append(profile(PRIOR, *about_itself(problem, PRIOR, state, stops[0]), 0, stops[1], 0.06, negligible=negligible))
     np.testing.assert_allclose(found[1], found[0], atol=0.01)
     assert calls[2] < 0.7 * calls[1]
+
+
+def test_a_settled_joint_is_looked_at_again_where_the_state_has_gained_as_much(monkeypatch: pytest.MonkeyPatch):
+    """Joint 0 is tight by 35 nats beside a tight joint 1, and loose by 20 beside a loose one, as which joint 1 gains 20."""
+    evidence = {(): 0.0, (0,): -35.0, (1,): 20.0, (0, 1): 40.0}
+
+    def settled(problem, prior, kinds, z, stop, **_):
+        return State(kinds, z, evidence[tuple(np.flatnonzero(kinds).tolist())], np.eye(2), np.zeros(2))
+
+    monkeypatch.setattr(sampling, "settle", settled)
+    problem = replace(Saturating((0.0, 0.0), 1.0).problem(), bounds=np.zeros((2, 2)))
+    state, found = beyond(problem, PRIOR, settled(problem, PRIOR, np.zeros(2, dtype=bool), np.zeros(2), (1e-3, 5)), doubt=-np.inf)
+    assert state.kinds.tolist() == [True, True]
+    assert np.all(np.isfinite(found.further))

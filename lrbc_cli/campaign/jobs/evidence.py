@@ -59,7 +59,7 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
     update = inputs.campaign.update
     compared, misfit, unvalidated = _misfit(inputs, result)
     used = inputs.used
-    warnings, setting, swapped = doubts(inputs, result, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
+    warnings, setting, untrusted = doubts(inputs, result, (mean_of(result.misfit_initial[used]), mean_of(result.misfit_final[used])))
     edges, bolts = _bolts(inputs, result)
     wanted = update.reference not in (None, result.name)
     return Evidence(
@@ -74,7 +74,7 @@ def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
         used_misfit_db=mean_of(result.misfit_final[used]),
         against_reference=result.against_reference,
         unvalidated=unvalidated,
-        doubted=_doubted(inputs, result) or swapped or misplaced_bolts(inputs.groups, inputs.bolts),
+        doubted=_doubted(inputs, result) or untrusted or misplaced_bolts(inputs.groups, inputs.bolts),
         setting=setting,
         data_warnings=result.measurement.warnings,
         warnings=(*result.warnings, *warnings),

@@ -63,7 +63,8 @@ def beyond(
     gain, rounds : float, int
         Where the other kind gains so much log evidence, all begins anew there, at most so many times.
     certain : float
-        Log evidence between both kinds of a joint from which on it is not looked at again: 1 in 10^13.
+        Log evidence between both kinds of a joint from which on it is not looked at again, 1 in 10^13; less what the state has gained
+        since: one with the other kind could have gained as much.
     stop, held : (float, int)
         Of the descents, and of those with a change held, each from the end of the one before.
 
@@ -89,6 +90,8 @@ def beyond(
         best = max([own, *others.values()], key=lambda one: one.evidence)
         if best.evidence <= own.evidence + gain or turn == rounds - 1:
             break
+        gained = best.evidence - own.evidence
+        known = {i: apart - float(np.copysign(gained, apart)) for i, apart in known.items() if abs(apart) > certain + gained}
         state = best
     last = _Turn(state=state, own=own, others=others, doubted=doubted, known=known, gains=gains)
     felt = np.where(problem.bounds[problem.bolts, 0] < -wide, stds[:, 1], 0.0)

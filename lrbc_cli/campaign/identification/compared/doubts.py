@@ -266,7 +266,7 @@ def worsened(initial_db: float | None, final_db: float | None, noise_db: float |
 
 
 def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, float | None]) -> tuple[list[str], str, str | None]:
-    """Warnings of a job, what was compared and found of constant factors, and which sensors are in each other's place, if any.
+    """Warnings of a job, what was compared and found of constant factors, and why it is not validated: exchanged sensors, or a gain.
 
     Parameters
     ----------
@@ -296,7 +296,13 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
-    return found + [text for text in further if text is not None], compared, swapped or None
+    untrusted = swapped or (None if result.gain is None else f"all FRFs are {gain_size(*result.gain)} than the reference job lets expect")
+    return found + [text for text in further if text is not None], compared, untrusted
+
+
+def gain_size(gain: float, std: float) -> str:
+    """A gain with its 95 % interval, in words; both in dB."""
+    return f"{abs(10.0 ** (gain / 20.0) - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
 
 
 def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
@@ -304,12 +310,11 @@ def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
     factor = 10.0 ** (gain / 20.0)
     scales = ", ".join(f"{r.name}: {own.scale.get(r.name, 1.0) / factor:.4g}" for r in inputs.responses)
-    size = f"{abs(factor - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
     return (
-        f"{own.first.name}: all FRFs are {size} than those of {reference} let expect, at all lines of all responses, which no bolt does; "
-        "expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it. Fix: compare the sensitivities typed for "
-        f"{job} and for {reference} (where all jobs say this, those of {reference} are off), and export again, or write "
-        f"jobs.{job}.scale: {{{scales}}}"
+        f"{own.first.name}: all FRFs are {gain_size(gain, std)} than those of {reference} let expect, at all lines of all responses, "
+        "which no bolt does; expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, and nothing is an "
+        f"all-clear. Fix: compare the sensitivities typed for {job} and for {reference} (where all jobs say this, those of {reference} "
+        f"are off), and export again, or write jobs.{job}.scale: {{{scales}}}"
     )
 
 
