@@ -102,7 +102,10 @@ def test_no_number_that_decides_a_verdict_lies_in_a_module():
 
 
 #: Rooms and modules whose numbers belong to a stage; what judges is no part of identifying.
-JUDGING = ("updating/judging/decide.py", "updating/judging/rule.py", "updating/judging/clearance.py", "campaign/jobs/judging.py")
+JUDGING = (
+    *(f"updating/judging/{name}.py" for name in ("decide", "rule", "normal", "clearance")),
+    "campaign/jobs/judging.py",
+)
 STAGES = {
     "reduction": ("model", "reduction"),
     "identification": ("updating", "campaign/reading", "campaign/identification", "campaign/calibrate.py", "campaign/jobs/evidence.py"),

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange, SampledChange, carried
+from lrbc_cli.updating.judging.normal import normal_cdf
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import NO_SCATTER, DecisionRule, TightScatter
 from lrbc_cli.updating.posterior.mixture import ChangeSamples
@@ -573,3 +574,10 @@ class TestErrorOfTheTightState:
         ]
         assert doubted.sampled is not None
         assert doubted.sampled.stds == (pytest.approx((0.12,)), pytest.approx((np.hypot(0.12, 0.25 * (1 - 10**-0.86)),)))
+
+
+def test_the_normal_distribution_is_that_of_scipy():
+    x = np.array([[-np.inf, -37.0, -8.0, -1.0], [0.0, 1e-9, 3.0, np.inf]])
+    np.testing.assert_allclose(normal_cdf(x), norm.cdf(x), rtol=1e-13)
+    assert float(normal_cdf(-30.0)) == pytest.approx(float(norm.cdf(-30.0)), rel=1e-12)
+    assert np.isnan(normal_cdf(float("nan")))

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import ndtr
 
 from lrbc_cli.updating import robust
 from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange
+from lrbc_cli.updating.judging.normal import normal_cdf
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
 
@@ -210,7 +210,7 @@ def _risen(verdict: BoltVerdict, rule: DecisionRule) -> bool:
     change, std, threshold = verdict.change, verdict.change_std, verdict.threshold
     if change is None or std is None or threshold is None:
         return False
-    return float(ndtr((change + threshold) / max(std, 1e-12))) >= rule.confidence
+    return float(normal_cdf((change + threshold) / max(std, 1e-12))) >= rule.confidence
 
 
 def _beside_risen(bolt: BoltEvidence, rise: float) -> BoltEvidence:
@@ -241,7 +241,7 @@ def _far_from_others(bolts: Sequence[BoltEvidence], rule: DecisionRule) -> dict[
         peers = np.array([other for other, _, groups in tight.values() if groups == own])
         middle = float(np.median(peers))
         limit = rule.limit(rule.loose_change, max(robust.scatter(peers), rule.joint_scatter))
-        if float(ndtr((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
+        if float(normal_cdf((limit + abs(value - middle)) / max(std, 1e-12))) >= rule.confidence:
             found[name] = value - middle
     return found
 
@@ -338,7 +338,7 @@ def _most_changed(posterior: Change, own: float, scatter: float, rule: DecisionR
     for part in posterior.parts:
         between = float(np.hypot(scatter, part.deviation))
         limit = rule.limit(own, between, joint=True)
-        probability = float(ndtr((limit - part.mean) / max(float(np.hypot(part.std, rule.joint_spread * between)), 1e-12)))
+        probability = float(normal_cdf((limit - part.mean) / max(float(np.hypot(part.std, rule.joint_spread * between)), 1e-12)))
         if probability > found[1]:
             found = part, probability
     return found

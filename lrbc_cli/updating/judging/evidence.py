@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtr
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.updating.judging.normal import normal_cdf
 
 if TYPE_CHECKING:
     # Judging needs nothing of what samples or finds places.
@@ -58,7 +58,7 @@ class SampledChange:
     def below(self, limit: float, scatter: float, *, changed: bool = False) -> float:
         """Probability that the change lies below a limit, with a further standard deviation [decades]; given that it is loose, if asked."""
         loose, weight = np.array(self.loose), np.array(self.count) / np.sum(self.count)
-        tight_cdf, loose_cdf = ndtr((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
+        tight_cdf, loose_cdf = normal_cdf((limit - np.array(self.means)) / np.hypot(self.stds, scatter))
         if changed:
             return float(weight @ (loose * loose_cdf)) / max(float(weight @ loose), 1e-300)
         # Weights that are rounded may add up to more than one.
@@ -121,7 +121,7 @@ class Change:
         """Posterior probability of a change below a limit, where tight states scatter so much; given that it is loose, if asked."""
         if self.sampled is not None:
             return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)), changed=changed)
-        return float(ndtr((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
+        return float(normal_cdf((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
 
 
 @dataclass(frozen=True, kw_only=True)
