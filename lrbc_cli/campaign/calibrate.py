@@ -15,7 +15,7 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import fitting, key_of, key_parts
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
-from lrbc_cli.campaign.identification.nuisances import hits_of
+from lrbc_cli.campaign.identification.nuisances import common_gain, hits_of, no_gain, seen_gain, shown_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
@@ -32,6 +32,7 @@ from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.misfit.cost import mean_misfit
+from lrbc_cli.updating.statistics.residuals import decibel
 
 log = logging.getLogger(__name__)
 
@@ -183,10 +184,13 @@ def calibrate(
     while True:
         progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
         fit = fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations)
+        fit = _lifted(inputs, fit)
         if fit.solution.status == "failed":
             raise NumericalError(f"the calibration from job {settings.job} fails: {fit.solution.reason}")
         watch.lap("fit")
-        updated = problem.frf(s, everything).frf(fit.solution.theta)
+        problem, gain = fit.problem, fit.gain_db
+        plain = problem.frf(s, everything).frf(fit.solution.theta)
+        updated = plain if gain is None else plain * 10.0 ** (gain[0] / 20.0)
         model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
         relative = problem.frf(s).factors(fit.solution.theta)
         held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
@@ -204,7 +208,7 @@ def calibrate(
         theta = fit.moved(problem)
     fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
-    doubted = calibration_doubts(inputs, measurement, (initial, updated), settings.job, misfits)
+    doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gain)
     for warning in doubted:
         log.warning("calibration from %s: %s", settings.job, warning)
     return CalibrationOutcome(
@@ -219,6 +223,31 @@ def calibrate(
         seconds=watch.seconds | {"total": sum(watch.seconds.values())},
         warnings=tuple(doubted),
     )
+
+
+def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
+    """The same with a gain that all responses share, where the measurement has one; the first round says, the others follow it.
+
+    Damping and stiffness of a boundary make up for a gain in part: it is sought from the end of the fit without it.
+    """
+    problem, gains = fit.problem, common_gain(inputs)
+    if problem.gains is not None or gains is None or fit.solution.status == "failed":
+        return fit
+    rest = np.setdiff1d(np.arange(problem.frequency_hz.size), problem.selected)
+    model = problem.frf(2j * np.pi * problem.frequency_hz[rest])
+
+    def above(theta: Floats) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = decibel(problem.measured[rest] / model.frf(theta))
+        return found[np.isfinite(found)]
+
+    if no_gain(inputs, above(fit.solution.theta)):
+        return fit
+    again = fit_factors(replace(problem, gains=gains), fit.solution.theta, max_iterations=inputs.campaign.update.max_iterations)
+    gain, left = again.gain_db, (fit.solution.evaluation.misfit_db, again.solution.evaluation.misfit_db)
+    if again.solution.status == "failed" or gain is None or not seen_gain(inputs, gain):
+        return fit
+    return again if shown_gain(left, gain[0], above(again.solution.theta)) else fit
 
 
 class _Watch:
@@ -319,7 +348,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
 
 
 def _values(fit: FactorFit) -> dict[str, Any]:
-    """What was identified: factors, hammer points and boundary."""
+    """What was identified: factors, gain, hammer points and boundary."""
     problem = fit.problem
     factors = {}
     for name, value in fit.factors.items():
@@ -332,6 +361,7 @@ def _values(fit: FactorFit) -> dict[str, Any]:
             boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
     return {
         "factors": factors,
+        "common_gain_db": None if fit.gain_db is None else {"value": fit.gain_db[0], "std": fit.gain_db[1]},
         "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.nuisances.items()},
         "boundary": boundary,
         "boundary_held": problem.hold,

@@ -1,9 +1,9 @@
-"""A job whose hammer was 12 % off: bolts were called loose; and a plane of symmetry."""
+"""A job whose hammer was 12 % off, or a campaign: bolts were called loose; and a plane of symmetry."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from campaigns import lrbc
 from samples import ROOT, reduced_cache
 
 from lrbc_cli import load
-from lrbc_cli.campaign.identification.nuisances import explains
+from lrbc_cli.campaign.identification.nuisances import shown_gain
 from lrbc_cli.campaign.reading.doubts.rigid import symmetry_doubt
 from lrbc_cli.model.dofs import DofTable
 
@@ -58,12 +58,37 @@ def test_right_jobs_of_the_plate_have_no_gain(tmp_path: Path) -> None:
 def test_a_gain_shows_where_damping_does_not(elsewhere: list[float], told: bool) -> None:
     """About resonances a change of the damping is a gain, too; without other lines nothing tells them apart."""
 
-    def fit(left: float) -> SimpleNamespace:
-        model = SimpleNamespace(frf=lambda theta: theta)
-        return SimpleNamespace(plain=SimpleNamespace(model=model, mean_db=lambda y: left), solution=SimpleNamespace(theta=np.zeros(1)))
+    assert shown_gain((1.2, 0.8), 1.0, np.array(elsewhere)) is told
+    assert not shown_gain((0.8, 1.2), 1.0, np.array(elsewhere))
 
-    assert explains(fit(1.2), fit(0.8), 1.0, np.array(elsewhere)) is told
-    assert not explains(fit(0.8), fit(1.2), 1.0, np.array(elsewhere))
+
+@pytest.mark.parametrize("decibels", [1.0, -1.0])
+def test_a_sensitivity_that_is_off_in_all_jobs_makes_no_bolt_loose(tmp_path: Path, decibels: float) -> None:
+    """The levels of the reference job and the damping made up for it, and tight neighbours of loose bolts were called loose."""
+    folder = make_frame(tmp_path)
+    scale = "{" + ", ".join(f"acc{k}: {10.0 ** (decibels / 20.0):.6f}" for k in range(1, 5)) + "}"
+    names = ("tight", "loose-2")
+    more = [part for name in names for part in ("--override", f"jobs.{name}.scale={scale}")]
+    line = [*more, "--cache", reduced_cache("frame")]
+    assert lrbc("calibrate", folder.config, *line).code == 0
+    calibration = json.loads((folder.out / "calibration.json").read_text())
+    assert abs(calibration["common_gain_db"]["value"] - decibels) < 0.3
+    assert [text for text in calibration["warnings"] if "than the model lets expect" in text]
+    assert calibration["misfit_db"]["final"] < 0.7
+    assert abs(calibration["factors"]["damping.structure"]["value"] - 1.0) < 0.1
+    assert lrbc("update", folder.config, *line, *(part for name in names for part in ("--job", name))).code == 0
+    tight, loose = folder.result("tight"), folder.result("loose-2")
+    assert abs(tight["nuisances"]["common_gain_db"]["value"] - decibels) < 0.3
+    (told,) = [text for text in tight["warnings"] if "than the model lets expect" in text]
+    assert "likely the sensitivity of the hammer or of the sensors, or the mass of the model" in told
+    # All jobs share it: nothing is said of the others, and they are judged and validated.
+    assert not loose["nuisances"].get("common_gain_db")
+    assert not loose["warnings"]
+    assert {bolt["name"] for bolt in loose["bolts"] if bolt["verdict"] == "loose"} == {"B3", "B4"}
+    assert loose["validity"]["passed"] is True
+    for result in (tight, loose):
+        assert result["misfit_db"]["final"] < 0.7
+        assert result["misfit_db"]["held_out_final"] < 0.8
 
 
 def table(*held: str) -> tuple[sp.csc_array, DofTable]:

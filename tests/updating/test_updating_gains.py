@@ -42,6 +42,13 @@ def test_linearised_about_itself_it_is_exact_also_with_a_loss(options):
     data = DataResidual(y * 10.0 ** (2.0 / 20.0), options).with_gains(np.ones((RESPONSES, 1)))
     about = data.with_change(y, change, 1.0, shifts, band)
     np.testing.assert_allclose(about.gains_db(y), 2.0, atol=0.03)
+    alone = data.gained_about(y)
+    np.testing.assert_allclose(alone.gains_db(y), 2.0, atol=0.03)
+    assert cost(alone, y) < 4.1
+    assert np.abs(alone(y, np.zeros((*y.shape, 0), dtype=complex))[2]).max() < 0.03
+    # Nothing is linearised where no gain is allowed for.
+    plain = DataResidual(y, options)
+    assert plain.gained_about(y) is plain
 
 
 def test_the_difference_is_told_without_it():

@@ -29,6 +29,11 @@ class Fit:
     curve: LCurve | None
     evaluations: int
 
+    @property
+    def left_db(self) -> float:
+        """Mean difference at the lines compared, a gain that is allowed for taken out [dB]."""
+        return self.plain.mean_db(self.plain.model.frf(self.solution.theta))
+
     def after(self, evaluations: int) -> Fit:
         """The same, with what was evaluated on another way."""
         solution = replace(self.solution, evaluations=self.solution.evaluations + evaluations)
@@ -80,7 +85,8 @@ class Identification:
     tight : Measurement or None
         Of that job, where it can be read.
     gain : (float, float) or None
-        By how much all responses lie above what the reference job lets expect, part of ``updated``, and its standard deviation [dB].
+        By how much all responses lie above what the reference job, in that itself the model, lets expect, and its standard deviation
+        [dB]; part of ``updated``, as that of the reference job is.
     """
 
     name: str

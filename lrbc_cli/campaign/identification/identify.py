@@ -68,8 +68,7 @@ def _identified(job: Job) -> Identification:
     values = job.measurement.values
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
     gain = gain_of(inputs, fit.plain, fit.solution, fit.knowledge)
-    if gain is not None:
-        updated = updated * 10.0 ** (gain[0] / 20.0)
+    updated = updated * job.lifted * (1.0 if gain is None else 10.0 ** (gain[0] / 20.0))
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
     ratio = ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)
     solution, knowledge = fit.solution, fit.knowledge.wider(ratio)

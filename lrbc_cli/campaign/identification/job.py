@@ -13,7 +13,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit
-from lrbc_cli.campaign.identification.nuisances import common_gain, explains, gain_of, hits_of, nuisances_of, off_gain, seen_gain
+from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, no_gain, nuisances_of, off_gain, seen_gain, shown_gain
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma
@@ -107,8 +107,13 @@ class Job:
         return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
 
     def measured(self) -> Complexes:
-        """(F, U) measurement on the selected lines, for the responses used."""
-        return self.measurement.values[np.ix_(self.selected, self.inputs.used)]
+        """(F, U) measurement on the selected lines, for the responses used; without the gain that the reference job has, too."""
+        return self.measurement.values[np.ix_(self.selected, self.inputs.used)] / self.lifted
+
+    @property
+    def lifted(self) -> float:
+        """Factor by which the FRFs of the reference job lie above those of the model."""
+        return 10.0 ** (self.reference.gain_db / 20.0) if self.against_reference and self.reference is not None else 1.0
 
     def corrected(self) -> Complexes | None:
         """The same times what the model at the reference state has over the reference measurement, where both are known.
@@ -128,7 +133,7 @@ class Job:
             self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
-        known = tight.values[np.ix_(self.selected, self.inputs.used)]
+        known = tight.values[np.ix_(self.selected, self.inputs.used)] / self.lifted
         return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
 
     def of_reference(self) -> Measurement | None:
@@ -314,29 +319,36 @@ class Job:
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         known = (self.measured(), False) if corrected is None else (corrected, True)
         found = self.fit(*known)
-        if self.error is not None and (gains := common_gain(self.inputs)) is not None:
+        # The model knows no sensitivities: the reference job may have a gain as well, which is that of its mass, too.
+        absolute = self.method.approach != "paper" and self.name == self.inputs.campaign.update.reference
+        absolute = absolute and not no_gain(self.inputs, self._elsewhere(found))
+        if (self.error is not None or absolute) and (gains := common_gain(self.inputs)) is not None:
             off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
             if off:
                 self.gains = gains
                 again = self.fit(*known)
                 gain = gain_of(self.inputs, again.plain, again.solution, again.knowledge)
-                kept = gain is not None and seen_gain(self.inputs, gain) and explains(found, again, gain[0], self._elsewhere(again))
+                left = found.left_db, again.left_db
+                kept = gain is not None and seen_gain(self.inputs, gain) and shown_gain(left, gain[0], self._elsewhere(again))
                 more += (found if kept else again).evaluations
                 found, self.gains = (again, gains) if kept else (found, None)
             found = found.after(more)
         return self.drifted(found)
 
     def _elsewhere(self, fit: Fit) -> Floats:
-        """By how much levels have risen against the reference job beyond what a fit expects, on lines that it does not compare [dB]."""
+        """By how much levels lie above what a fit expects, against the reference job but in that, on lines not compared [dB]."""
         used, rest = self.inputs.used, np.setdiff1d(np.arange(self.s.size), self.selected)
-        tight = self.of_reference()
-        if tight is None or not rest.size or unlike(self.measurement.frequency_hz, tight.frequency_hz):
+        tight = self.of_reference() if self.against_reference else None
+        alone = not self.against_reference
+        if not rest.size or not (alone or (tight is not None and not unlike(self.measurement.frequency_hz, tight.frequency_hz))):
             return np.zeros(0)
         model = self.source.model(self.s, self.parameters, rest, used)
-        levels = [each[np.ix_(rest, used)] for each in (self.measurement.values, tight.values)]
+        measured, expected = self.measurement.values[np.ix_(rest, used)], model.frf(fit.solution.theta)
         with np.errstate(divide="ignore", invalid="ignore"):
-            measured, expected = decibel(levels[0] / levels[1]), decibel(model.frf(fit.solution.theta) / model.frf(self.prior))
-        return (measured - expected)[np.isfinite(measured - expected)]
+            above = decibel(measured / expected)
+            if tight is not None:
+                above = above - decibel(tight.values[np.ix_(rest, used)] / model.frf(self.prior))
+        return above[np.isfinite(above)]
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""

@@ -18,6 +18,9 @@ from lrbc_cli.updating.posterior.fit import Posterior, noise_of, posterior
 from lrbc_cli.updating.search.descent import descend
 from lrbc_cli.updating.search.optimise import Solution
 
+#: Share of a gain that the lines that are not compared have to show.
+SHOWN = 0.5
+
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
     """The nuisance parameters that the settings ask for, for these responses (those used where None)."""
@@ -120,7 +123,12 @@ def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains:
     return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
 
 
-def explains(without: Fit, allowed: Fit, gain: float, elsewhere: Floats) -> bool:
+def no_gain(inputs: Inputs, elsewhere: Floats) -> bool:
+    """Whether the lines that are not compared lie so near to the model that no gain could show there, see ``shown_gain``."""
+    return bool(elsewhere.size) and abs(float(np.median(elsewhere))) < SHOWN * inputs.statistics.errors.least_gain_db
+
+
+def shown_gain(left: tuple[float, float], gain: float, elsewhere: Floats) -> bool:
     """Whether a gain brings a fit nearer to the measurement, and shows on lines where damping would not.
 
     Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
@@ -128,16 +136,12 @@ def explains(without: Fit, allowed: Fit, gain: float, elsewhere: Floats) -> bool
 
     Parameters
     ----------
-    without, allowed : Fit
-        That allows for no gain, and that does.
+    left : (float, float)
+        Misfit without the gain, and with it [dB].
     gain : float
         [dB]
     elsewhere : (m,) float array
-        By how much levels have risen against the reference job beyond what the second fit expects, on lines that are not compared [dB].
+        By how much levels lie above what the second fit expects, against the reference job where it is compared with it, on lines that
+        are not compared [dB].
     """
-
-    def left(fit: Fit) -> float:
-        return fit.plain.mean_db(fit.plain.model.frf(fit.solution.theta))
-
-    shown = not elsewhere.size or abs(float(np.median(elsewhere)) - gain) < 0.5 * abs(gain)
-    return left(allowed) < left(without) and shown
+    return left[1] < left[0] and (not elsewhere.size or abs(float(np.median(elsewhere)) - gain) < SHOWN * abs(gain))

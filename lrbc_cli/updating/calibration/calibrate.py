@@ -60,6 +60,8 @@ class FactorProblem:
     nuisances : tuple of Nuisance
         Of the job, such as where the hammer hit.
     statistics : StatisticalModel
+    gains : (U, K) float array or None
+        Gains of the responses that may be wrong at all lines alike, see ``DataResidual``: marginalised at the measured lines.
     """
 
     model: AffineModel
@@ -75,6 +77,7 @@ class FactorProblem:
     sigma: Floats | None = field(default=None, repr=False)
     nuisances: tuple[Nuisance, ...] = ()
     statistics: StatisticalModel = STATISTICS
+    gains: Floats | None = field(default=None, repr=False)
 
     @property
     def scalars(self) -> tuple[Nuisance, ...]:
@@ -146,6 +149,7 @@ class FactorProblem:
             options=options,
             sigma=self.sigma,
             errors=self.statistics.errors,
+            gains=self.gains,
         )
 
     def smoothed_misfit(self, width_hz: float, variance: float) -> Misfit | None:
@@ -221,6 +225,14 @@ class FactorFit:
         """95 % interval of a factor, log-normal."""
         value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
         return float(np.exp(value - reach)), float(np.exp(value + reach))
+
+    @property
+    def gain_db(self) -> tuple[float, float] | None:
+        """The gain that all responses share and its standard deviation [dB]; None where the cost allows for none."""
+        problem, J = self.problem, self.solution.evaluation.jacobian
+        misfit = problem.misfit(self.noise.variance, soft=True).gained_about(self.solution.theta)
+        found = misfit.gains(self.solution.theta, J[: J.shape[0] - problem.rows().shape[0]], self.covariance, self.noise.variance)
+        return None if found is None else (float(found[0][0]), float(found[1][0]))
 
     def wider(self, ratio: float) -> FactorFit:
         """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""
@@ -329,7 +341,7 @@ def _weighed(
     noise = noise_of(misfit, misfit(solution.theta), problem.selected)
     for _ in range(rounds):
         before = max(noise.variance, least**2)
-        misfit = misfit.with_eta(before)
+        misfit = misfit.with_eta(before).gained_about(solution.theta)
         places.append(solution.theta)
         found, stage = _descend(problem, misfit, solution.theta, 0.0, tolerance, limit)
         stages.append(stage)

@@ -48,6 +48,8 @@ class ReferenceState:
         Mean misfit of the responses used, and of the validation channels [dB].
     hammer_offset_m : mapping
         Where the hammer hit, by excitation and direction [m].
+    gain_db : float
+        By how much all its FRFs lie above the model's at all lines [dB].
     explained : bool
         The model explains its measurement, by the rule that it was judged by.
     inputs : frozenset of str
@@ -61,6 +63,7 @@ class ReferenceState:
     misfit_db: float
     validation_db: float | None
     hammer_offset_m: Mapping[str, float] = field(default_factory=dict)
+    gain_db: float = 0.0
     explained: bool = True
     inputs: frozenset[str] = field(default_factory=frozenset, repr=False)
 

@@ -289,6 +289,14 @@ class Misfit:
         other._data, other.evaluations = self._data.with_gains(gains), 0
         return other
 
+    def gained_about(self, theta: Floats) -> Misfit:
+        """The same cost, linearised in the gains that may be wrong about the most probable ones at theta; itself without such gains."""
+        if self._data.gains is None:
+            return self
+        other = copy(self)
+        other._data, other.evaluations = self._data.gained_about(self.model.frf(theta)), 0
+        return other
+
     def on_sphere(self) -> Misfit:
         """The same cost with differences that are bounded at poles and zeros alike, see ``DataResidual.on_sphere``."""
         other = copy(self)

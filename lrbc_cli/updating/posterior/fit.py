@@ -151,8 +151,7 @@ def weighed(
         [dB²]
     """
     before = misfit.level
-    if error is not None:
-        misfit = misfit.about(theta, error)
+    misfit = misfit.gained_about(theta) if error is None else misfit.about(theta, error)
     if not misfit.weighted:
         return misfit, noise.variance
     level = misfit.followed(theta, evaluation)

@@ -29,7 +29,8 @@ class ErrorModel:
         bands whose lines share an error of their mean change. A choice: resonances further apart than this err independently.
     gain_db : float
         Standard deviation of a gain that all channels of a job have and those of the reference job have not, another hammer or a
-        sensitivity typed anew [dB]. A choice: hundreds of lines tell the gain, this number hardly matters.
+        sensitivity typed anew; and of one that the reference job has against the model [dB]. A choice: hundreds of lines tell the
+        gain, this number hardly matters.
     least_gain_db : float
         A gain is allowed for where its 95 % interval lies beyond this: 3.5 %, to which hammers are calibrated [dB]. In 42 right jobs of
         the samples and of virtual rigs the interval came to 0.24 dB: loosened bolts change the damping, too.

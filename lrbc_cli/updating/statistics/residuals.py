@@ -158,6 +158,19 @@ class DataResidual:
         other._weigh(self.level)
         return other
 
+    def gained_about(self, y: Complexes) -> DataResidual:
+        """The same with the loss linearised in the gains about the most probable ones at the model's FRFs y (F, R)."""
+        other = self
+        for _ in range(0 if self._gained is None else self.errors.gain_rounds):
+            assert self.gains is not None
+            centred = copy(self)
+            centred._centre = other._sizes(other.raw(y))
+            columns = np.broadcast_to(self.gains, (*self.valid.shape, self.gains.shape[1]))
+            centred._gained = centred._plain()(y, columns)[1]
+            centred._weigh(self.level)
+            other = centred
+        return other
+
     def on_sphere(self) -> DataResidual:
         """The same between points on Riemann's sphere, whose equator is the mean level of each response: for a search.
 

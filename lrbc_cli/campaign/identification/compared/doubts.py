@@ -292,11 +292,14 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     units = offset_texts(inputs, offsets, result.name)
     found = [*([swapped] if swapped else []), *units.values()]
     if result.gain is not None and not any(kind == "units" for kind, *_ in units):
-        found.append(gain_text(inputs, result.name, *result.gain))
+        text = gain_text if result.against_reference else level_text
+        found.append(text(inputs, result.name, *result.gain))
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
-    untrusted = swapped or (None if result.gain is None else f"all FRFs are {gain_size(*result.gain)} than the reference job lets expect")
+    untrusted = swapped or None
+    if not swapped and result.gain is not None and result.against_reference:
+        untrusted = f"all FRFs are {gain_size(*result.gain)} than the reference job lets expect"
     return found + [text for text in further if text is not None], compared, untrusted
 
 
@@ -305,16 +308,30 @@ def gain_size(gain: float, std: float) -> str:
     return f"{abs(10.0 ** (gain / 20.0) - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
 
 
+def _scales(inputs: Inputs, job: str, gain: float) -> str:
+    """What to write as ``scale`` of a job so that it has no gain [dB]."""
+    own = inputs.campaign.jobs[job].scale
+    return ", ".join(f"{r.name}: {own.get(r.name, 1.0) / 10.0 ** (gain / 20.0):.4g}" for r in inputs.responses)
+
+
 def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
     """What to say of a gain that all responses of a job share, with its standard deviation [dB]."""
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
-    factor = 10.0 ** (gain / 20.0)
-    scales = ", ".join(f"{r.name}: {own.scale.get(r.name, 1.0) / factor:.4g}" for r in inputs.responses)
     return (
         f"{own.first.name}: all FRFs are {gain_size(gain, std)} than those of {reference} let expect, at all lines of all responses, "
         "which no bolt does; expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, and nothing is an "
         f"all-clear. Fix: compare the sensitivities typed for {job} and for {reference} (where all jobs say this, those of {reference} "
-        f"are off), and export again, or write jobs.{job}.scale: {{{scales}}}"
+        f"are off), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gain)}}}"
+    )
+
+
+def level_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
+    """What to say of a gain that all responses of the reference job, or of the job of the calibration, have against the model [dB]."""
+    return (
+        f"{inputs.campaign.jobs[job].first.name}: all FRFs are {gain_size(gain, std)} than the model lets expect, at all lines of all "
+        "responses; likely the sensitivity of the hammer or of the sensors, or the mass of the model. It is allowed for: changes and "
+        "verdicts do not rest on it, absolute stiffnesses do. Fix: compare the sensitivities typed for hammer and sensors, and the weight "
+        f"of the structure with that of the model; then correct the model, or write scale: {{{_scales(inputs, job, gain)}}} in every job"
     )
 
 
@@ -341,10 +358,21 @@ def refuse_units(inputs: Inputs, measurement: Measurement, model: Complexes, job
 
 
 def calibration_doubts(
-    inputs: Inputs, measurement: Measurement, states: Sequence[Complexes], job: str, misfit: tuple[float, float]
+    inputs: Inputs,
+    measurement: Measurement,
+    states: Sequence[Complexes],
+    job: str,
+    misfit: tuple[float, float],
+    gain: tuple[float, float] | None,
 ) -> list[str]:
-    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB]."""
-    found = list(offset_texts(inputs, factors_of(inputs, measurement, states), job).values())
+    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines, gain that was allowed for [dB].
+
+    The states are without that gain.
+    """
+    units = offset_texts(inputs, factors_of(inputs, measurement, states), job)
+    found = list(units.values())
+    if gain is not None and not any(kind == "units" for kind, *_ in units):
+        found.append(level_text(inputs, job, *gain))
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]
