@@ -15,7 +15,8 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.calibration import fitting, key_of, key_parts
 from lrbc_cli.campaign.digests import CALIBRATION_FILE as FILE
 from lrbc_cli.campaign.identification.compared.doubts import calibration_doubts, refuse_units
-from lrbc_cli.campaign.identification.nuisances import common_gain, hits_of, no_gain, seen_gain, shown_gain
+from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, kept, none_shown
+from lrbc_cli.campaign.identification.nuisances import gain_tree, hits_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise, select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma, ratio_of
@@ -32,7 +33,7 @@ from lrbc_cli.results.store import versions, write_sealed
 from lrbc_cli.results.tables import write_csv
 from lrbc_cli.updating.calibration.calibrate import FactorFit, FactorProblem, fit_factors
 from lrbc_cli.updating.misfit.cost import mean_misfit
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.decibels import decibel
 
 log = logging.getLogger(__name__)
 
@@ -183,14 +184,11 @@ def calibrate(
     now = inputs
     while True:
         progress(f"calibration from {settings.job}: fitting the factors, round {len(rounds) + 1}")
-        fit = fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations)
-        fit = _lifted(inputs, fit)
-        if fit.solution.status == "failed":
-            raise NumericalError(f"the calibration from job {settings.job} fails: {fit.solution.reason}")
+        fit = _lifted(inputs, fit_factors(problem, theta, max_iterations=inputs.campaign.update.max_iterations))
         watch.lap("fit")
-        problem, gain = fit.problem, fit.gain_db
+        problem, gains = fit.problem, _gains(inputs, fit)
         plain = problem.frf(s, everything).frf(fit.solution.theta)
-        updated = plain if gain is None else plain * 10.0 ** (gain[0] / 20.0)
+        updated = plain * (1.0 if gains is None else gains.factors(inputs))
         model, recipe = with_factors(inputs.model, inputs.recipe, fit.factors)
         relative = problem.frf(s).factors(fit.solution.theta)
         held_out = _errors(replace(now, model=model), stage, problem.model.at(relative), progress)
@@ -208,7 +206,7 @@ def calibrate(
         theta = fit.moved(problem)
     fit = fit.wider(ratio_of(inputs, measurement, inputs.campaign.jobs[settings.job], problem.selected, updated))
     misfits = (_misfit(inputs, measurement, initial), rounds[-1].misfit_db)
-    doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gain)
+    doubted = calibration_doubts(inputs, measurement, (initial, plain), settings.job, misfits, gains)
     for warning in doubted:
         log.warning("calibration from %s: %s", settings.job, warning)
     return CalibrationOutcome(
@@ -225,29 +223,43 @@ def calibrate(
     )
 
 
-def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
-    """The same with a gain that all responses share, where the measurement has one; the first round says, the others follow it.
+def _gains(inputs: Inputs, fit: FactorFit) -> Gains | None:
+    """The gains at the end of a fit; None where its cost allows for none."""
+    return None if fit.problem.gains is None else gains_of(inputs, *fit.gains(), shared=False)
 
-    Damping and stiffness of a boundary make up for a gain in part: it is sought from the end of the fit without it.
+
+def _lifted(inputs: Inputs, fit: FactorFit) -> FactorFit:
+    """The same with gains of the responses, where the measurement has some; the first round says, the others follow it.
+
+    Damping and stiffness of a boundary make up for gains in part: they are sought from the end of the fit without them.
+
+    Raises
+    ------
+    NumericalError
+        Where the fit without them failed.
     """
-    problem, gains = fit.problem, common_gain(inputs)
-    if problem.gains is not None or gains is None or fit.solution.status == "failed":
+    problem = fit.problem
+    if fit.solution.status == "failed":
+        raise NumericalError(f"the calibration from job {require_calibration(inputs).job} fails: {fit.solution.reason}")
+    if problem.gains is not None:
         return fit
     rest = np.setdiff1d(np.arange(problem.frequency_hz.size), problem.selected)
-    model = problem.frf(2j * np.pi * problem.frequency_hz[rest])
+    model = problem.frf(2j * np.pi * problem.frequency_hz[rest]) if rest.size else None
 
     def above(theta: Floats) -> Floats:
+        if model is None:
+            return np.zeros((0, inputs.used.size))
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = decibel(problem.measured[rest] / model.frf(theta))
-        return found[np.isfinite(found)]
+            return decibel(problem.measured[rest] / model.frf(theta))
 
-    if no_gain(inputs, above(fit.solution.theta)):
+    if none_shown(inputs, above(fit.solution.theta)):
         return fit
-    again = fit_factors(replace(problem, gains=gains), fit.solution.theta, max_iterations=inputs.campaign.update.max_iterations)
-    gain, left = again.gain_db, (fit.solution.evaluation.misfit_db, again.solution.evaluation.misfit_db)
-    if again.solution.status == "failed" or gain is None or not seen_gain(inputs, gain):
+    allowed = replace(problem, gains=columns_of(inputs, shared=False))
+    again = fit_factors(allowed, fit.solution.theta, max_iterations=inputs.campaign.update.max_iterations)
+    if again.solution.status == "failed":
         return fit
-    return again if shown_gain(left, gain[0], above(again.solution.theta)) else fit
+    left = fit.solution.evaluation.misfit_db, again.solution.evaluation.misfit_db
+    return again if kept(inputs, _gains(inputs, again), left, above(again.solution.theta)) else fit
 
 
 class _Watch:
@@ -321,7 +333,7 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
             "used": True,
             "status": status,
             "reason": reason,
-            **_values(fit),
+            **_values(inputs, fit),
             "misfit_db": misfit_tree(inputs, *(mean_misfit(y, outcome.measurement.values) for y in (outcome.initial, outcome.updated))),
             "noise": {"sigma_db": fit.noise.sigma, "correlation_factor": fit.noise.factor, "validation_ratio": fit.noise.ratio},
             "rounds": [{"misfit_db": r.misfit_db, "factors": r.factors, "error": r.error, "size": r.size} for r in outcome.rounds],
@@ -347,9 +359,9 @@ def calibration_record(inputs: Inputs, outcome: CalibrationOutcome, parts: dict[
     )
 
 
-def _values(fit: FactorFit) -> dict[str, Any]:
-    """What was identified: factors, gain, hammer points and boundary."""
-    problem = fit.problem
+def _values(inputs: Inputs, fit: FactorFit) -> dict[str, Any]:
+    """What was identified: factors, gains, hammer points and boundary."""
+    problem, gains = fit.problem, _gains(inputs, fit)
     factors = {}
     for name, value in fit.factors.items():
         low, high = fit.interval(name)
@@ -361,7 +373,7 @@ def _values(fit: FactorFit) -> dict[str, Any]:
             boundary[group.name]["damping_exponent"] = fit.solution.theta[at]
     return {
         "factors": factors,
-        "common_gain_db": None if fit.gain_db is None else {"value": fit.gain_db[0], "std": fit.gain_db[1]},
+        "gain_db": {} if gains is None else gain_tree(inputs, gains),
         "hammer_offset_mm": {name: {"value": 1e3 * value, "std": 1e3 * std} for name, (value, std) in fit.nuisances.items()},
         "boundary": boundary,
         "boundary_held": problem.hold,

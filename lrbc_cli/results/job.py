@@ -179,8 +179,9 @@ class Estimate(Record):
 class Nuisances(Record):
     """Nuisance parameters, by response, or by excitation and direction.
 
-    ``common_gain_db`` is by how much all FRFs of the job lie above what those of the reference job let expect, of that job itself what
-    the model lets expect; it is part of the updated FRFs, and no verdict rests on it.
+    ``common_gain_db`` is by how much all FRFs of the job lie above what those of the reference job let expect; ``gain_db`` of the reference
+    job is by how much each of its FRFs lies above the model's, null the standard deviation of one that was not used. Both are part of the
+    updated FRFs, and no verdict rests on them.
     """
 
     common_gain_db: Estimate | None = None
@@ -434,7 +435,7 @@ class JobRecord(_JobBase):
             misfit_db=self.misfit_db.final,
             validation_db=validation if math.isfinite(validation) else None,
             hammer_offset_m={name: 1e-3 * entry.value for name, entry in self.nuisances.hammer_offset_mm.items()},
-            gain_db=0.0 if self.nuisances.common_gain_db is None else self.nuisances.common_gain_db.value,
+            gain_db={name: entry.value for name, entry in self.nuisances.gain_db.items()},
             explained=self.explained,
             inputs=frozenset(self.provenance.inputs.values()),
         )

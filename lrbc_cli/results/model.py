@@ -233,7 +233,7 @@ class CalibrationRecord(SealedRecord):
     status: str
     reason: str
     factors: Annotated[dict[str, Factor], Field(min_length=1)]
-    common_gain_db: Estimate | None = None
+    gain_db: dict[str, Estimate] = Field(default_factory=dict)
     hammer_offset_mm: dict[str, Estimate] = Field(default_factory=dict)
     boundary: dict[str, Boundary] = Field(default_factory=dict)
     boundary_held: bool

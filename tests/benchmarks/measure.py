@@ -29,7 +29,7 @@ from lrbc_cli.reduction.problem.vectors import local_scale, reference_values
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
 from lrbc_cli.updating.misfit.cost import Misfit
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.decibels import decibel
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complexfloating[Any, Any]]

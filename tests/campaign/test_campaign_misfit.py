@@ -14,7 +14,7 @@ from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.identification.weights import line_sigma
 from lrbc_cli.io.frf import read_frf, write_frf
 from lrbc_cli.model.frf import FrfSet
-from lrbc_cli.updating.statistics.residuals import coherence_sigma, noise_weights
+from lrbc_cli.updating.statistics.decibels import coherence_sigma, noise_weights
 
 
 def repeated(folder: Folder, count: int, error: float, *, lines: slice = slice(None)) -> list[str]:

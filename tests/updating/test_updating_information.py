@@ -31,7 +31,8 @@ from lrbc_cli.updating.posterior.information import (
 )
 from lrbc_cli.updating.search.descent import Level
 from lrbc_cli.updating.search.optimise import gauss_newton
-from lrbc_cli.updating.statistics.residuals import ResidualOptions, decibel
+from lrbc_cli.updating.statistics.decibels import decibel
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
 
 BOLTS = 4
 LINES = np.arange(20.0, 260.0, 2.0)

@@ -12,8 +12,8 @@ from lrbc_cli.errors import DataError
 from lrbc_cli.model.terms import Parameterisation, smoothing_matrix
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit, mean_misfit, penalty_rows
 from lrbc_cli.updating.misfit.frf import port_model, reduced_model
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS
-from lrbc_cli.updating.statistics.residuals import decibel
 
 ROWS = np.array([0, 2, 3])
 

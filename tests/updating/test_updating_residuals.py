@@ -15,16 +15,9 @@ from systems import direct_frf
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model, reduced_model
 from lrbc_cli.updating.search.optimise import gauss_newton
+from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel, noise_weights
 from lrbc_cli.updating.statistics.error_model import ERRORS
-from lrbc_cli.updating.statistics.residuals import (
-    DB,
-    DataResidual,
-    ResidualOptions,
-    coherence_sigma,
-    decibel,
-    noise_weights,
-    soft,
-)
+from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions, soft
 
 ROWS = np.array([0, 2, 3])
 KINDS = ("db", "log-complex")

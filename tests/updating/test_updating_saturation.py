@@ -8,7 +8,7 @@ from pads import PADS, S, pads_model, pads_ports
 from systems import csc, fe_model
 
 from lrbc_cli.reduction.problem.vectors import local_scale
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.saturation import LIMITS, saturation
 
 TERMS = np.arange(PADS)

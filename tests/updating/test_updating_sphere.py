@@ -13,8 +13,9 @@ from lrbc_cli.model.terms import ParameterGroup, Parameterisation
 from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.frf import port_model
 from lrbc_cli.updating.search.levels import gauss_newton_by_levels
+from lrbc_cli.updating.statistics.decibels import DB
 from lrbc_cli.updating.statistics.lines import too_wide
-from lrbc_cli.updating.statistics.residuals import DB, DataResidual
+from lrbc_cli.updating.statistics.residuals import DataResidual
 
 SPRINGS = 6
 LINES = np.arange(20.0, 600.5)

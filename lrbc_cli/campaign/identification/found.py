@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.judging.reference import ReferenceState
@@ -84,9 +85,8 @@ class Identification:
         Of the reference job, where there is another and it has a result.
     tight : Measurement or None
         Of that job, where it can be read.
-    gain : (float, float) or None
-        By how much all responses lie above what the reference job, in that itself the model, lets expect, and its standard deviation
-        [dB]; part of ``updated``, as that of the reference job is.
+    gains : Gains or None
+        Against the reference job, in that itself against the model; part of ``updated``, as those of the reference job are.
     """
 
     name: str
@@ -114,4 +114,4 @@ class Identification:
     warnings: tuple[str, ...] = ()
     reference: ReferenceState | None = field(default=None, repr=False)
     tight: Measurement | None = field(default=None, repr=False)
-    gain: tuple[float, float] | None = None
+    gains: Gains | None = None

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.job import Job
-from lrbc_cli.campaign.identification.nuisances import gain_of
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
 from lrbc_cli.campaign.identification.unknowns import stored_covariance
@@ -67,8 +66,8 @@ def _identified(job: Job) -> Identification:
     fit = job.about_reference(job.best())
     values = job.measurement.values
     initial, updated = job.frf(job.start), job.frf(fit.solution.theta, fit.knowledge)
-    gain = gain_of(inputs, fit.plain, fit.solution, fit.knowledge)
-    updated = updated * job.lifted * (1.0 if gain is None else 10.0 ** (gain[0] / 20.0))
+    gains = job.gains_of(fit)
+    updated = updated * job.lifted * (1.0 if gains is None else gains.factors(inputs))
     before, after = mean_misfit(initial, values), mean_misfit(updated, values)
     ratio = ratio_of(inputs, job.measurement, inputs.campaign.jobs[job.name], job.selected, updated)
     solution, knowledge = fit.solution, fit.knowledge.wider(ratio)
@@ -110,5 +109,5 @@ def _identified(job: Job) -> Identification:
         warnings=tuple(job.warnings),
         reference=reference,
         tight=job.of_reference(),
-        gain=gain,
+        gains=gains,
     )

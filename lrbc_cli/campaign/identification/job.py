@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.found import Fit
-from lrbc_cli.campaign.identification.nuisances import common_gain, gain_of, hits_of, no_gain, nuisances_of, off_gain, seen_gain, shown_gain
+from lrbc_cli.campaign.identification.gains import Gains, columns_of, gains_of, kept, none_shown
+from lrbc_cli.campaign.identification.nuisances import hits_of, nuisances_of
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement, unlike
 from lrbc_cli.campaign.identification.unknowns import calibrated_start, parameterise, penalty_of, select_lines, stored_covariance, theta_of
 from lrbc_cli.campaign.identification.weights import correction, joint_sigma, line_sigma
@@ -31,8 +32,8 @@ from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.lines import too_wide
-from lrbc_cli.updating.statistics.residuals import decibel
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
 
 log = logging.getLogger(__name__)
@@ -107,13 +108,18 @@ class Job:
         return node_shapes(self.parameters, values.std if self.method.follows_noise else 1.0)
 
     def measured(self) -> Complexes:
-        """(F, U) measurement on the selected lines, for the responses used; without the gain that the reference job has, too."""
-        return self.measurement.values[np.ix_(self.selected, self.inputs.used)] / self.lifted
+        """(F, U) measurement on the selected lines, for the responses used, without the gains of the reference job."""
+        return self._used(self.measurement, self.selected)
+
+    def _used(self, measurement: Measurement, lines: Integers) -> Complexes:
+        """(F, U) some lines of a measurement, for the responses used, without the gains of the reference job."""
+        return np.asarray((measurement.values / self.lifted)[np.ix_(lines, self.inputs.used)])
 
     @property
-    def lifted(self) -> float:
-        """Factor by which the FRFs of the reference job lie above those of the model."""
-        return 10.0 ** (self.reference.gain_db / 20.0) if self.against_reference and self.reference is not None else 1.0
+    def lifted(self) -> Floats:
+        """(R,) factors by which the FRFs of the reference job lie above those of the model."""
+        known = self.reference.gain_db if self.against_reference and self.reference is not None else {}
+        return np.array([10.0 ** (known.get(response.name, 0.0) / 20.0) for response in self.inputs.responses])
 
     def corrected(self) -> Complexes | None:
         """The same times what the model at the reference state has over the reference measurement, where both are known.
@@ -133,7 +139,7 @@ class Job:
             self.warnings.append(f"its lines are not those of {reference} ({which}): compared without correction by it")
             return None
         self.tight_sigma, _ = line_sigma(self.inputs, tight, self.inputs.campaign.jobs[reference], self.selected)
-        known = tight.values[np.ix_(self.selected, self.inputs.used)] / self.lifted
+        known = self._used(tight, self.selected)
         return self.measured() * correction(self._tight_frf(), known, self.statistics.errors.most_correction_db)
 
     def of_reference(self) -> Measurement | None:
@@ -224,10 +230,10 @@ class Job:
 
     def _smoothed(self, misfit: Misfit, relative: bool) -> list[Misfit]:
         """Costs between smoothed spectra, the widest first."""
-        measurement, used = self.measurement, self.inputs.used
-        tight = self.tight.values[:, used] if relative and self.tight is not None else None
-        own, model = measurement.values[:, used], lambda s: self.source.model(s, self.parameters, None, used)
-        return smoothed_costs(misfit, model, measurement.frequency_hz, own, tight, self.statistics.calibration)
+        used, every = self.inputs.used, np.arange(self.s.size)
+        tight = self._used(self.tight, every) if relative and self.tight is not None else None
+        own, model = self._used(self.measurement, every), lambda s: self.source.model(s, self.parameters, None, used)
+        return smoothed_costs(misfit, model, self.measurement.frequency_hz, own, tight, self.statistics.calibration)
 
     def _descend(self, misfit: Misfit, start: Floats) -> Solution:
         """One descent by the optimiser of the method; the Jacobian of its evaluation is to z."""
@@ -319,36 +325,60 @@ class Job:
         corrected = self.corrected() if self.method.relative and self.error is not None else None
         known = (self.measured(), False) if corrected is None else (corrected, True)
         found = self.fit(*known)
-        # The model knows no sensitivities: the reference job may have a gain as well, which is that of its mass, too.
-        absolute = self.method.approach != "paper" and self.name == self.inputs.campaign.update.reference
-        absolute = absolute and not no_gain(self.inputs, self._elsewhere(found))
-        if (self.error is not None or absolute) and (gains := common_gain(self.inputs)) is not None:
-            off, more = off_gain(self.inputs, found, self.prior, self.selected, gains)
+        if self._may_have_gains(found):
+            off, more = self._off(found)
             if off:
-                self.gains = gains
+                self.gains = columns_of(self.inputs, shared=self.against_reference)
                 again = self.fit(*known)
-                gain = gain_of(self.inputs, again.plain, again.solution, again.knowledge)
-                left = found.left_db, again.left_db
-                kept = gain is not None and seen_gain(self.inputs, gain) and shown_gain(left, gain[0], self._elsewhere(again))
-                more += (found if kept else again).evaluations
-                found, self.gains = (again, gains) if kept else (found, None)
+                better = kept(self.inputs, self.gains_of(again), (found.left_db, again.left_db), self._elsewhere(again))
+                more += (found if better else again).evaluations
+                found, self.gains = (again, self.gains) if better else (found, None)
             found = found.after(more)
         return self.drifted(found)
 
+    def _may_have_gains(self, found: Fit) -> bool:
+        """Whether the job may have another gain than the reference job, or that others than the model, which knows no sensitivities."""
+        update = self.inputs.campaign.update
+        if self.against_reference:
+            return self.error is not None and update.nuisances.gain is None
+        return self.method.approach != "paper" and self.name == update.reference and not none_shown(self.inputs, self._elsewhere(found))
+
+    def gains_of(self, fit: Fit) -> Gains | None:
+        """The gains at the end of a fit; None where its cost allows for none."""
+        solution, knowledge = fit.solution, fit.knowledge
+        rows = solution.evaluation.jacobian[: fit.plain.valid.sum() * (2 if self.method.residual.kind != "db" else 1)]
+        of = rows, knowledge.covariance, knowledge.noise.variance
+        return gains_of(self.inputs, fit.plain, solution.theta, *of, shared=self.against_reference)
+
+    def _off(self, fit: Fit) -> tuple[bool, int]:
+        """Whether gains are seen beside a fit without them, and evaluations.
+
+        Bolts make up for a gain in part: it is sought from the end of that fit, and from the reference state or the start values.
+        """
+        misfit = fit.misfit.with_gains(columns_of(self.inputs, shared=self.against_reference))
+        ends = [self._descend(misfit, theta) for theta in (fit.solution.theta, self.prior)]
+        best = min(ends, key=lambda end: end.evaluation.total)
+        knowledge = posterior(misfit, best, self.shapes, (), noise_of(misfit, best.evaluation, self.selected), self.prior)
+        gains = self.gains_of(replace(fit, plain=misfit, solution=best, knowledge=knowledge))
+        seen = gains is not None and bool(gains.seen(self.statistics.errors).any())
+        return seen, sum(end.evaluations for end in ends)
+
     def _elsewhere(self, fit: Fit) -> Floats:
-        """By how much levels lie above what a fit expects, against the reference job but in that, on lines not compared [dB]."""
-        used, rest = self.inputs.used, np.setdiff1d(np.arange(self.s.size), self.selected)
+        """(m, U) by how much levels lie above what a fit expects on lines not compared [dB]; but in the reference job against that.
+
+        Empty where nothing can be compared.
+        """
+        rest = np.setdiff1d(np.arange(self.s.size), self.selected)
         tight = self.of_reference() if self.against_reference else None
-        alone = not self.against_reference
-        if not rest.size or not (alone or (tight is not None and not unlike(self.measurement.frequency_hz, tight.frequency_hz))):
-            return np.zeros(0)
-        model = self.source.model(self.s, self.parameters, rest, used)
-        measured, expected = self.measurement.values[np.ix_(rest, used)], model.frf(fit.solution.theta)
+        lacking = self.against_reference and (tight is None or unlike(self.measurement.frequency_hz, tight.frequency_hz) is not None)
+        if not rest.size or lacking:
+            return np.zeros((0, self.inputs.used.size))
+        model = self.source.model(self.s, self.parameters, rest, self.inputs.used)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = decibel(measured / expected)
+            above = decibel(self._used(self.measurement, rest) / model.frf(fit.solution.theta))
             if tight is not None:
-                above = above - decibel(tight.values[np.ix_(rest, used)] / model.frf(self.prior))
-        return above[np.isfinite(above)]
+                above = above - decibel(self._used(tight, rest) / model.frf(self.prior))
+        return above
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""

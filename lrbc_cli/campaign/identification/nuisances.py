@@ -6,20 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats, Integers
-from lrbc_cli.campaign.identification.found import Fit
+from lrbc_cli.arrays import Integers
+from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.reading.drift import KELVIN, speed_std
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import NuisanceConfig
 from lrbc_cli.model.factors import SOUND_SPEED
-from lrbc_cli.updating.misfit.cost import Misfit
 from lrbc_cli.updating.misfit.extended import Nuisance
-from lrbc_cli.updating.posterior.fit import Posterior, noise_of, posterior
-from lrbc_cli.updating.search.descent import descend
-from lrbc_cli.updating.search.optimise import Solution
-
-#: Share of a gain that the lines that are not compared have to show.
-SHOWN = 0.5
+from lrbc_cli.updating.posterior.fit import Posterior
 
 
 def nuisances_of(inputs: Inputs, nuisances: NuisanceConfig, responses: Integers | None = None) -> tuple[Nuisance, ...]:
@@ -49,9 +43,20 @@ def _nuisance(inputs: Inputs, kind: str, name: str, index: int, std: float) -> N
     return Nuisance(kind=kind, name=name, index=index, mean=0.0, std=std, bounds=(-bound, bound))
 
 
-def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[float, float] | None = None) -> dict[str, Any]:
-    """What drifted, with standard deviations, as in ``result.json``; ``gain`` is what all responses share [dB]."""
-    tree: dict[str, Any] = {} if gain is None else {"common_gain_db": {"value": gain[0], "std": gain[1]}}
+def gain_tree(inputs: Inputs, gains: Gains) -> dict[str, Any]:
+    """Gains of all responses, with standard deviations; null of a response that is not used: its gain follows from the others."""
+    stds = dict(zip(inputs.used.tolist(), gains.stds.tolist(), strict=True))
+    both = zip(inputs.responses, gains.over(inputs).tolist(), strict=True)
+    return {response.name: {"value": value, "std": stds.get(at)} for at, (response, value) in enumerate(both)}
+
+
+def nuisance_tree(inputs: Inputs, knowledge: Posterior, gains: Gains | None = None) -> dict[str, Any]:
+    """What drifted, with standard deviations, as in ``result.json``."""
+    nuisances, tree = inputs.campaign.update.nuisances, dict[str, Any]()
+    if gains is not None and gains.shared:
+        tree["common_gain_db"] = dict(zip(("value", "std"), gains.mean, strict=True))
+    elif gains is not None:
+        tree["gain_db"] = gain_tree(inputs, gains)
     stds = knowledge.std[knowledge.z.size :]
     for nuisance, value, std in zip(knowledge.nuisances, knowledge.values, stds, strict=True):
         if nuisance.kind == "gain":
@@ -64,84 +69,3 @@ def nuisance_tree(nuisances: NuisanceConfig, knowledge: Posterior, gain: tuple[f
                 kelvin = 2.0 * (nuisances.room + KELVIN)
                 tree["temperature_kelvin"] = {"value": kelvin * float(value), "std": kelvin * float(std)}
     return tree
-
-
-def common_gain(inputs: Inputs) -> Floats | None:
-    """(U, 1) gain that all responses used share, of one standard deviation [dB]; None where the settings name gains of their own."""
-    if inputs.campaign.update.nuisances.gain is not None:
-        return None
-    return np.full((inputs.used.size, 1), inputs.statistics.errors.gain_db)
-
-
-def gain_of(inputs: Inputs, misfit: Misfit, solution: Solution, knowledge: Posterior) -> tuple[float, float] | None:
-    """The gain that all responses share at an optimum, and its standard deviation [dB]; None where the cost allows for none.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    misfit : Misfit
-    solution : Solution
-        The Jacobian of its evaluation is to the unknowns.
-    knowledge : Posterior
-    """
-    rows = solution.evaluation.jacobian[: misfit.valid.sum() * (2 if inputs.method.residual.kind != "db" else 1)]
-    found = misfit.gains(solution.theta, rows, knowledge.covariance, knowledge.noise.variance)
-    if found is None:
-        return None
-    reach = inputs.statistics.values.nuisance_reach * inputs.statistics.errors.gain_db
-    return min(max(float(found[0][0]), -reach), reach), float(found[1][0])
-
-
-def seen_gain(inputs: Inputs, gain: tuple[float, float] | None) -> bool:
-    """Whether a gain lies, with its 95 % interval, beyond what a measuring chain is calibrated to."""
-    return gain is not None and abs(gain[0]) - 2.0 * gain[1] > inputs.statistics.errors.least_gain_db
-
-
-def off_gain(inputs: Inputs, fit: Fit, prior: Floats, selected: Integers, gains: Floats) -> tuple[bool, int]:
-    """Whether the measurement has another gain than the reference job, and evaluations.
-
-    Bolts make up for a gain in part: it is sought from the end of the fit without it, and from the reference state.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    fit : Fit
-        Without a gain.
-    prior : (size,) float array
-        Theta of the reference state.
-    selected : int array
-        Lines that are compared.
-    gains : (U, 1) float array
-        See ``common_gain``.
-    """
-    misfit, shapes = fit.misfit.with_gains(gains), fit.knowledge.shapes
-    bounds, method = misfit.model.parameters.bounds, inputs.method
-    stop: dict[str, Any] = {"tolerance": method.tolerance, "max_iterations": method.max_iterations}
-    ends = [descend(misfit, theta, bounds, shapes.T, **stop) for theta in (fit.solution.theta, prior)]
-    best = min(ends, key=lambda end: end.evaluation.total)
-    knowledge = posterior(misfit, best, shapes, (), noise_of(misfit, best.evaluation, selected), prior)
-    return seen_gain(inputs, gain_of(inputs, misfit, best, knowledge)), sum(end.evaluations for end in ends)
-
-
-def no_gain(inputs: Inputs, elsewhere: Floats) -> bool:
-    """Whether the lines that are not compared lie so near to the model that no gain could show there, see ``shown_gain``."""
-    return bool(elsewhere.size) and abs(float(np.median(elsewhere))) < SHOWN * inputs.statistics.errors.least_gain_db
-
-
-def shown_gain(left: tuple[float, float], gain: float, elsewhere: Floats) -> bool:
-    """Whether a gain brings a fit nearer to the measurement, and shows on lines where damping would not.
-
-    Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
-    without it is none. Damping moves levels about resonances as a gain does, and hardly others.
-
-    Parameters
-    ----------
-    left : (float, float)
-        Misfit without the gain, and with it [dB].
-    gain : float
-        [dB]
-    elsewhere : (m,) float array
-        By how much levels lie above what the second fit expects, against the reference job where it is compared with it, on lines that
-        are not compared [dB].
-    """
-    return left[1] < left[0] and (not elsewhere.size or abs(float(np.median(elsewhere)) - gain) < SHOWN * abs(gain))

@@ -20,7 +20,7 @@ from lrbc_cli.io.frf import CoherenceKey, TextLayout, read_coherence, read_frf
 from lrbc_cli.io.frf_common import HERTZ
 from lrbc_cli.model.frf import FrfRecord, FrfSet
 from lrbc_cli.remembered import Remembered
-from lrbc_cli.updating.statistics.residuals import DB
+from lrbc_cli.updating.statistics.decibels import DB
 
 #: Share of the band that the lines should cover, and of the lines that a coherence should hold.
 MIN_BAND, MIN_COHERENCE = 0.9, 0.8

@@ -11,9 +11,9 @@ from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.method.resolve import noise_source
 from lrbc_cli.updating.comparison.correlation import measured_values
+from lrbc_cli.updating.statistics.decibels import coherence_sigma, decibel, noise_weights
 from lrbc_cli.updating.statistics.model import ValidationChannels
 from lrbc_cli.updating.statistics.noise import validation_ratio
-from lrbc_cli.updating.statistics.residuals import coherence_sigma, decibel, noise_weights
 
 
 def measured_sigma(inputs: Inputs, measurement: Measurement, job: JobConfig, selected: Integers) -> tuple[str, Floats | None]:

@@ -28,7 +28,7 @@ from lrbc_cli.results.shapes import ShapesRecord
 from lrbc_cli.results.store import versions
 from lrbc_cli.updating.judging.evidence import Evidence
 from lrbc_cli.updating.search.lcurve import LCurve
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.decibels import decibel
 
 #: Header and rows of a table.
 Table = tuple[list[str], list[list[Any]]]
@@ -125,7 +125,7 @@ def identified_tree(inputs: Inputs, stage: ReductionStage | None, result: Identi
         },
         "modes": modes_tree(inputs, stage, result),
         "method": inputs.method.tree(),
-        "nuisances": nuisance_tree(campaign.update.nuisances, knowledge, result.gain),
+        "nuisances": nuisance_tree(inputs, knowledge, result.gains),
         "iterations": solution.iterations,
         "evaluations": solution.evaluations,
         "line_evaluations": result.line_evaluations,

@@ -38,9 +38,9 @@ from lrbc_cli.updating.misfit.cost import SLOPE_STEP, ChangeError
 from lrbc_cli.updating.misfit.extended import ExtendedFrf
 from lrbc_cli.updating.misfit.frf import reduced_model
 from lrbc_cli.updating.posterior.information import LOSSES
+from lrbc_cli.updating.statistics.decibels import DB, coherence_sigma, decibel
 from lrbc_cli.updating.statistics.lines import resonance_lines
 from lrbc_cli.updating.statistics.noise import Noise
-from lrbc_cli.updating.statistics.residuals import DB, coherence_sigma, decibel
 from lrbc_cli.updating.statistics.shared import band_means
 
 #: Draws of each bolt and loss, as many as make so many rehearsals in all, but not fewer nor more than these.

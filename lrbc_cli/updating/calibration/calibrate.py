@@ -226,13 +226,11 @@ class FactorFit:
         value, reach = self.logarithms[name], NORMAL_95 * self.spread[name]
         return float(np.exp(value - reach)), float(np.exp(value + reach))
 
-    @property
-    def gain_db(self) -> tuple[float, float] | None:
-        """The gain that all responses share and its standard deviation [dB]; None where the cost allows for none."""
-        problem, J = self.problem, self.solution.evaluation.jacobian
-        misfit = problem.misfit(self.noise.variance, soft=True).gained_about(self.solution.theta)
-        found = misfit.gains(self.solution.theta, J[: J.shape[0] - problem.rows().shape[0]], self.covariance, self.noise.variance)
-        return None if found is None else (float(found[0][0]), float(found[1][0]))
+    def gains(self) -> tuple[Misfit, Floats, Floats, Floats, float]:
+        """Cost, theta, Jacobian of the data residuals, covariance and variance at the optimum: what tells gains, see ``Misfit.gains``."""
+        problem, J, theta = self.problem, self.solution.evaluation.jacobian, self.solution.theta
+        misfit = problem.misfit(self.noise.variance, soft=True).gained_about(theta)
+        return misfit, theta, J[: J.shape[0] - problem.rows().shape[0]], self.covariance, self.noise.variance
 
     def wider(self, ratio: float) -> FactorFit:
         """The same where the data err by so many times as much as their residuals, see ``noise.validation_ratio``."""

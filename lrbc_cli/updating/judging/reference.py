@@ -48,8 +48,8 @@ class ReferenceState:
         Mean misfit of the responses used, and of the validation channels [dB].
     hammer_offset_m : mapping
         Where the hammer hit, by excitation and direction [m].
-    gain_db : float
-        By how much all its FRFs lie above the model's at all lines [dB].
+    gain_db : mapping
+        By how much its FRFs lie above the model's at all lines, by response [dB].
     explained : bool
         The model explains its measurement, by the rule that it was judged by.
     inputs : frozenset of str
@@ -63,7 +63,7 @@ class ReferenceState:
     misfit_db: float
     validation_db: float | None
     hammer_offset_m: Mapping[str, float] = field(default_factory=dict)
-    gain_db: float = 0.0
+    gain_db: Mapping[str, float] = field(default_factory=dict)
     explained: bool = True
     inputs: frozenset[str] = field(default_factory=frozenset, repr=False)
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.updating.misfit.frf import Sensitive
+from lrbc_cli.updating.statistics.decibels import DB, decibel
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.noise import spent
-from lrbc_cli.updating.statistics.residuals import DB, DataResidual, ResidualOptions, decibel
+from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced.affine import AffineModel
-from lrbc_cli.updating.statistics.residuals import DB
+from lrbc_cli.updating.statistics.decibels import DB
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from lrbc_cli.model.terms import Parameterisation
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.remembered import Remembered
-from lrbc_cli.updating.statistics.residuals import DB
+from lrbc_cli.updating.statistics.decibels import DB
 
 
 class Sensitive(Protocol):

@@ -8,7 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.updating.peaks import peaks_of
-from lrbc_cli.updating.statistics.residuals import DB, decibel
+from lrbc_cli.updating.statistics.decibels import DB, decibel
 
 
 @dataclass(frozen=True)

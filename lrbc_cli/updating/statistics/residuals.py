@@ -11,17 +11,10 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.errors import DataError
+from lrbc_cli.updating.statistics.decibels import DB, decibel, noise_weights
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.losses import on_sphere, soft
 from lrbc_cli.updating.statistics.shared import Bands, Shared, band_means
-
-#: d(20 log10 x)/d ln x.
-DB = 20.0 / float(np.log(10.0))
-
-
-def decibel(H: Complexes | Floats) -> Floats:
-    """20 log10 |H|, eqs. (30), (31)."""
-    return np.asarray(20.0 * np.log10(np.abs(H)))
 
 
 @dataclass(frozen=True)
@@ -416,40 +409,3 @@ class DataResidual:
             return real, real_rows
         angle = weight * DB * np.angle(now / self._measured)
         return real + 1j * angle, real_rows + 1j * (np.broadcast_to(weight, angle.shape)[:, None] * jacobian.imag)
-
-
-def coherence_sigma(coherence: Floats, averages: Floats | int, errors: ErrorModel = ERRORS) -> Floats:
-    """Standard deviation of the magnitude of an averaged FRF [dB].
-
-    ``20/ln10 sqrt((1 - g²)/(2 n g²))``, the random error of a frequency response in Bendat and Piersol, *Random Data*, chapter 9.
-
-    Parameters
-    ----------
-    coherence : float array
-        Ordinary coherence g²; NaN where unknown.
-    averages : int or float array
-        n.
-    errors : ErrorModel
-
-    Returns
-    -------
-    float array
-        NaN where the coherence is unknown.
-    """
-    g2 = np.clip(coherence, errors.least_coherence, 1.0)
-    return np.asarray(DB * np.sqrt((1.0 - g2) / (2.0 * averages * g2)))
-
-
-def noise_weights(sigma: Floats, level: float) -> Floats:
-    """Factors ``1/sqrt(1 + (sigma/level)²)`` on residuals in dB; 1 where sigma is NaN.
-
-    Below the level the errors of a model outweigh those of a measurement: such lines keep about their weight.
-
-    Parameters
-    ----------
-    sigma : float array
-        Standard deviations [dB].
-    level : float
-        Standard deviation of the model discrepancy [dB].
-    """
-    return np.where(np.isnan(sigma), 1.0, 1.0 / np.sqrt(1.0 + (np.nan_to_num(sigma, posinf=np.inf) / level) ** 2))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.updating.statistics.residuals import decibel
+from lrbc_cli.updating.statistics.decibels import decibel
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.model import ValidationChannels
-from lrbc_cli.updating.statistics.residuals import decibel
 
 #: Levels of less than 500 dB are known to this in single precision, and their differences [dB].
 _ROUNDING = 1e-4

@@ -9,6 +9,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.found import Identification
+from lrbc_cli.campaign.identification.gains import Gains
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
@@ -17,10 +18,10 @@ from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
+from lrbc_cli.updating.statistics.decibels import coherence_sigma
 from lrbc_cli.updating.statistics.echo import second_blow
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.statistics.modal import other_chain
-from lrbc_cli.updating.statistics.residuals import coherence_sigma
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0
@@ -276,7 +277,8 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
         Of the responses used at the start values and at the end [dB].
     """
     # A gain that was taken out is looked for all the same.
-    states = result.initial, result.updated / (1.0 if result.gain is None else 10.0 ** (result.gain[0] / 20.0))
+    gains = result.gains
+    states = result.initial, result.updated / (1.0 if gains is None else gains.factors(inputs))
     reference, exchanges = result.reference, exchanged(inputs, result.measurement.values, states)
     involved = {i for cycle in exchanges for i in cycle}
     offsets = factors_of(inputs, result.measurement, states)
@@ -291,15 +293,14 @@ def doubts(inputs: Inputs, result: Identification, misfit: tuple[float | None, f
     job = inputs.campaign.jobs[result.name]
     units = offset_texts(inputs, offsets, result.name)
     found = [*([swapped] if swapped else []), *units.values()]
-    if result.gain is not None and not any(kind == "units" for kind, *_ in units):
-        text = gain_text if result.against_reference else level_text
-        found.append(text(inputs, result.name, *result.gain))
+    if gains is not None and not any(kind == "units" for kind, *_ in units):
+        found.append((gain_text if gains.shared else level_text)(inputs, result.name, gains))
     noise = noise_level(result.measurement, job, inputs.used)
     # What both states lack has dropped out of a comparison of their changes.
     further = [None if result.relative or misfit[1] is None else unreached(misfit[1], noise, reference), worsened(*misfit, noise)]
     untrusted = swapped or None
-    if not swapped and result.gain is not None and result.against_reference:
-        untrusted = f"all FRFs are {gain_size(*result.gain)} than the reference job lets expect"
+    if not swapped and gains is not None and gains.shared:
+        untrusted = f"all FRFs are {gain_size(*gains.mean)} than the reference job lets expect"
     return found + [text for text in further if text is not None], compared, untrusted
 
 
@@ -308,30 +309,38 @@ def gain_size(gain: float, std: float) -> str:
     return f"{abs(10.0 ** (gain / 20.0) - 1.0):.0%} {'higher' if gain > 0 else 'lower'} ({gain:+.1f} +-{2.0 * std:.1f} dB)"
 
 
-def _scales(inputs: Inputs, job: str, gain: float) -> str:
-    """What to write as ``scale`` of a job so that it has no gain [dB]."""
-    own = inputs.campaign.jobs[job].scale
-    return ", ".join(f"{r.name}: {own.get(r.name, 1.0) / 10.0 ** (gain / 20.0):.4g}" for r in inputs.responses)
+def _scales(inputs: Inputs, job: str, gains: Gains) -> str:
+    """What to write as ``scale`` of a job so that it has no gains."""
+    own, factors = inputs.campaign.jobs[job].scale, gains.factors(inputs)
+    both = zip(inputs.responses, factors.tolist(), strict=True)
+    return ", ".join(f"{response.name}: {own.get(response.name, 1.0) / factor:.4g}" for response, factor in both)
 
 
-def gain_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
-    """What to say of a gain that all responses of a job share, with its standard deviation [dB]."""
+def gain_text(inputs: Inputs, job: str, gains: Gains) -> str:
+    """What to say of a gain that all responses of a job share."""
     reference, own = inputs.campaign.update.reference, inputs.campaign.jobs[job]
     return (
-        f"{own.first.name}: all FRFs are {gain_size(gain, std)} than those of {reference} let expect, at all lines of all responses, "
+        f"{own.first.name}: all FRFs are {gain_size(*gains.mean)} than those of {reference} let expect, at all lines of all responses, "
         "which no bolt does; expected: one hammer with one sensitivity in both jobs. Verdicts, if any, allow for it, and nothing is an "
         f"all-clear. Fix: compare the sensitivities typed for {job} and for {reference} (where all jobs say this, those of {reference} "
-        f"are off), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gain)}}}"
+        f"are off), and export again, or write jobs.{job}.scale: {{{_scales(inputs, job, gains)}}}"
     )
 
 
-def level_text(inputs: Inputs, job: str, gain: float, std: float) -> str:
-    """What to say of a gain that all responses of the reference job, or of the job of the calibration, have against the model [dB]."""
+def level_text(inputs: Inputs, job: str, gains: Gains) -> str:
+    """What to say of gains that the responses of the reference job, or of the job of the calibration, have against the model."""
+    seen = gains.seen(inputs.statistics.errors)
+    each = zip(inputs.used.tolist(), gains.values.tolist(), gains.stds.tolist(), seen.tolist(), strict=True)
+    named = ", ".join(f"{inputs.responses[at].name} {gain_size(value, std)}" for at, value, std, one in each if one)
+    if gains.alike:
+        size, likely = f"all FRFs are {gain_size(*gains.mean)}", "the hammer or of the sensors, or the mass of the model"
+    else:
+        size, likely = f"FRFs are higher or lower ({named})", "the sensors"
     return (
-        f"{inputs.campaign.jobs[job].first.name}: all FRFs are {gain_size(gain, std)} than the model lets expect, at all lines of all "
-        "responses; likely the sensitivity of the hammer or of the sensors, or the mass of the model. It is allowed for: changes and "
-        "verdicts do not rest on it, absolute stiffnesses do. Fix: compare the sensitivities typed for hammer and sensors, and the weight "
-        f"of the structure with that of the model; then correct the model, or write scale: {{{_scales(inputs, job, gain)}}} in every job"
+        f"{inputs.campaign.jobs[job].first.name}: {size} than the model lets expect, at all lines; likely the sensitivity of "
+        f"{likely}. It is allowed for: changes and verdicts do not rest on it, absolute stiffnesses do. Fix: compare the sensitivities "
+        "typed for hammer and sensors, and the weight of the structure with that of the model; then correct the model, or write scale: "
+        f"{{{_scales(inputs, job, gains)}}} in every job"
     )
 
 
@@ -363,16 +372,16 @@ def calibration_doubts(
     states: Sequence[Complexes],
     job: str,
     misfit: tuple[float, float],
-    gain: tuple[float, float] | None,
+    gains: Gains | None,
 ) -> list[str]:
-    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines, gain that was allowed for [dB].
+    """Warnings of a calibration; ``misfit`` of the responses used before and after, over all lines [dB].
 
-    The states are without that gain.
+    The states are without the gains that were allowed for.
     """
     units = offset_texts(inputs, factors_of(inputs, measurement, states), job)
     found = list(units.values())
-    if gain is not None and not any(kind == "units" for kind, *_ in units):
-        found.append(level_text(inputs, job, *gain))
+    if gains is not None and not any(kind == "units" for kind, *_ in units):
+        found.append(level_text(inputs, job, gains))
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]
