@@ -64,6 +64,7 @@ def test_a_gain_shows_where_damping_does_not(elsewhere: list[float], told: bool)
         assert kept(inputs, gains, (1.2, 0.8), above) is told
         # What leaves more is none, nor is one that a measuring chain may have.
         assert not kept(inputs, gains, (0.8, 1.2), above)
+        assert kept(inputs, gains, (0.82, 0.8), above) is (told and shared)
         assert not kept(inputs, Gains(np.full(3, 0.35), np.full(3, 0.1), shared), (1.2, 0.8), above)
     assert not kept(inputs, None, (1.2, 0.8), above)
 

@@ -108,7 +108,8 @@ def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhe
     """Whether gains bring a fit nearer to the measurement, and one of them is seen and shows.
 
     Where bolts change much, errors of the predicted changes and a gain are told apart by little: one that leaves more than was left
-    without it is none.
+    without it is none. Against the model the mass may be the inverse of a gain, and stiffnesses with it: there half of the gains has to be
+    missing without them, by the squares, else nothing is wrong that they would mend.
 
     Parameters
     ----------
@@ -120,5 +121,7 @@ def kept(inputs: Inputs, gains: Gains | None, left: tuple[float, float], elsewhe
         See ``Gains.shown``.
     """
     if gains is None or not left[1] < left[0]:
+        return False
+    if not gains.shared and left[0] ** 2 - left[1] ** 2 < SHOWN**2 * float(np.mean(gains.values**2)):
         return False
     return bool(np.any(gains.seen(inputs.statistics.errors) & gains.shown(elsewhere)))
