@@ -34,7 +34,7 @@ ALLOWED = {
     },
     "warnings and refusals of input that is in doubt: units, bands, places": {
         *("PARTS", "LEAST_LINES", "LEAST_OFFSET", "LEFT", "LEAST_REACH", "MOST_REACH", "BETTER", "POWERS", "ALIKE", "TURNED"),
-        *("LATE", "LATER", "DELAY_LINES"),
+        *("LATE", "LATER", "DELAY_LINES", "MOST_PLACES", "_MOST_NODES", "_SYMMETRIC", "_NODES"),
         *("PLAUSIBLE", "FAR_ABOVE_NOISE", "LARGE_MISFIT", "LEAST_BAND", "SHOWN", "LARGEST_SHARE", "FASTEST", "EVIDENT", "BEYOND"),
         *("LEAST_DOFS", "MOST_FILLED", "ENTRIES", "FAR", "NEARER", "AT_NODE", "CLEARLY_NEARER", "EXCHANGES", "FEW", "MANY", "LARGE_LOSS"),
         *("_DIGITS", "EXCHANGED", "LEAST_DIFFERENCE", "ALONE", "OTHER_LEVEL_DB", "_EXCHANGES"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, unnamed
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
-from lrbc_cli.campaign.identification.compared.doubts import chain_doubt
+from lrbc_cli.campaign.identification.compared.doubts import chain_doubt, noise_doubt
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
@@ -26,7 +26,7 @@ from lrbc_cli.config.settings import EveryLine
 from lrbc_cli.errors import LrbcError, NumericalError
 from lrbc_cli.model.coupling import asymmetry, coupling_of
 from lrbc_cli.reduction.solve import pardiso
-from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, too_wide
+from lrbc_cli.updating.statistics.lines import few_digits, few_resonances, interpolated, missed, phaseless, too_wide
 
 TRANSLATIONS = ("UX", "UY", "UZ")
 
@@ -88,7 +88,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     elif use is not None:
         out.sections["calibration"] = [use.text, *(f"{name} = {value:.6g}" for name, value in use.factors.items())]
     out.sections["method"] = inputs.method.choices
-    out.warnings += inputs.method.warnings
+    out.warnings += [*inputs.method.warnings, *_unvalidated(inputs)]
     out.sections["jobs"] = _jobs(inputs, folder, parts, out, detailed)
     out.sections["more"] = [
         *([] if pictured else ["lrbc check --picture draws the structure with bolts, sensors and updated terms"]),
@@ -225,7 +225,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             f"changes show most: {', '.join(sparse)}; write lines: resonances"
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
-    out.warnings += _other_chains(inputs, readable)
+    out.warnings += [*_phaseless(inputs, readable), *_other_chains(inputs, readable)]
     warnings, note = first_look(inputs, folder, readable)
     out.warnings += warnings
     lines += [note] if note else []
@@ -262,14 +262,41 @@ def _few_text(inputs: Inputs, measurement: Measurement, count: int) -> str:
     )
 
 
+def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
+    """A warning of jobs whose FRFs have lost their phases."""
+    bare = {name: found for name, own in readable.items() if (found := phaseless(own.values))}
+    if not bare:
+        return []
+    names = [inputs.responses[i].name for i in sorted({i for found in bare.values() for i in found})]
+    files = [inputs.campaign.jobs[name].first.name for name in bare]
+    return [
+        f"{', '.join(files)}: no phases: every value of {', '.join(names)} is real and above zero; expected: complex FRFs. Export real and "
+        "imaginary parts, or magnitudes with their phases: without them reversed or exchanged sensors, delays and windows are not found"
+    ]
+
+
 def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """Warnings of jobs that were measured with another chain than the reference job."""
+    """Warnings of jobs that were measured with another chain than the reference job, or with more noise."""
     reference = inputs.campaign.update.reference or ""
     tight, found = readable.get(reference), []
     for name, own in readable.items():
-        if tight is not None and name != reference and (text := chain_doubt(inputs, own, tight, reference)):
-            found.append(f"job {name}: {text}")
+        if tight is not None and name != reference:
+            told = (chain_doubt(inputs, own, tight, reference), noise_doubt(own, tight, reference))
+            found += [f"job {name}: {text}" for text in told if text]
     return found
+
+
+def _unvalidated(inputs: Inputs) -> list[str]:
+    """A warning where every response enters the cost, so that nothing tests what comes out."""
+    update = inputs.campaign.update
+    if update.reference is None or inputs.validation.size or len(inputs.responses) < 2:
+        return []
+    names = [response.name for response in inputs.responses]
+    wrong = "all responses are used" if update.responses is None else "it names all responses"
+    return [
+        f"update.responses: {wrong}, and none is left to test the result: no job is validated, and nothing is an all-clear; leave one out: "
+        f"update.responses: [{', '.join(names[:-1])}]"
+    ]
 
 
 def _unwritable(output: Path) -> list[str]:

@@ -95,4 +95,4 @@ def rehearse(
         for job, removed in jobs.items():
             say(f"{job}: {', '.join(removed) + ' loose' if removed else 'all bolts tight'}")
         say(f"what was drawn: {out / RECORD}")
-        say(f"next: lrbc update {out / FILE}")
+        say(f"next: lrbc {'update' if inputs.campaign.calibration is None else 'run'} {out / FILE}")

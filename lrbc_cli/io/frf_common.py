@@ -161,8 +161,17 @@ def clean_coherence(values: NDArray[Any], path: Path, place: str) -> tuple[NDArr
     real[undefined] = 0.0
     outside = np.flatnonzero((real < -1e-3) | (real > 1.0 + 1e-3))
     if outside.size:
-        at = int(outside[0])
-        raise DataError("a coherence is wrong", file=path, place=place, expected="0 to 1", found=f"{real[at]:.6g} at point {at + 1}")
+        at, percent = int(outside[0]), real.min() >= 0.0 and real.max() <= 100.1
+        raise DataError(
+            "a coherence is wrong",
+            file=path,
+            place=place,
+            expected="0 to 1",
+            found=f"{real[at]:.6g} at point {at + 1}",
+            hint="in per cent, it seems: divide all its values by 100"
+            if percent
+            else "is it the coherence? Give the column, variable or file that holds it, or leave it out",
+        )
     return np.clip(real, 0.0, 1.0), bool(undefined.any())
 
 

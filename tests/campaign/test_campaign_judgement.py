@@ -208,7 +208,9 @@ def test_what_is_stated_as_removed_and_comes_out_tight_is_told(tmp_path: Path) -
     tree["jobs"]["loose"]["removed"] = ["B1", "B3"]
     folder.write(tree)
     done = folder.run("update")
-    assert "jobs.loose.removed: B1 is stated to be missing, and judged tight against tight" in done.stderr
+    assert "jobs.loose.removed: B1 is stated to be missing, and judged tight against tight: " in done.stderr
+    assert "loose instead: are the bolts numbered otherwise at the rig" in done.stderr
+    assert "Correct the names in bolts.csv; else are the files of the two jobs" in done.stderr
 
 
 def rewritten(change: Callable[[FrfRecord], FrfRecord]) -> Callable[[Folder], None]:

@@ -512,7 +512,7 @@ def test_penalties_are_told(box: Folder) -> None:
 
 def test_a_distant_node_is_told(box: Folder) -> None:
     box.replace("- 2.0\n    - 0.0\n    - 0.1", "- 1.98\n    - 0.0\n    - 0.1")
-    found = warnings(box)
+    found = [line for line in warnings(box) if "none is left to test" not in line]
     assert len(found) == 1
     assert "responses.mic3: the nearest node 124 is 20.0 mm away (mesh size 87 mm)" in found[0]
     # Once: here it is a finding, elsewhere a word on the way.

@@ -921,6 +921,17 @@ MISTAKES = [
     ),
     Mistake("sensor off", "frame", numbers(FRFS[0], times(0.0, 5, 7)), 3, "acc3 is zero on the whole band", "take acc3 out of responses"),
     Mistake(
+        "two sensors off",
+        "frame",
+        numbers(FRFS[0], times(0.0, 3, 7)),
+        3,
+        "the records of responses acc2, acc3 are zero on the whole band",
+        "take acc2, acc3 out of responses",
+    ),
+    Mistake(
+        "all sensors off", "frame", numbers(FRFS[0], times(0.0, 1)), 3, "acc1, acc2, acc3 are zero", "with the hammer's signal and its"
+    ),
+    Mistake(
         "hammer in metres",
         "plate",
         config(("[63.333, 60, 4]", "[0.063333, 0.060, 0.004]")),

@@ -8,6 +8,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+import yaml
 from campaigns import ROOT, lrbc
 from samples import reduced_cache
 
@@ -36,7 +37,7 @@ def test_what_was_loosened_is_found(tmp_path: Path) -> None:
         "tight-2: all bolts tight",
         "loose-B3-B4: B3, B4 loose",
         f"what was drawn: {out / 'rehearsal.json'}",
-        f"next: lrbc update {out / 'campaign.yaml'}",
+        f"next: lrbc run {out / 'campaign.yaml'}",
     ]
     result = lrbc("update", out / "campaign.yaml", "--fail-on-loose", "--cache", cache)
     assert result.code == 6, result.stdout
@@ -128,3 +129,14 @@ def test_what_is_not_said_is_drawn_or_declared() -> None:
     assert len(drawn) > 3
     assert job_list(inputs, (), 2) == {"tight": [], "tight-2": []}
     assert list(job_list(inputs, ("B1", "B1"))) == ["tight", "loose-B1", "loose-2"]
+
+
+def test_what_is_next_without_a_calibration(tmp_path: Path, cache: Path) -> None:
+    config = tmp_path / "configs" / "frame.yaml"
+    config.parent.mkdir()
+    tree = yaml.safe_load(FRAME.read_text(encoding="utf-8").replace("../data_samples", (ROOT / "data_samples").as_posix()))
+    del tree["calibration"]
+    config.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    done = lrbc("rehearse", config, "--out", tmp_path / "out", "--loose", "B3", "--cache", cache)
+    assert done.code == 0, done.stderr
+    assert f"next: lrbc update {tmp_path / 'out' / 'campaign.yaml'}" in done.stdout

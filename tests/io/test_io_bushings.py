@@ -53,8 +53,8 @@ X = "1,0,0,0,1,0"
     [
         ("B1,5,,UQ,1", 2, "expected: one of UX, UY, UZ, ROTX, ROTY, ROTZ\n  found:    'UQ'"),
         ("B1,5,5,UX,1", 2, "a spring between a node and itself"),
-        ("B1,5,,UX,0", 2, "a number above 0, in N/m or N m/rad\n  found:    '0'"),
-        ("B1,5,,UX,-3", 2, "a number above 0"),
+        ("B1,5,,UX,0", 2, "a number above 0\n  found:    '0'\n  fix:      a spring pushes back"),
+        ("B1,5,,UX,-3", 2, "without the sign, or remove the line"),
         ("B1,5,,UX,inf", 2, "a finite number"),
         ("B1,5,,UX,nan", 2, "a finite number"),
         ("B1,5.5,,UX,1", 2, "a whole number"),

@@ -461,3 +461,34 @@ def test_messages_show_the_cell(tmp_path: Path) -> None:
             read_frf(write(tmp_path, [*lines[:3], ";".join(cells), lines[4]]))
         assert caught.value.found == found
         assert "line 4" in str(caught.value)
+
+
+def test_an_empty_column_is_told_as_such(tmp_path: Path) -> None:
+    lines = ["f;b_real;b_imag;a_real;a_imag", "10;;;1;2", "20;;;1;2", "30;;;1;2"]
+    with pytest.raises(DataError, match="the column b_real is empty") as caught:
+        read_frf(write(tmp_path, lines))
+    assert "lines 2 to 4" in str(caught.value)
+    assert "remove both columns of this FRF" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", "-1.234.567,5", "1'234.5", "1\u00a0234,5"])
+def test_thousands_separators_are_named(tmp_path: Path, cell: str) -> None:
+    """In every line, and in one alone."""
+    fix = "has thousands separators: export without them"
+    with pytest.raises(DataError) as caught:
+        read_frf(write(tmp_path, ["f;a_real;a_imag", *(f"{hz};{cell};0,5" for hz in range(10, 50, 10))]))
+    assert caught.value.place == "line 2"
+    assert fix in str(caught.value.hint)
+    lines = [f"{hz};0,25;0,5" for hz in range(10, 50, 10)]
+    with pytest.raises(DataError) as caught:
+        read_frf(write(tmp_path, ["f;a_real;a_imag", *lines, f"50;{cell};0,5", "60;0,25;0,5"]))
+    assert "line 6" in str(caught.value)
+    assert fix in str(caught.value.hint)
+
+
+def test_a_coherence_in_per_cent(tmp_path: Path) -> None:
+    for factor, fix in ((100.0, "in per cent, it seems: divide all its values by 100"), (-1.0, "is it the coherence?")):
+        values = rows(HZ, H.real, H.imag, factor * np.full(HZ.size, 0.98))
+        with pytest.raises(DataError, match="a coherence is wrong") as caught:
+            read_frf(write(tmp_path, ["f;a_real;a_imag;a_coherence", *values]))
+        assert fix in str(caught.value.hint)

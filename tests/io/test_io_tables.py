@@ -170,3 +170,17 @@ def test_damage_gives_a_data_error_or_a_table(tmp_path, data):
     for reader in (read_dof_table, read_points, read_dof_list, read_positions):
         with contextlib.suppress(DataError):
             reader(path)
+
+
+def test_empty_cells_and_empty_columns_are_told_as_such(tmp_path):
+    with pytest.raises(DataError, match="the column 'z' is empty") as caught:
+        read_positions(write(tmp_path, "x,y,z\n0,1,\n0,2,\n"))
+    assert caught.value.place == "lines 2 to 3"
+    assert "where all points lie in one plane, write one number" in caught.value.hint
+    with pytest.raises(DataError, match="the column 'dof' is empty") as caught:
+        read_dof_list(write(tmp_path, "dof,x,y,z\n,1,2,3\n"))
+    assert (caught.value.place, caught.value.hint) == ("line 2", "fill it in")
+    with pytest.raises(DataError, match="a cell is empty") as caught:
+        read_points(write(tmp_path, "name,x,y,z\nB1,0,1,2\nB2,0,,2\n"))
+    assert caught.value.place == "line 3, column 'y'"
+    assert caught.value.hint == "write the number that belongs there, or remove the line"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lrbc_cli.arrays import Floats
+from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.campaign.reading.places import MILLIMETRES
 from lrbc_cli.config.settings import JobConfig
@@ -339,3 +339,27 @@ def _in_metres(inputs: Inputs, point: PointConfig, node: int | None) -> str | No
         return None
     text = ", ".join(f"{value:.6g}" for value in place)
     return f"the point given lies there when it is taken times 1000: write near: [{text}], in the units of the campaign"
+
+
+def require_signals(inputs: Inputs, records: list[FrfRecord | None], values: Complexes) -> None:
+    """Refuse records of responses that are used and hold zeros alone, all of them at once.
+
+    Raises
+    ------
+    DataError
+    """
+    dead = [i for i in inputs.used if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0)]
+    if not dead:
+        return
+    names = ", ".join(inputs.responses[i].name for i in dead)
+    several, all_of = len(dead) > 1, len(dead) == inputs.used.size
+    remedy = f"or do without {'them' if several else 'it'} everywhere: take {names} out of responses and update.responses"
+    raise DataError(
+        f"the records of responses {names} are zero on the whole band"
+        if several
+        else f"the record of response {names} is zero on the whole band",
+        file=next(record.file for i in dead if (record := records[i]) is not None),
+        expected="measured values",
+        hint=f"{'were their sensors or cables' if several else 'was its sensor or cable'} off? Measure this job again"
+        + (", with the hammer's signal and its trigger checked" if all_of and several else f", {remedy}"),
+    )

@@ -11,7 +11,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, apart
-from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal
+from lrbc_cli.campaign.identification.matching import called, describe, matched, misplaced, reciprocal, require_signals
 from lrbc_cli.campaign.reading.inputs import Inputs, Response
 from lrbc_cli.config.settings import JobConfig, files_of
 from lrbc_cli.errors import DataError
@@ -207,15 +207,7 @@ def _read(inputs: Inputs, job: JobConfig, name: str) -> Measurement:
     warnings += [
         f"{called(job)}: the coherence of {', '.join(names)} holds {lines} lines in the band only" for lines, names in thin.items()
     ]
-    for i in inputs.used:
-        if records[i] is not None and not np.any(np.abs(np.nan_to_num(values[:, i])) > 0):
-            raise DataError(
-                f"the record of response {inputs.responses[i].name} is zero on the whole band",
-                file=records[i].file,
-                expected="measured values",
-                hint="was its sensor or cable off? Measure this job again, or do without it everywhere: take "
-                f"{inputs.responses[i].name} out of responses and update.responses",
-            )
+    require_signals(inputs, records, values)
     if "averages" in job.model_fields_set and not np.isfinite(coherence).any():
         warnings.append(f"{called(job)}: averages: {job.averages} are those of its coherence, of which there is none, and not used")
     warnings += [*_gaps(axis, records, values, job, inputs), *_strange(coherences, inputs, job, records)]

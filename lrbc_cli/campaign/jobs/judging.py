@@ -12,7 +12,7 @@ from lrbc_cli.results.job import JobRecord
 from lrbc_cli.updating.judging.decide import BASELINE, JOB, REFERENCE, BoltVerdict, Judgement, judge, scatter_of
 from lrbc_cli.updating.judging.evidence import VALIDATION, Evidence
 from lrbc_cli.updating.judging.reference import ReferenceState
-from lrbc_cli.updating.judging.rule import TIGHT, DecisionRule, TightScatter
+from lrbc_cli.updating.judging.rule import LOOSE, TIGHT, DecisionRule, TightScatter
 
 #: Status of a job whose measurement the model does not explain.
 UNEXPLAINED = "unexplained"
@@ -184,10 +184,13 @@ def contradicted(campaign: Campaign, name: str, judgement: Judgement) -> list[st
     tight = [bolt.name for bolt in judgement.bolts if bolt.name in removed and bolt.verdict == TIGHT]
     if not tight:
         return []
+    others = [bolt.name for bolt in judgement.bolts if bolt.name not in removed and bolt.verdict == LOOSE]
+    numbered = f"{', '.join(others)} come{'s' if len(others) == 1 else ''} out loose instead: are the bolts numbered otherwise at the rig, "
+    numbered += f"from the other end for instance? Correct the names in {campaign.bolts.name}; else " if campaign.bolts else "? Else "
     return [
         f"jobs.{name}.removed: {', '.join(tight)} {'is' if len(tight) == 1 else 'are'} stated to be missing, and judged tight against "
-        f"{update.reference}: are the files of the two jobs, or of others, exchanged? Correct `frf` or `removed`; where both are right, "
-        "these responses do not show it (`lrbc plan`)"
+        f"{update.reference}: {numbered if others else ''}are the files of the two jobs, or of others, exchanged? Correct `frf` or "
+        "`removed`; where both are right, these responses do not show it (`lrbc plan`)"
     ]
 
 

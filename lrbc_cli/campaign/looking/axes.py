@@ -40,10 +40,22 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
                 else f"its frequencies are {other:.5g} times those of {reference}, line by line: was another sampling rate typed in? "
                 f"Divide them by {other:.5g}, or measure again with the settings of {reference}"
                 if other
-                else f"measure or export it on the lines of {reference}"
+                else f"{_lacking(own, tight)}measure or export it on the lines of {reference}"
             )
         )
     return found
+
+
+def _lacking(own: Measurement, other: Measurement) -> str:
+    """Which lines of another measurement, on one side of which and on the other there are lines, are missing, in a clause."""
+    axis, lines = own.frequency_hz, other.frequency_hz
+    at = np.clip(np.searchsorted(axis, lines), 1, axis.size - 1)
+    there = np.minimum(np.abs(axis[at] - lines), np.abs(axis[at - 1] - lines)) <= 1e-5 * lines
+    gone = np.flatnonzero(~there & (lines > axis[0]) & (lines < axis[-1]))
+    # Of another resolution lines are missing all along.
+    if not gone.size or gone[-1] - gone[0] + 1 != gone.size or there.sum() != axis.size:
+        return ""
+    return f"its lines from {lines[gone[0]]:g} to {lines[gone[-1]]:g} Hz ({gone.size}) are missing; "
 
 
 def numbered(own: Measurement, other: Measurement) -> str:

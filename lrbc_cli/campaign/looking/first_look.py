@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, trusted
+from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors_of, offset_texts, sideways_text, trusted
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
@@ -21,12 +21,15 @@ from lrbc_cli.campaign.identification.compared.likeness import (
     off_level,
     other_reading,
     outlying,
+    sideways,
     spread,
     turned,
 )
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
+from lrbc_cli.campaign.looking.held import held_text
+from lrbc_cli.campaign.looking.moved import Seen, hammer_text, sensor_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import structural_share
@@ -165,17 +168,46 @@ def _looked_at(
     told |= offset_texts(inputs, offsets, name)
     for cycle in exchanges:
         told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
+    if not told and (how := sideways(few.values, states)):
+        return {("sideways", how): sideways_text(inputs, how, name)}
     if not told and name == inputs.campaign.update.reference:
         told |= _other_unit(inputs, source, few.values, s, states[0], parameters) or _unlike(
             inputs, few.values, s, states, loosened, parameters
         )
         if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
             told = {("stretched",): text}
+    reference = name == inputs.campaign.update.reference
+    told = _placed(
+        Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=reference, known=source.known), states, told
+    )
     if not told and beside:
         told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
         away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)
         told |= {("level", i): text for i, text in away.items()}
     return told
+
+
+def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) -> dict[tuple[object, ...], str]:
+    """What is told of a job, and places of the hammer or a sensor, or nodes that are held, where they explain what nothing else does.
+
+    Parameters
+    ----------
+    seen : Seen
+    states : (S, F, R) complex array
+        Of the model, at the start values first.
+    told : dict
+    """
+    every = np.median(apart(seen.measured, states), axis=1)
+    # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
+    if ("unlike",) in told or (not told and float(every.min()) > UNLIKE):
+        if text := hammer_text(seen, _values(seen.parameters)[0], most=LEAST_DIFFERENCE):
+            return {("hammer",): text}
+        dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
+        if seen.reference and (text := held_text(seen.inputs, seen.s, seen.measured, dynamic, float(every[0]))):
+            return {("held",): text}
+    if not seen.reference:
+        return told
+    return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
 
 
 def _taken_as_tight(inputs: Inputs) -> set[str]:
@@ -198,7 +230,17 @@ def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers
 
 
 def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tuple[Complexes, list[Integers]]:
-    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
+    """(S, F, R) FRFs at the start values, and with values of stiffnesses at their lower bounds, and which."""
+    states, loosened = _values(parameters)
+    key = b"states" + s.tobytes()
+    if key not in source.known:
+        source.known[key] = source.model(s, parameters).nearby(parameters.initial)(np.array(states))
+    found: Complexes = source.known[key]
+    return found, loosened
+
+
+def _values(parameters: Parameterisation) -> tuple[list[Floats], list[Integers]]:
+    """The start values, and with values of stiffnesses at their lower bounds: one, neighbours, all; and which."""
     start = parameters.initial
     states, loosened = [start], [np.zeros(0, dtype=np.int64)]
     for group, where, _ in parameters.placed:
@@ -211,11 +253,7 @@ def _states(source: FrfSource, parameters: Parameterisation, s: Complexes) -> tu
                 states.append(loose)
                 loosened.append(at)
             width *= 2
-    key = b"states" + s.tobytes()
-    if key not in source.known:
-        source.known[key] = source.model(s, parameters).nearby(start)(np.array(states[:MOST_STATES]))
-    found: Complexes = source.known[key]
-    return found, loosened[:MOST_STATES]
+    return states[:MOST_STATES], loosened[:MOST_STATES]
 
 
 def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list[Complexes]:
@@ -268,12 +306,15 @@ def _unlike(
         if text is not None:
             return {("rescaled",): text}
     if float(np.median(own)) > UNLIKE:
+        causes = (
+            "check the mass sum (units of the model), damping, start values, places and directions of hammer and sensors (lrbc check "
+            f"--picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
+        )
+        if looser := _looser(inputs, measured, states, loosened, parameters, typical):
+            causes = f"it is the reference job{looser} Name a tight job under update.reference, or measure it again; else {causes}"
         told["unlike",] = (
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
-            "values, constants taken out: check the mass sum (units of the model), damping, start values, places and directions "
-            "of hammer and sensors (lrbc check --picture); errors of some per cent are what `lrbc calibrate` is for"
-            f"{softness_text(measured, model)}"
-            f"{_looser(inputs, measured, states, loosened, parameters, typical)}"
+            f"values, constants taken out: {causes}"
         )
     return told | _alone(inputs, every, "the model")
 

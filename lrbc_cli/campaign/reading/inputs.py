@@ -398,7 +398,7 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         )
     require_apart(source, stiffness=K, mass=M)
     K, M = reader.scale(K, M)
-    require_roles(K, M, source, reader.campaign.reduction.band)
+    require_roles(K, M, source, reader.campaign.reduction.band, reader.labels)
     acoustic = np.zeros(n, dtype=bool) if reader.labels is None else reader.labels.component == ACOUSTIC_COMPONENT
     added, doubt = added_nodes(K, numbered)
     reader.notes += [added] if added else []

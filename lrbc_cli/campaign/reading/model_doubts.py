@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
+from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
+from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
 from lrbc_cli.campaign.reading.doubts.settings import setting_slips
 from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
@@ -17,7 +19,7 @@ from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
 from lrbc_cli.config.structure import ProportionalDamping
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.dofs import COMPONENTS, DofTable, PointTable
+from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
 from lrbc_cli.updating.unknowns.places import Edge, Joints, misplaced, spots
@@ -48,14 +50,18 @@ def doubts(model: FeModel) -> list[str]:
     return found
 
 
-def require_roles(K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz: tuple[float, float]) -> None:
-    """Refuse stiffness and mass in each other's place.
+def require_roles(
+    K: sp.csc_array, M: sp.csc_array, source: ModelConfig, band_hz: tuple[float, float], labels: DofLabels | None = None
+) -> None:
+    """Refuse stiffness and mass in each other's place, and a stiffness whose diagonal counts twice.
 
     Raises
     ------
     DataError
         Where no local frequency comes near the band, but all would if the two were exchanged.
     """
+    if labels is not None:
+        require_single_diagonal(K, labels.component, source.stiffness.path, source.stiffness.group)
     highest, exchanged = highest_omega(K, M) / (2.0 * np.pi), highest_omega(M, K) / (2.0 * np.pi)
     if not highest * 10.0 < band_hz[1] < exchanged < np.inf:
         return
@@ -173,6 +179,7 @@ def slips(
     dofs : DofTable or None
     """
     yield from setting_slips(campaign)
+    yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
     yield from _one_place(model, responses)
     yield from _terms_twice(model, groups)

@@ -203,7 +203,8 @@ def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str
     if not lost.size:
         return None
     middles = np.array([springs[mask].mean(axis=0) for mask in own])
-    shift = np.median(middles - xyz, axis=0)
+    # Places are written to a nanometre at most; more digits are rounding.
+    shift = np.median(middles - xyz, axis=0).round(9)
     added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
     ways = {
         "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,

@@ -19,6 +19,9 @@ COMPONENTS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 #: Directions of the local x axis and of a vector in the local xy plane.
 AXES = ("x_x", "x_y", "x_z", "y_x", "y_y", "y_z")
 
+#: What to do with a stiffness that is none.
+_NOT_ABOVE = "a spring pushes back: write its stiffness without the sign, or remove the line of a spring that is not there"
+
 #: Sine below which two directions are one.
 PARALLEL = 1e-6
 
@@ -90,7 +93,7 @@ def read_bushings(path: Path, bolts: Collection[str] | None = None) -> BushingTa
         if label not in COMPONENTS:
             raise table.error(index, "component", f"one of {listing(list(COMPONENTS))}", table.text("component")[index])
         if not stiffness[index] > 0:
-            raise table.error(index, "stiffness", "a number above 0, in N/m or N m/rad", table.text("stiffness")[index])
+            raise table.error(index, "stiffness", "a number above 0", table.text("stiffness")[index], hint=_NOT_ABOVE)
         first, second = int(node_a[index]), node_b[index]
         if first == second:
             raise table.error(

@@ -197,6 +197,15 @@ def _parts(table: TextTable, pair: _Pair, path: Path) -> tuple[NDArray[np.float6
         bad = np.flatnonzero(~np.isfinite(table.values[:, index]))
         if bad.size:
             row = int(bad[0])
+            if bad.size == len(table.values):
+                raise DataError(
+                    f"the column {table.called(index)} is empty",
+                    file=path,
+                    place=f"lines {table.lines[0]} to {table.lines[-1]}",
+                    expected="a finite number in every line",
+                    found=f"none, the first is {table.cell(path, row, index)}",
+                    hint="was its channel left out of the export? Export it again, or remove both columns of this FRF",
+                )
             raise not_finite(path, f"line {table.lines[row]}, column {table.called(index)}", table.cell(path, row, index))
     values = table.values[:, pair.first]
     if pair.kind == "magnitude-phase" and (negative := np.flatnonzero(values < 0)).size:

@@ -23,6 +23,8 @@ _CANDIDATES = (("\t", "."), (";", "."), (",", "."), (" ", "."), ("\t", ","), (";
 _SAMPLE = 200
 # A number of which only the end shows that it is complex.
 _COMPLEX = re.compile(r"\d\s*\*?\s*[ij](?![a-z])|[-+*]\s*[ij]\s*\*?\s*\d", re.IGNORECASE)
+# Digits in groups of three, of which a sign or two tell that they are one number.
+_GROUPED = re.compile(r"[-+]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:['\u2019\u00a0\u202f]\d{3})+(?:[.,]\d+)?|(?:\.\d{3}){2,})")
 _NAMES = {"\t": "tab", " ": "blanks", ",": "comma", ";": "semicolon"}
 
 
@@ -81,15 +83,7 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         lines, parts = halved
         best = _best(lines[skip:], candidates)
     if best is None:
-        raise DataError(
-            "no table of numbers was found",
-            file=path,
-            expected="lines of a frequency and values, divided by tab, semicolon, comma or blanks",
-            found=repr(next((line for line in lines if line.strip()), "")[:80]),
-            hint="complex numbers in one cell are not read in this form: export real and imaginary part in two columns"
-            if any(_COMPLEX.search(line) for line in lines[-_SAMPLE:])
-            else "describe the layout under 'format:' of the job",
-        )
+        raise _no_table(lines, before, path)
     width, delimiter, decimal = best
     start = next(index for index in range(skip, len(lines)) if _fits(lines[index], delimiter, decimal, width))
     rows, numbers = _rows(lines, start, before, delimiter, decimal, width, path)
@@ -122,6 +116,30 @@ def read_table(path: Path, layout: TextLayout, lines: list[str], before: int = 0
         notes=tuple(notes),
         delimiter=delimiter,
     )
+
+
+def _no_table(lines: list[str], before: int, path: Path) -> DataError:
+    """What is said of lines that stand after ``before`` others and none of which is one of numbers."""
+    place, found = None, next((line for line in lines if line.strip()), "")
+    hint = "describe the layout under 'format:' of the job"
+    grouped = next((at for at, line in enumerate(lines) if _grouped(line)), None)
+    if grouped is not None:
+        place, found, hint = f"line {before + grouped + 1}", lines[grouped], _ungroup(_grouped(lines[grouped]))
+    elif any(_COMPLEX.search(line) for line in lines[-_SAMPLE:]):
+        hint = "complex numbers in one cell are not read in this form: export real and imaginary part in two columns"
+    expected = "lines of a frequency and values, divided by tab, semicolon, comma or blanks"
+    return DataError("no table of numbers was found", file=path, place=place, expected=expected, found=repr(found[:80]), hint=hint)
+
+
+def _grouped(line: str) -> str:
+    """The first cell of a line that is a number with thousands separators; empty where none is."""
+    cells = (cell for delimiter in "\t; " for cell in _split(line, delimiter))
+    return next((cell for cell in cells if len(cell) <= LONGEST_NUMBER and _GROUPED.fullmatch(cell)), "")
+
+
+def _ungroup(cell: str) -> str:
+    """What to do about thousands separators."""
+    return f"{cell!r} has thousands separators: export without them (in a spreadsheet: format the cells as numbers without grouping)"
 
 
 def _refuse_decimal_commas(line: str, number: int, names: int, path: Path) -> None:
@@ -262,7 +280,9 @@ def _rows(
                 place=f"line {before + index + 1}",
                 expected=f"{width} numbers",
                 found=_misfit(line, delimiter, decimal, width),
-                hint="fix the line, or say under 'format: {skip: ...}' how many lines stand before the table",
+                hint=_ungroup(grouped)
+                if (grouped := _grouped(line))
+                else "fix the line, or say under 'format: {skip: ...}' how many lines stand before the table",
             )
         cells += _split(line, delimiter)[:width]
         numbers.append(before + index + 1)

@@ -90,6 +90,8 @@ class Table:
                     raise ValueError(cell)
                 values[index] = int(number)
             except (ValueError, OverflowError):
+                if not cell:
+                    raise self._lacking(index, name) from None
                 raise self.error(index, name, "a whole number", cell) from None
         return values
 
@@ -101,12 +103,31 @@ class Table:
                 try:
                     values[index, column] = float(cell)
                 except ValueError:
-                    hint = "write the numbers of this table with decimal points" if "," in cell else None
+                    if not cell:
+                        raise self._lacking(index, name) from None
+                    hint = "write the numbers of this table with decimal points" if "," in cell else "write a number there"
                     raise self.error(index, name, "a number with a decimal point", cell, hint=hint) from None
             bad = np.flatnonzero(~np.isfinite(values[:, column]))
             if bad.size:
                 raise self.error(int(bad[0]), name, "a finite number", self.rows[bad[0]][self.columns[name]])
         return values
+
+    def _lacking(self, index: int, name: str) -> DataError:
+        """That a cell is empty, or the whole column."""
+        if any(self.text(name)):
+            hint = "write the number that belongs there, or remove the line"
+            return self.error(index, name, "a number in every line", "nothing (an empty cell)", "a cell is empty", hint)
+        hint = "fill it in" + (
+            "; where all points lie in one plane, write one number, 0 for instance, in every line" if name in "xyz" else ""
+        )
+        return DataError(
+            f"the column {name!r} is empty",
+            file=self.path,
+            place=f"lines {self.lines[0]} to {self.lines[-1]}" if len(self.lines) > 1 else f"line {self.lines[0]}",
+            expected="a number in every line",
+            found="a heading alone",
+            hint=hint,
+        )
 
     def error(
         self, index: int, name: str, expected: str, found: object, problem: str = "a value is wrong", hint: str | None = None

@@ -296,6 +296,48 @@ def few_digits(measured: Complexes, *, least_db: float = 0.3, whole: float = 1e-
     return found
 
 
+def line_noise(measured: Complexes, *, least: int = 20) -> float:
+    """Noise of single lines over their size, in the median over lines and responses; NaN where there are too few.
+
+    What a cubic through the two lines on each side lacks: between resonances FRFs are smooth. Peaks between two lines are few.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+        On evenly spaced lines; NaN where a response was not measured.
+    least : int
+        Lines of a response.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = (4.0 * (measured[1:-3] + measured[3:-1]) - measured[:-4] - measured[4:]) / 6.0
+        share = np.abs(measured[2:-2] - middle) / np.abs(measured[2:-2])
+    enough = np.isfinite(share).sum(axis=0) >= least
+    if not enough.any():
+        return float("nan")
+    # The squares of the weights, and the median of the size of a Gaussian complex number over its standard deviation.
+    of_one = np.sqrt((1.0 + 34.0 / 36.0) * np.log(2.0))
+    return float(np.median(np.nanmedian(share[:, enough], axis=0))) / float(of_one)
+
+
+def phaseless(measured: Complexes, rule: Resolution = RESOLUTION) -> list[int]:
+    """Responses with peaks whose values are all above zero: magnitudes, whose phases are lost.
+
+    An FRF without damping is real, and changes its sign at each resonance.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+    rule : Resolution
+        What counts as a peak.
+    """
+    found = []
+    for r, response in enumerate(measured.T):
+        known = response[np.isfinite(response) & (response != 0)]
+        if known.size and np.all(known.imag == 0.0) and np.all(known.real > 0.0):
+            found += [r] if peaks_of(decibel(known), prominence=rule.prominence_db).size else []
+    return found
+
+
 def _where(axis: Floats, peaks: Floats, sharp: Floats, noisy: float) -> tuple[str, str]:
     """Where in the band noise lies, and what to do, in clauses; empty where it lies all along it. All frequencies are sorted."""
     lines, count = np.searchsorted(axis, sharp) / axis.size, np.arange(sharp.size)

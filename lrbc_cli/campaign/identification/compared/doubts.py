@@ -20,7 +20,7 @@ from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.decibels import coherence_sigma
 from lrbc_cli.updating.statistics.echo import second_blow
-from lrbc_cli.updating.statistics.lines import too_wide
+from lrbc_cli.updating.statistics.lines import line_noise, too_wide
 from lrbc_cli.updating.statistics.modal import other_chain
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
@@ -107,6 +107,14 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
     if b:
         return text, f"{likely} a derivative or an integral with respect to time, of the input perhaps: convert the FRF file"
     own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-offset.db / 20.0))}"
+    # A sensitivity that lost or won a digit, of some sensors: a unit of the force is that of all.
+    tenfold = float(np.copysign(20.0, offset.db))
+    if len(common.responses) < count and abs(offset.db - tenfold) <= min(
+        [LEAST_REACH, *(abs(offset.db - k.db) for k in offset.known if k.cause)]
+    ):
+        own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-tenfold / 20.0))}"
+        others = [cause for cause in causes if not cause.startswith("FRFs per")]
+        return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *others])}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"
     known = next(known for known in offset.known if known.cause)
@@ -154,6 +162,20 @@ def offset_texts(inputs: Inputs, offsets: Sequence[Offset], job: str) -> dict[tu
             f"likely the convention exp(-i omega t): conjugate the FRF file (imaginary parts, or phases, times -1){tail}"
         )
     return found
+
+
+def sideways_text(inputs: Inputs, how: str, job: str) -> str:
+    """What to say of phases across those of the model; ``how`` of ``likeness.sideways``."""
+    tail = "; magnitudes in dB do not feel it, so that the fit is not affected" if inputs.campaign.update.residual == "db" else ""
+    if how == "exchanged":
+        return (
+            "real and imaginary parts stand in each other's place, it seems: phases of all responses are 90 degrees less the model's; "
+            f"exchange the two columns of each FRF in the file, or name them in their order under jobs.{job}.format.columns{tail}"
+        )
+    return (
+        "all phases are 90 degrees from the model's, it seems, levels are not: a phase that refers to a sine, or an integration of phases "
+        f"alone; export the FRFs as real and imaginary parts of response over force{tail}"
+    )
 
 
 def largest_text(inputs: Inputs, offsets: Sequence[Offset]) -> str:
@@ -385,6 +407,30 @@ def calibration_doubts(
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]
+
+
+def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: float = 0.1) -> str | None:
+    """What to say of a job whose single lines scatter far more than those of the reference job; None where they do not.
+
+    Parameters
+    ----------
+    own, tight : Measurement
+        On the same lines, or nothing is compared.
+    reference : str
+        Name of the reference job.
+    least : float
+        Noise over size from which it counts: half a decibel in the mean, of the one that a fit is wanted to leave.
+    """
+    if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
+        return None
+    noise, other = line_noise(own.values), line_noise(tight.values)
+    if not noise > max(least, FAR_ABOVE_NOISE * other):
+        return None
+    return (
+        f"noise of {noise:.0%} of the size of each line, in the median over all lines, {other:.1%} in {reference}: too few averages, a "
+        "weak or a double blow, or noise of the surroundings; expected: what is measured in the other jobs. Measure it again with more "
+        "averages, each blow looked at"
+    )
 
 
 def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_LINES, POWERS, moved
+from lrbc_cli.updating.comparison.scale import ALIKE, LEAST_ALIKE, LEAST_LINES, POWERS, moved
 
 #: Another reading counts where levels differ by less than this share of what they do as stated, and by this much then [dB].
 CLEARLY, LEAST_DIFFERENCE = 0.5, 3.0
@@ -113,6 +113,32 @@ def turned(measured: Complexes, states: Complexes) -> list[int]:
     others = np.abs(_cosine(x[:, :, None], y[best][:, None, :], 0)).max(axis=1)
     found: list[int] = np.flatnonzero((own[best] <= -ALIKE) & (-own[best] >= others)).tolist()
     return found
+
+
+def sideways(measured: Complexes, states: Complexes) -> str:
+    """How phases of nearly all responses stand across those of the model, in the state in which they are most alike then.
+
+    Real and imaginary parts in each other's place make ``i conj(H)`` of ``H``.
+
+    Parameters
+    ----------
+    measured : (F, R) complex array
+    states : (S, F, R) complex array
+
+    Returns
+    -------
+    str
+        ``exchanged``: the parts are; ``turned``: all phases are 90 degrees off; empty: neither.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = measured / np.abs(measured), states / np.abs(states)
+    # Sensors may be reversed one by one.
+    scores = [np.median(np.abs(_cosine(x, other, 1)), axis=1) for other in (y, 1j * y, 1j * np.conj(y))]
+    best = int(np.argmax(np.maximum(scores[1], scores[2])))
+    plain, turned_, exchanged_ = (float(score[best]) for score in scores)
+    if max(turned_, exchanged_) < ALIKE or max(turned_, exchanged_) - max(plain, float(scores[0].max())) < LEAST_ALIKE:
+        return ""
+    return "exchanged" if exchanged_ >= turned_ else "turned"
 
 
 def _cosine(one: Complexes, other: Complexes, axis: int) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 from lrbc_cli.arrays import Bools, Floats
 from lrbc_cli.campaign.reading.dof_source import FEW, LEAST_DOFS, MOST_FILLED
 from lrbc_cli.campaign.reading.places import EXCHANGES
+from lrbc_cli.errors import DataError
 from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
 
 #: Entries below this share of their row are rounding: element matrices that were rotated leave them.
@@ -86,6 +89,44 @@ def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str |
             if fit
             else "give the nodes of the model that was exported, in its axes"
         )
+    )
+
+
+def require_single_diagonal(K: sp.csc_array, component: NDArray[np.str_], file: Path, place: str | None) -> None:
+    """Refuse a stiffness whose diagonal counts twice, as in U + U^T of a triangle U.
+
+    Away from supports a rigid translation, or a constant pressure, meets no force; with the diagonal once more it meets the diagonal.
+
+    Parameters
+    ----------
+    K : (n, n) csc_array
+    component : (n,) array of str
+        Of the rows.
+    file, place : Path, str or None
+        Of the matrix.
+
+    Raises
+    ------
+    DataError
+    """
+    twice, known = 0, 0
+    diagonal = K.diagonal().real
+    for label in (*COMPONENTS[:3], ACOUSTIC_COMPONENT):
+        moved = (component == label).astype(float)
+        rows = (moved > 0.0) & (diagonal > 0.0)
+        force, size = K.real @ moved, np.abs(K) @ moved
+        twice += int((np.abs(force - 0.5 * diagonal) <= 1e-6 * size)[rows].sum())
+        known += int(rows.sum())
+    if known < LEAST_DOFS / 10 or 2 * twice < known:
+        return
+    raise DataError(
+        "the diagonal of the stiffness matrix counts twice, it seems",
+        file=file,
+        place=place,
+        expected="a rigid translation that meets no force away from supports",
+        found=f"at {twice} of {known} rows it meets half of the diagonal, as in U + U^T of a triangle U",
+        hint="take the diagonal off once (U + U.T - diag(U)), or give the triangle as it was exported with `symmetric: true`; the mass and "
+        "the damping matrix likewise, if they were made so",
     )
 
 

@@ -132,12 +132,12 @@ def _held(model: FeModel, group: TermGroup, dofs: DofTable) -> list[tuple[bool, 
             found[turns].append(float(K[at[0], at[1]] / (size[0] * size[1])))
         elif at.size == 1:
             row = int(at[0])
-            force = K[[row]] @ _turned(dofs, row) if turns else moved.get(str(dofs.component[row]), np.zeros(model.size))[[row]]
+            force = K[[row]] @ turned_about(dofs, row) if turns else moved.get(str(dofs.component[row]), np.zeros(model.size))[[row]]
             found[turns].append(float(force[0] / size[0] ** 2))
     return [(turns, np.array(shares)) for turns, shares in found.items()]
 
 
-def _turned(dofs: DofTable, row: int) -> Floats:
+def turned_about(dofs: DofTable, row: int) -> Floats:
     """A rigid rotation about the axis of a rotational DOF, through its node."""
     axis = np.eye(3)[("ROTX", "ROTY", "ROTZ").index(str(dofs.component[row]))]
     motion = np.cross(axis, dofs.xyz - dofs.xyz[row])

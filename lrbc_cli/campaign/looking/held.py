@@ -1,0 +1,86 @@
+"""Nodes that a stiffness matrix holds to the ground beside the bolts: boundary conditions that were left in."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.looking.moved import LINES
+from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.reading.doubts.springs import turned_about
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.reduction.problem.full import full_ports
+
+#: Forces below this share of a row's entries are rounding.
+_ROUNDING = 1e-6
+
+#: Nodes whose rotations are looked at.
+_MOST_NODES = 1000
+
+
+def held_text(inputs: Inputs, s: Complexes, measured: Complexes, dynamic: Complexes, before: float) -> str | None:
+    """Which nodes are held where the model without that explains the tight state, and what to do; None where it does not.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    s : (F,) complex array
+    measured : (F, R) complex array
+    dynamic : (F, m) complex array
+        Of the terms at the start values.
+    before : float
+        How far levels are apart as it is, constants taken out, in the median over the responses [dB].
+    """
+    dofs, model = inputs.dofs, inputs.model
+    if dofs is None or model.is_acoustic.any() or reduction_cost(inputs)[0].line * LINES > MOST_WORK:
+        return None
+    rows = _held(model.K, dofs, np.unique(model.terms.left.indices))
+    if not rows.size:
+        return None
+    few = np.unique(np.linspace(0, s.size - 1, min(s.size, LINES)).round().astype(np.int64))
+    # A damping that follows the stiffness holds the nodes, too; of one that follows the mass next to nothing is lost with it.
+    free = {name: (A - sp.diags_array(_forces(A, dofs, rows), format="csc")).tocsc() for name, A in (("K", model.K), ("C", model.C))}
+    with suppress(LrbcError):
+        ports = full_ports(replace(model, **free, extras={}), inputs.input_of, s[few], inputs.campaign.reduction.band)
+        left = float(np.median(spread(levels(measured[few]) - levels(ports.evaluate(dynamic[few])), 0)))
+        if left <= min(MOST_LEFT, CLEARLY * before):
+            nodes = np.unique(dofs.node[rows])
+            named = ", ".join(str(node) for node in nodes[:6].tolist()) + (" ..." if nodes.size > 6 else "")
+            components = ", ".join(label for label in COMPONENTS if np.any(dofs.component[rows] == label))
+            return (
+                f"the stiffness matrix holds {nodes.size} node{'s' if nodes.size > 1 else ''} to the ground beside the terms ({named}; "
+                f"{components}): without that measured and computed FRFs are {left:.1f} dB apart, constants taken out, {before:.1f} dB as "
+                "it is: a boundary condition that was left in, it seems: remove it in the FE model and export the matrices again"
+            )
+    return None
+
+
+def _held(K: sp.csc_array, dofs: DofTable, terms: Integers) -> Integers:
+    """Rows of no term at which a rigid translation, or a rotation about the own node, meets forces."""
+    size = np.abs(K) @ np.ones(dofs.size)
+    translations = np.setdiff1d(np.flatnonzero(np.isin(dofs.component, COMPONENTS[:3])), terms)
+    held = translations[_forces(K, dofs, translations).real[translations] > _ROUNDING * size[translations]]
+    nodes = np.unique(dofs.node[held])[:_MOST_NODES]
+    rotations = np.setdiff1d(np.flatnonzero(np.isin(dofs.component, COMPONENTS[3:]) & np.isin(dofs.node, nodes)), terms)
+    turned = rotations[_forces(K, dofs, rotations).real[rotations] > _ROUNDING * size[rotations]]
+    found: Integers = np.concatenate([held, turned])
+    return found
+
+
+def _forces(A: sp.csc_array, dofs: DofTable, rows: Integers) -> Floats | Complexes:
+    """(n,) forces that meet a rigid translation along the component of each row, or a rotation about its node; zero at other rows."""
+    found = np.zeros(dofs.size, dtype=A.dtype)
+    for label in COMPONENTS[:3]:
+        own = rows[dofs.component[rows] == label]
+        found[own] = (A @ (dofs.component == label).astype(float))[own]
+    for row in rows[np.isin(dofs.component[rows], COMPONENTS[3:])].tolist():
+        found[row] = (A[[row]] @ turned_about(dofs, row))[0]
+    return found

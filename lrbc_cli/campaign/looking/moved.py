@@ -1,0 +1,189 @@
+"""Whether a hammer or a sensor at another place than the stated one explains a measurement, by full solves at a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.memory import reduction_cost
+from lrbc_cli.errors import LrbcError
+from lrbc_cli.model.coupling import asymmetry
+from lrbc_cli.model.dofs import COMPONENTS, DofTable
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.reduction.problem.full import full_ports
+from lrbc_cli.reduction.reduced.ports import PortFrf
+
+#: Lines that are compared, and places times responses that are tried.
+LINES, MOST_PLACES = 24, 1000
+
+#: Reciprocity holds where the asymmetry is below this share.
+_SYMMETRIC = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """A measurement that the model does not explain.
+
+    Attributes
+    ----------
+    inputs : Inputs
+    s : (F,) complex array
+    measured : (F, R) complex array
+    parameters : Parameterisation
+    reference : bool
+        Whether it is that of the reference job.
+    known : dict
+        What was solved already.
+    """
+
+    inputs: Inputs
+    s: Complexes
+    measured: Complexes
+    parameters: Parameterisation
+    reference: bool
+    known: dict[bytes, Any]
+
+    def few(self) -> Seen:
+        """On as many lines as are compared."""
+        at = np.unique(np.linspace(0, self.s.size - 1, min(self.s.size, LINES)).round().astype(np.int64))
+        return replace(self, s=self.s[at], measured=self.measured[at])
+
+
+def hammer_text(seen: Seen, states: Sequence[Floats], *, most: float) -> str | None:
+    """Where the hammer hit, it seems, and what to do; None where no other place explains the measurement.
+
+    By reciprocity: forces at the sensors, and what they do at all places where the hammer may have been.
+
+    Parameters
+    ----------
+    seen : Seen
+    states : sequence of (p,) float arrays
+        Values of the parameters that may be: the nearest state counts.
+    most : float
+        How far levels may be apart from the nearest state as stated before anything is looked for [dB].
+    """
+    if seen.inputs.dofs is None or not _reciprocal(seen.inputs) or _work(seen.inputs, LINES) > MOST_WORK:
+        return None
+    found = (_hammer_text(seen.few(), states, at, most) for at in range(len(seen.inputs.excitations)))
+    return next((text for text in found if text), None)
+
+
+def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float) -> str | None:
+    """The same of one excitation, by the responses that belong to it."""
+    inputs, dofs, load = seen.inputs, seen.inputs.dofs, seen.inputs.model.B[:, [at]].tocoo()
+    responses = np.flatnonzero((inputs.input_of == at) & np.isfinite(levels(seen.measured)).all(axis=0))
+    # Constants taken out, one response may look like anything, and a distributed load has no place.
+    if dofs is None or load.nnz != 1 or responses.size < 2:
+        return None
+    own, level = int(load.row[0]), levels(seen.measured[:, responses])[:, None, :]
+    places = _places(dofs, own, MOST_PLACES // responses.size)
+    left = np.full(places.size, np.inf)
+    with suppress(LrbcError):
+        ports = _reciprocal_ports(seen, places, responses)
+        some = ports.select(np.arange(seen.s.size), np.arange(responses.size))
+        # A place has one row of ports, whichever sensor the force stands at.
+        held, base = ports.H0p[:, :: responses.size], ports.H00.reshape(seen.s.size, places.size, responses.size)
+        for state in states:
+            values = base + held @ some.drive(seen.parameters.dynamic(state, seen.s))[1]
+            # Of what is known throughout this is `spread`, in a tenth of the time.
+            difference = level - levels(values)
+            off = np.abs(difference - np.median(difference, axis=0)).mean(axis=0)
+            left = np.fmin(left, np.median(off, axis=1))
+    before, best = float(left[places == own][0]), int(np.argmin(left))
+    if before <= most or left[best] > min(MOST_LEFT, CLEARLY * before):
+        return None
+    name = inputs.excitations[at]
+    where, how = _place_text(inputs, dofs, int(places[best]), own)
+    fix = f"correct excitation.{name}: {how}" if seen.reference else "measure it again at the point of the reference job"
+    return (
+        f"the hammer hit elsewhere, it seems: {where} levels of measured and computed FRFs are {left[best]:.1f} dB apart, constants taken "
+        f"out, {before:.1f} dB at the place of excitation.{name}: {fix}"
+    )
+
+
+def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:
+    """FRFs of what forces at the sensors do at places, responses running faster; solved once for all jobs on the same lines."""
+    key = b"places" + responses.tobytes() + seen.s.tobytes()
+    if key not in seen.known:
+        model, count = seen.inputs.model, responses.size
+        entries = np.ones(places.size * count), (np.arange(places.size * count), np.repeat(places, count))
+        turned = replace(
+            model,
+            B=model.L[responses].T.tocsc(),
+            L=sp.csc_array(entries, (places.size * count, model.size)),
+            output_power=np.tile(model.output_power[responses], places.size),
+            extras={},
+        )
+        inputs_of = np.tile(np.arange(count), places.size)
+        seen.known[key] = full_ports(turned, inputs_of, seen.s, seen.inputs.campaign.reduction.band)
+    found: PortFrf = seen.known[key]
+    return found
+
+
+def sensor_text(seen: Seen, response: int) -> str:
+    """At which place the model has what a sensor measured, in a clause; empty where it has it nowhere."""
+    inputs, dofs, point = seen.inputs, seen.inputs.dofs, seen.inputs.model.L[[response]].tocoo()
+    if dofs is None or inputs.model.is_acoustic[point.col].any() or point.nnz == 0 or _work(inputs, seen.s.size) > MOST_WORK:
+        return ""
+    seen, own = seen.few(), int(point.col[np.argmax(np.abs(point.data))])
+    places, model = _places(dofs, own, MOST_PLACES), inputs.model
+    rows = sp.csc_array((np.ones(places.size), (np.arange(places.size), places)), (places.size, model.size))
+    power = np.full(places.size, model.output_power[response])
+    with suppress(LrbcError):
+        ports = full_ports(
+            replace(model, L=rows, output_power=power, extras={}),
+            np.full(places.size, inputs.input_of[response]),
+            seen.s,
+            inputs.campaign.reduction.band,
+        )
+        level = levels(seen.measured[:, [response]])
+        left = spread(level - levels(ports.evaluate(seen.parameters.dynamic(seen.parameters.initial, seen.s))), 0)
+        before, best = float(left[places == own][0]), int(np.argmin(left))
+        if left[best] <= min(MOST_LEFT, CLEARLY * before):
+            at, how = _place_text(inputs, dofs, int(places[best]), own)
+            return f"; {at} it would lie {left[best]:.1f} dB from it ({how})"
+    return ""
+
+
+def _work(inputs: Inputs, lines: int) -> float:
+    return reduction_cost(inputs)[0].line * lines
+
+
+def _reciprocal(inputs: Inputs) -> bool:
+    model = inputs.model
+    return not model.is_acoustic.any() and model.terms.symmetric and all(asymmetry(A) < _SYMMETRIC for A in (model.K, model.C, model.M))
+
+
+def _places(dofs: DofTable, own: int, most: int) -> Integers:
+    """DOFs that may be meant: translations at its own node, and others of its component; half of them the nearest, where there are more."""
+    translations = np.isin(dofs.component, COMPONENTS[:3])
+    here = np.flatnonzero(translations & (dofs.node == dofs.node[own]))
+    alike = np.flatnonzero(dofs.component == dofs.component[own])
+    alike = alike[np.argsort(np.linalg.norm(dofs.xyz[alike] - dofs.xyz[own], axis=1), kind="stable")]
+    if alike.size > most:
+        near = alike[: most // 2]
+        rest = alike[most // 2 :]
+        alike = np.concatenate([near, rest[np.unique(np.linspace(0, rest.size - 1, most - near.size).round().astype(np.int64))]])
+    found: Integers = np.unique(np.concatenate([[own], here, alike]))
+    return found
+
+
+def _place_text(inputs: Inputs, dofs: DofTable, dof: int, own: int) -> tuple[str, str]:
+    """Where a DOF is, as the beginning of a clause, and what to write."""
+    unit = inputs.campaign.unit_system.length
+    xyz = ", ".join(f"{value:.6g}" for value in dofs.xyz[dof] / unit)
+    component = dofs.component[dof]
+    if dofs.node[dof] == dofs.node[own]:
+        return f"along {component}", f"component: {component}"
+    away = float(np.linalg.norm(dofs.xyz[dof] - dofs.xyz[own])) / unit
+    at = f"at or near node {dofs.node[dof]}, {away:.4g} {'m' if unit == 1.0 else 'units of length'} away,"
+    return at, f"near: [{xyz}], component: {component}"

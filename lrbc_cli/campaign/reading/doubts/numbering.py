@@ -1,0 +1,73 @@
+"""Matrices whose rows are numbered otherwise than those of the stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.sparse as sp
+
+from lrbc_cli.arrays import Integers
+from lrbc_cli.campaign.reading.dof_source import LEAST_DOFS, MOST_FILLED
+from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, DofTable
+from lrbc_cli.model.fem import FeModel
+
+#: Nodes whose neighbours are looked at.
+_NODES = 2000
+
+
+def numbering_doubts(model: FeModel, dofs: DofTable | None) -> Iterator[str]:
+    """That mass or damping connect nodes that no two elements in a row connect, in words: their rows are others.
+
+    The matrices of one mesh connect the nodes of its elements. An entry of the stiffness may vanish by chance, as between the far corners
+    of two right-angled triangles, so that the nodes next to the neighbours count as well. Single masses and dampers connect what they
+    like: what is told holds for most nodes.
+
+    Parameters
+    ----------
+    model : FeModel
+    dofs : DofTable or None
+        None: each row is a node.
+    """
+    if model.size < LEAST_DOFS:
+        return
+    node = _nodes(model.size, dofs)
+    meshed = _graph(model.K, node)
+    some = np.unique(np.linspace(0, meshed.shape[0] - 1, min(meshed.shape[0], _NODES)).round().astype(np.int64))
+    reached = (meshed[some] @ meshed).tocoo()
+    # In a small or a dense model all are neighbours.
+    if reached.nnz > MOST_FILLED * reached.shape[0] * reached.shape[1]:
+        return
+    known = reached.row * np.int64(reached.shape[1]) + reached.col
+    for name, matrix in (("mass", model.M), ("damping", model.C)):
+        joined = _graph(matrix, node)[some].tocoo()
+        # The flat index of each pair of nodes.
+        pairs = joined.row * np.int64(joined.shape[1]) + joined.col
+        beyond = (joined.col != some[joined.row]) & ~np.isin(pairs, known)
+        strange = np.unique(joined.row[beyond]).size
+        if 2 * strange > some.size:
+            yield (
+                f"model.{name}: the {name} matrix connects nodes that the stiffness does not ({strange / some.size:.0%} of the nodes have "
+                "a partner in it that is no neighbour of a neighbour in the mesh): its rows are numbered otherwise, or it is of another "
+                "mesh; export stiffness, mass and damping of one model in one run, with one numbering"
+            )
+
+
+def _nodes(size: int, dofs: DofTable | None) -> Integers:
+    """(n,) number of the node of each row; structure and air may be numbered apart."""
+    if dofs is None:
+        return np.arange(size)
+    of = np.column_stack([dofs.node, dofs.component == ACOUSTIC_COMPONENT])
+    found: Integers = np.unique(of, axis=0, return_inverse=True)[1].ravel()
+    return found
+
+
+def _graph(matrix: sp.csc_array, node: Integers) -> sp.csr_array:
+    """(N, N) ones where a matrix connects two nodes in either direction."""
+    entries = matrix.tocoo()
+    there = entries.data != 0
+    row, column, count = node[entries.row[there]], node[entries.col[there]], int(node.max()) + 1
+    both = np.concatenate([row, column]), np.concatenate([column, row])
+    graph = sp.coo_array((np.ones(both[0].size, dtype=np.int64), both), shape=(count, count)).tocsr()
+    graph.data[:] = 1
+    return graph

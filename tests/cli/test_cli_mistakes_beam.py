@@ -1,0 +1,167 @@
+"""Mistakes on a beam, where a model has few resonances: each is found by check, with a message that names the fix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import beam
+import numpy as np
+import pytest
+import scipy.io
+from campaigns import lrbc
+
+from lrbc_cli.campaign.looking import held, moved
+
+Damage = Callable[[Path], object]
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The reduced model of the beam as it should be is in it."""
+    folder = tmp_path_factory.mktemp("beam")
+    done = lrbc("reduce", beam.make(folder), "--cache", folder / "cache")
+    assert done.code == 0, done.stderr
+    return folder / "cache"
+
+
+def frfs(damage: beam.Change, *jobs: str) -> Damage:
+    return lambda folder: [beam.change(folder / f"{job}.csv", damage) for job in jobs or beam.STATES]
+
+
+def text(name: str, old: str, new: str) -> Damage:
+    def damage(folder: Path) -> None:
+        before = (folder / name).read_text(encoding="utf-8")
+        assert old in before
+        (folder / name).write_text(before.replace(old, new), encoding="utf-8")
+
+    return damage
+
+
+def times(name: str, factor: float) -> Damage:
+    def damage(folder: Path) -> None:
+        matrix = scipy.io.mmread(folder / name, spmatrix=False)
+        scipy.io.mmwrite(folder / name, factor * matrix, symmetry="symmetric", precision=17)
+
+    return damage
+
+
+def left_in(folder: Path) -> None:
+    """A node between two bolts clamped by penalties."""
+    K = scipy.io.mmread(folder / "K.mtx", spmatrix=False).tolil()
+    K[68, 68] += 1e10
+    K[69, 69] += 1e8
+    scipy.io.mmwrite(folder / "K.mtx", K.tocoo(), symmetry="symmetric", precision=17)
+
+
+def mass_of_other_numbers(folder: Path) -> None:
+    M = scipy.io.mmread(folder / "M.mtx", spmatrix=False).tocsc()
+    node = np.random.default_rng(0).permutation(M.shape[0] // 2)
+    at = (2 * node[:, None] + [0, 1]).ravel()
+    scipy.io.mmwrite(folder / "M.mtx", M[at][:, at].tocoo(), symmetry="symmetric", precision=17)
+
+
+def diagonal_twice(folder: Path) -> None:
+    upper = np.triu(scipy.io.mmread(folder / "K.mtx", spmatrix=False).toarray())
+    scipy.io.mmwrite(folder / "K.mtx", scipy.sparse.coo_array(upper + upper.T), symmetry="symmetric", precision=17)
+
+
+def elsewhere(folder: Path) -> None:
+    beam.write_frf(folder / "loose.csv", beam.HZ, beam.measured(beam.STATES["loose"], hammer=0.22, seed=1))
+
+
+def noisy(hz: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    noise = np.random.default_rng(2).normal(size=(2, *y.shape))
+    return hz, y * (1.0 + 0.14 * (noise[0] + 1j * noise[1]))
+
+
+MISTAKES = {
+    "weights for masses": (times("M.mtx", 9.80665), 0, "the mass matrix is 9.807 times too large (a weight density", "scale: 0.101972"),
+    "one sensitivity ten times off": (
+        frfs(lambda hz, y: (hz, y * [1, 1, 10, 1, 1])),
+        0,
+        "a3: measured over computed +19.99 dB",
+        "likely a sensitivity or a range ten times off: jobs.ref.scale: {a3: 0.1}; the same in loose",
+    ),
+    "hammer elsewhere in one job": (
+        elsewhere,
+        0,
+        "job loose: the hammer hit elsewhere, it seems: at or near node 23, 0.08 m away",
+        "measure it again at the point of the reference job",
+    ),
+    "place of the hammer": (
+        text("campaign.yaml", "near: [0.14, 0, 0]", "near: [0.41, 0, 0]"),
+        0,
+        "the hammer hit elsewhere, it seems: at or near node 15, 0.27 m away",
+        "correct excitation.hammer: near: [0.14, 0, 0], component: UZ; the same in loose",
+    ),
+    "place of a sensor": (
+        text("campaign.yaml", "a3: {near: [0.55, 0, 0]", "a3: {near: [0.05, 0, 0]"),
+        0,
+        "a3 lies 10.3 dB from the model",
+        "at or near node 56, 0.5 m away, it would lie 0.9 dB from it (near: [0.55, 0, 0], component: UZ)",
+    ),
+    "boundary condition left in": (
+        left_in,
+        0,
+        "the stiffness matrix holds 1 node to the ground beside the terms (35; UZ, ROTY)",
+        "remove it in the FE model and export the matrices again",
+    ),
+    "mass of another numbering": (
+        mass_of_other_numbers,
+        0,
+        "model.mass: the mass matrix connects nodes that the stiffness does not",
+        "in one run, with one numbering",
+    ),
+    "diagonal counts twice": (diagonal_twice, 3, "the diagonal of the stiffness matrix counts twice", "take the diagonal off once"),
+    "lines missing": (
+        frfs(lambda hz, y: (np.delete(hz, np.s_[300:360]), np.delete(y, np.s_[300:360], axis=0)), "loose"),
+        0,
+        "job loose: its lines are not those of ref",
+        "its lines from 340 to 399 Hz (60) are missing; measure or export it on the lines of ref",
+    ),
+    "few averages": (frfs(noisy, "loose"), 0, "job loose: noise of 20% of the size of each line", "with more averages"),
+    "no phases": (frfs(lambda hz, y: (hz, np.abs(y))), 0, "ref.csv, loose.csv: no phases", "or magnitudes with their phases"),
+    "real and imaginary part exchanged": (
+        frfs(lambda hz, y: (hz, y.imag + 1j * y.real)),
+        0,
+        "job ref: real and imaginary parts stand in each other's place",
+        "exchange the two columns of each FRF in the file",
+    ),
+    "phases of a sine": (frfs(lambda hz, y: (hz, 1j * y)), 0, "all phases are 90 degrees from the model's", "export the FRFs"),
+    "no validation channel": (
+        text("campaign.yaml", "responses: [a1, a2, a3, a4]", "responses: [a1, a2, a3, a4, a5]"),
+        0,
+        "update.responses: it names all responses, and none is left to test the result",
+        "leave one out: update.responses: [a1, a2, a3, a4]",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_a_mistake_on_a_beam_is_found_and_its_fix_named(tmp_path: Path, cache: Path, what: str) -> None:
+    damage, code, says, fix = MISTAKES[what]
+    file = beam.make(tmp_path)
+    damage(tmp_path)
+    done = lrbc("check", file, "--cache", cache)
+    assert done.code == code, done.stderr
+    told = done.stderr if code else done.stdout.partition("\nwarnings\n")[2]
+    assert says in told
+    assert fix in told
+
+
+def test_nothing_is_wrong_with_the_beam(tmp_path: Path, cache: Path) -> None:
+    told = lrbc("check", beam.make(tmp_path), "--cache", cache).stdout.partition("\nwarnings\n")[2]
+    # Half a per cent of damping at lines of 1 Hz: so it is.
+    assert [line for line in told.splitlines() if line.strip() and "lines too far apart" not in line] == []
+
+
+def test_what_would_take_long_is_not_looked_for(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (moved, held):
+        monkeypatch.setattr(module, "MOST_WORK", 0.0)
+    for damage in (elsewhere, left_in):
+        file = beam.make(tmp_path)
+        damage(tmp_path)
+        told = lrbc("check", file, "--cache", cache).stdout
+        assert "elsewhere" not in told
+        assert "to the ground beside" not in told
