@@ -276,13 +276,16 @@ def _phaseless(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
 
 
 def _other_chains(inputs: Inputs, readable: dict[str, Measurement]) -> list[str]:
-    """Warnings of jobs that were measured with another chain than the reference job, or with more noise."""
+    """Warnings of jobs that were measured with another chain than the reference job, or more noise, before bolts are known."""
     reference = inputs.campaign.update.reference or ""
     tight, found = readable.get(reference), []
     for name, own in readable.items():
-        if tight is not None and name != reference:
-            told = (chain_doubt(inputs, own, tight, reference), noise_doubt(own, tight, reference))
-            found += [f"job {name}: {text}" for text in told if text]
+        if tight is None or name == reference:
+            continue
+        if text := chain_doubt(inputs, own, tight, reference):
+            found.append(f"job {name}: {text} (a result says so again unless the bolts that are identified explain it)")
+        if text := noise_doubt(own, tight, reference):
+            found.append(f"job {name}: {text}")
     return found
 
 

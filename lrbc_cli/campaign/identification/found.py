@@ -85,6 +85,8 @@ class Identification:
         Of the reference job, where there is another and it has a result.
     tight : Measurement or None
         Of that job, where it can be read.
+    expected : (F, R) complex array or None
+        What the reference job measured, with the change that was identified; None without it, or on other lines.
     gains : Gains or None
         Against the reference job, in that itself against the model; part of ``updated``, as those of the reference job are.
     """
@@ -114,4 +116,5 @@ class Identification:
     warnings: tuple[str, ...] = ()
     reference: ReferenceState | None = field(default=None, repr=False)
     tight: Measurement | None = field(default=None, repr=False)
+    expected: Complexes | None = field(default=None, repr=False)
     gains: Gains | None = None

@@ -6,9 +6,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.job import Job
-from lrbc_cli.campaign.identification.records import Measurement
+from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
 from lrbc_cli.campaign.identification.unknowns import stored_covariance
 from lrbc_cli.campaign.identification.weights import ratio_of
@@ -77,6 +79,10 @@ def _identified(job: Job) -> Identification:
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
     opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta))
+    tight, expected = job.of_reference(), None
+    if tight is not None and job.against_reference and not unlike(job.measurement.frequency_hz, tight.frequency_hz):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected = tight.values * updated / (job.frf(job.prior) * job.lifted)
     optimised = time.perf_counter()
     return Identification(
         name=job.name,
@@ -108,6 +114,7 @@ def _identified(job: Job) -> Identification:
         changes=changes,
         warnings=tuple(job.warnings),
         reference=reference,
-        tight=job.of_reference(),
+        tight=tight,
+        expected=expected,
         gains=gains,
     )

@@ -32,6 +32,7 @@ from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
+from lrbc_cli.updating.statistics.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes
@@ -364,21 +365,26 @@ class Job:
         return seen, sum(end.evaluations for end in ends)
 
     def _elsewhere(self, fit: Fit) -> Floats:
-        """(m, U) by how much levels lie above what a fit expects on lines not compared [dB]; but in the reference job against that.
+        """(m, U) by how much levels lie above what a fit expects, but for what another damping changes [dB]; against the reference job.
 
+        On lines that are not compared, where damping moves little; of a structure that is damped heavily it moves levels on all of them.
         Empty where nothing can be compared.
         """
-        rest = np.setdiff1d(np.arange(self.s.size), self.selected)
+        rest, used = np.setdiff1d(np.arange(self.s.size), self.selected), self.inputs.used
+        rest = rest if rest.size else self.selected
         tight = self.of_reference() if self.against_reference else None
-        lacking = self.against_reference and (tight is None or unlike(self.measurement.frequency_hz, tight.frequency_hz) is not None)
-        if not rest.size or lacking:
-            return np.zeros((0, self.inputs.used.size))
-        model = self.source.model(self.s, self.parameters, rest, self.inputs.used)
+        if self.against_reference and (tight is None or unlike(self.measurement.frequency_hz, tight.frequency_hz)):
+            return np.zeros((0, used.size))
+        step, theta = SLOPE_STEP * float(self.measurement.frequency_hz[-1]), fit.solution.theta
+        model = self.source.model(self.s, self.parameters, rest, used)
+        nearby = self.source.model(self.s + 2j * np.pi * step, self.parameters, rest, used).frf(theta)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = decibel(self._used(self.measurement, rest) / model.frf(fit.solution.theta))
+            here = model.frf(theta)
+            above = decibel(self._used(self.measurement, rest) / here)
             if tight is not None:
                 above = above - decibel(self._used(tight, rest) / model.frf(self.prior))
-        return above
+            slope = (nearby / here - 1.0) / step
+        return beside_damping(above, damping_pattern(self.measurement.frequency_hz[rest], slope))
 
     def about_reference(self, fit: Fit) -> Fit:
         """The same with the uncertainty of the reference state."""

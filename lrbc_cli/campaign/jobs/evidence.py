@@ -111,7 +111,7 @@ def _doubted(inputs: Inputs, result: Identification) -> str | None:
     if within.mean() < limits.least_span:
         whole = f"{tight.frequency_hz[0]:g} to {tight.frequency_hz[-1]:g} Hz"
         return f"its lines reach from {axis[0]:g} to {axis[-1]:g} Hz, those of {reference.job} from {whole}; is the file complete?"
-    if strange := interpolated(own.values) or chain_doubt(inputs, own, tight, reference.job):
+    if strange := interpolated(own.values) or chain_doubt(inputs, own, tight, reference.job, result.expected):
         return strange
     wide = too_wide(*((each.frequency_hz, each.values[:, inputs.used]) for each in (own, tight)), rule=inputs.statistics.resolution)
     return None if wide is None else f"in {result.name} and {reference.job} {wide}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.updating.statistics.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
 
@@ -61,21 +62,28 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     held = (np.isfinite(own) & np.isfinite(tight) & (own != 0) & (tight != 0)).all(axis=0)
     if steps.size < 2 * rule.lines * rule.periods or not held.any() or not np.allclose(steps, steps.mean(), rtol=1e-3):
         return None
-    change = np.median(decibel(own[:, held]) - decibel(tight[:, held]), axis=1)
-    before = float(_apart(change))
-    if before == 0.0:
+    levels, spacing = decibel(own[:, held]) - decibel(tight[:, held]), float(steps.mean())
+
+    def changed(other: Complexes) -> Floats:
+        """Beside another damping, by the phases of the job that was hit once: those of the other have the factor as well."""
+        turned = np.gradient(np.unwrap(np.angle(other[:, held]), axis=0), spacing, axis=0)
+        return np.asarray(np.median(beside_damping(levels, damping_pattern(frequency_hz, 1j * turned)), axis=1))
+
+    changes = {1.0: changed(tight), -1.0: changed(own)}
+    before = {sign: float(_apart(change)) for sign, change in changes.items()}
+    if not all(before.values()):
         return None
     # One in the reference job is in all others, the other way round.
     band = float(np.ptp(frequency_hz))
     found: tuple[float, float, float, float] = (np.inf, 0.0, 0.0, 1.0)
-    for delay in np.arange(rule.periods / band, 1.0 / (rule.lines * float(steps.mean())), 1.0 / (rule.steps * band)).tolist():
+    for delay in np.arange(rule.periods / band, 1.0 / (rule.lines * spacing), 1.0 / (rule.steps * band)).tolist():
         factor = decibel(1.0 + np.array(rule.sizes)[:, None] * np.exp(-2j * np.pi * frequency_hz * delay))
-        for sign in (1.0, -1.0):
-            without = _apart(change - sign * factor)
+        for sign, change in changes.items():
+            without = _apart(change - sign * factor) / before[sign]
             k = int(np.argmin(without))
             found = min(found, (float(without[k]), delay, rule.sizes[k], sign))
     left, delay, size, sign = found
-    if left > rule.left * before:
+    if left > rule.left:
         return None
     job, other = ("this job", reference) if sign > 0.0 else (reference, "this job")
     return (

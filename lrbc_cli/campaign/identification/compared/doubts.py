@@ -234,11 +234,16 @@ def coarse_text(reference: ReferenceState) -> str:
 
 
 def _levels_off(inputs: Inputs, result: Identification, reference: str) -> str:
-    """Responses that have left their level in the reference job, in words; empty where none has, or the lines are others."""
-    own, tight = result.measurement, result.tight
+    """Responses that have left their level in the reference job, in words; empty where none has, or the lines are others.
+
+    What a loose bolt holds no longer moves less, all of it: a response that the bolts identified let fall as far is not off.
+    """
+    own, tight, expected = result.measurement, result.tight, result.expected
     if tight is None or own.values.shape != tight.values.shape:
         return ""
-    return "; ".join(off_level(inputs, own.values, tight.values, reference, result.name).values())
+    away = off_level(inputs, own.values, tight.values, reference, result.name)
+    beside = away if expected is None else off_level(inputs, own.values, expected, reference, result.name)
+    return "; ".join(text for i, text in away.items() if i in beside)
 
 
 def noise_level(measurement: Measurement, job: JobConfig, responses: Integers) -> float | None:
@@ -433,8 +438,11 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, expected: Complexes | None = None) -> str | None:
     """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
+
+    Bolts that change much, or that hold a structure of few modes, move all of these nearly alike: what is identified tells it from another
+    chain, which has to show beside that as well.
 
     Parameters
     ----------
@@ -443,11 +451,16 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
         On the same lines, or nothing is compared.
     reference : str
         Name of the reference job.
+    expected : (F, R) complex array or None
+        What the bolts that were identified make of the reference job's FRFs; None before anything is.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
-    names = [response.name for response in inputs.responses]
-    if (blow := second_blow(own.frequency_hz, own.values, tight.values, reference)) is not None:
-        return blow
-    air = SOUND_SPEED in inputs.recipe.names
-    return other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
+    names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
+
+    def beside(values: Complexes) -> str | None:
+        blow = second_blow(own.frequency_hz, own.values, values, reference)
+        return blow or other_chain(own.frequency_hz, own.values, values, reference, names, inputs.statistics.modal, air=air)
+
+    told = beside(tight.values)
+    return None if told is None or (expected is not None and beside(expected) is None) else told

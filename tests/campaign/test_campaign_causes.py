@@ -1,0 +1,39 @@
+"""What bolts or the damping of a rod do is not told as a fault of the measurement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rods import rod
+
+from lrbc_cli import load
+from lrbc_cli.campaign.jobs.evidence import evidence_of
+from lrbc_cli.updating.judging.evidence import Evidence
+
+#: Jobs: changes of bolts in decades, and a factor on the damping.
+Jobs = dict[str, tuple[dict[str, float], float]]
+
+
+def evidence(folder: Path, jobs: Jobs, loss_factor: float) -> list[Evidence]:
+    study = load(rod(folder, jobs, loss_factor), cache=folder / "cache")
+    reference = study.identify("tight")
+    return [evidence_of(study.inputs, study.identify(job, reference=reference).identification) for job in jobs]
+
+
+def test_an_end_bolt_that_was_tightened_is_no_second_blow(tmp_path: Path) -> None:
+    """Modes of a rod lie evenly along the frequency, and its levels rise and fall as beside a second blow."""
+    (found,) = evidence(tmp_path, {"up": ({"E2": 0.4}, 1.0)}, 0.008)
+    assert found.doubted is None
+
+
+def test_pieces_that_came_apart_are_no_sensors_that_are_off(tmp_path: Path) -> None:
+    (found,) = evidence(tmp_path, {"apart": ({"MID": -3.3}, 1.0)}, 0.008)
+    assert found.doubted is None
+    assert "was the sensor or its cable off" not in found.setting
+
+
+@pytest.mark.parametrize("times", [0.7])
+def test_another_damping_is_no_second_blow(tmp_path: Path, times: float) -> None:
+    (found,) = evidence(tmp_path, {"other": ({}, times)}, 0.3)
+    assert found.doubted is None
