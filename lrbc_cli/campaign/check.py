@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lrbc_cli.campaign.beside import passed_over, unnamed
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt, noise_doubt
 from lrbc_cli.campaign.identification.compared.copies import Earlier, pasted
-from lrbc_cli.campaign.identification.compared.doubts import chain_doubt, noise_doubt
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.damping import beside_damping, damping_pattern
+from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
+from lrbc_cli.updating.statistics.chain.echo import second_blow
 from lrbc_cli.updating.statistics.decibels import decibel
-from lrbc_cli.updating.statistics.echo import second_blow
 
 HZ = np.arange(20.0, 500.0)
 RESONANCES = np.array([60.0, 110.0, 190.0, 300.0, 410.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lrbc_cli.updating.statistics.echo import second_blow
+from lrbc_cli.updating.statistics.chain.echo import second_blow
 from lrbc_cli.updating.statistics.residuals import DataResidual, ResidualOptions
 
 LINES, RESPONSES = 200, 3

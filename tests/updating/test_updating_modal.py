@@ -7,7 +7,7 @@ import pytest
 from samples import ROOT
 
 from lrbc_cli.io.frf import read_frf
-from lrbc_cli.updating.statistics.modal import fitted_modes, other_chain
+from lrbc_cli.updating.statistics.chain.modal import fitted_modes, other_chain
 
 F = np.arange(30.0, 501.0, 1.0)
 OMEGA = 2 * np.pi * np.array([62.0, 118.0, 171.0, 240.0, 333.0, 421.0])

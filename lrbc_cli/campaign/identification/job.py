@@ -32,7 +32,7 @@ from lrbc_cli.updating.search.optimise import Solution, bfgs, gauss_newton
 from lrbc_cli.updating.search.search import search
 from lrbc_cli.updating.search.smooth import narrowed, smoothed_costs
 from lrbc_cli.updating.search.starts import LEVELS, alone, between, prior_draws
-from lrbc_cli.updating.statistics.damping import beside_damping, damping_pattern
+from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 from lrbc_cli.updating.statistics.lines import too_wide
 from lrbc_cli.updating.unknowns.shapes import Shapes, bolt_shapes, neighbouring_columns, node_shapes

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.identification.compared.chains import chain_doubt
 from lrbc_cli.campaign.identification.compared.copies import copied_text
-from lrbc_cli.campaign.identification.compared.doubts import chain_doubt, doubts
+from lrbc_cli.campaign.identification.compared.doubts import doubts
 from lrbc_cli.campaign.identification.correlate import mean_of
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.records import Measurement, read_measurement

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lrbc_cli.updating.statistics.chain.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.error_model import ERRORS, ErrorModel
 from lrbc_cli.updating.statistics.lines import RESOLUTION, RESONANCES, Resolution, Resonances
-from lrbc_cli.updating.statistics.modal import MODAL, ModalRule
 from lrbc_cli.updating.statistics.priors import BOLT_PRIOR, CALIBRATION_PRIOR, VALUE_PRIOR, BoltPrior, CalibrationPrior, ValuePrior
 from lrbc_cli.updating.statistics.saturation import LIMITS, Limits
 

@@ -10,18 +10,15 @@ from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.campaign.identification.compared.likeness import MOST_LEFT, exchanged, exchanged_text, off_level, outlying
 from lrbc_cli.campaign.identification.found import Identification
 from lrbc_cli.campaign.identification.gains import Gains
-from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.config.settings import JobConfig
 from lrbc_cli.errors import DataError
-from lrbc_cli.model.factors import SOUND_SPEED
 from lrbc_cli.updating.comparison.scale import LEAST_REACH, MOST_REACH, Common, Offset, grouped, misses_unit, moved, offsets_of
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import DecisionRule
 from lrbc_cli.updating.statistics.decibels import coherence_sigma
-from lrbc_cli.updating.statistics.echo import second_blow
-from lrbc_cli.updating.statistics.lines import line_noise, too_wide
-from lrbc_cli.updating.statistics.modal import other_chain
+from lrbc_cli.updating.statistics.lines import too_wide
 
 #: A fit at the optimum of a right model leaves the noise. Three times it is no chance, with hundreds of lines.
 FAR_ABOVE_NOISE = 3.0
@@ -412,55 +409,3 @@ def calibration_doubts(
     noise = noise_level(measurement, inputs.campaign.jobs[job], inputs.used)
     further = [unreached(misfit[1], noise), worsened(*misfit, noise)]
     return found + [text for text in further if text is not None]
-
-
-def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: float = 0.1) -> str | None:
-    """What to say of a job whose single lines scatter far more than those of the reference job; None where they do not.
-
-    Parameters
-    ----------
-    own, tight : Measurement
-        On the same lines, or nothing is compared.
-    reference : str
-        Name of the reference job.
-    least : float
-        Noise over size from which it counts: half a decibel in the mean, of the one that a fit is wanted to leave.
-    """
-    if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
-        return None
-    noise, other = line_noise(own.values), line_noise(tight.values)
-    if not noise > max(least, FAR_ABOVE_NOISE * other):
-        return None
-    return (
-        f"noise of {noise:.0%} of the size of each line, in the median over all lines, {other:.1%} in {reference}: too few averages, a "
-        "weak or a double blow, or noise of the surroundings; expected: what is measured in the other jobs. Measure it again with more "
-        "averages, each blow looked at"
-    )
-
-
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, expected: Complexes | None = None) -> str | None:
-    """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
-
-    Bolts that change much, or that hold a structure of few modes, move all of these nearly alike: what is identified tells it from another
-    chain, which has to show beside that as well.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    own, tight : Measurement
-        On the same lines, or nothing is compared.
-    reference : str
-        Name of the reference job.
-    expected : (F, R) complex array or None
-        What the bolts that were identified make of the reference job's FRFs; None before anything is.
-    """
-    if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
-        return None
-    names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-
-    def beside(values: Complexes) -> str | None:
-        blow = second_blow(own.frequency_hz, own.values, values, reference)
-        return blow or other_chain(own.frequency_hz, own.values, values, reference, names, inputs.statistics.modal, air=air)
-
-    told = beside(tight.values)
-    return None if told is None or (expected is not None and beside(expected) is None) else told

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.updating.statistics.damping import beside_damping, damping_pattern
+from lrbc_cli.updating.statistics.chain.damping import beside_damping, damping_pattern
 from lrbc_cli.updating.statistics.decibels import decibel
 
 

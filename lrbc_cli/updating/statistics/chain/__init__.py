@@ -1,0 +1,1 @@
+"""What another measuring chain, or another damping, makes of FRFs."""
