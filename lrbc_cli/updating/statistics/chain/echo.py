@@ -28,6 +28,8 @@ class EchoRule:
         Least number of lines a period. A choice.
     steps : int
         Times that are tried for each further period in the band. A choice.
+    closely : int
+        How many of these are tried with all sizes. A choice.
     """
 
     left: float = 0.75
@@ -35,6 +37,7 @@ class EchoRule:
     periods: float = 1.5
     lines: float = 4.0
     steps: int = 8
+    closely: int = 5
 
 
 #: The default, for those who call a part alone.
@@ -73,17 +76,23 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
     before = {sign: float(_apart(change)) for sign, change in changes.items()}
     if not all(before.values()):
         return None
+    band, sizes = float(np.ptp(frequency_hz)), np.array(rule.sizes)
+    delays = np.arange(rule.periods / band, 1.0 / (rule.lines * spacing), 1.0 / (rule.steps * band))
+
+    def without(change: Floats, delay: float, sizes: Floats) -> Floats:
+        return _apart(change - decibel(1.0 + sizes[:, None] * np.exp(-2j * np.pi * frequency_hz * delay)))
+
     # One in the reference job is in all others, the other way round.
-    band = float(np.ptp(frequency_hz))
     found: tuple[float, float, float, float] = (np.inf, 0.0, 0.0, 1.0)
-    for delay in np.arange(rule.periods / band, 1.0 / (rule.lines * spacing), 1.0 / (rule.steps * band)).tolist():
-        factor = decibel(1.0 + np.array(rule.sizes)[:, None] * np.exp(-2j * np.pi * frequency_hz * delay))
-        for sign, change in changes.items():
-            without = _apart(change - sign * factor) / before[sign]
-            k = int(np.argmin(without))
-            found = min(found, (float(without[k]), delay, rule.sizes[k], sign))
-    left, delay, size, sign = found
-    if left > rule.left:
+    for sign, change in changes.items():
+        # Another size leaves more at the same time: a few sizes say which times to look at closely.
+        rough = np.array([without(sign * change, delay, sizes[1::3]).min() for delay in delays.tolist()])
+        for delay in delays[np.argsort(rough, kind="stable")[: rule.closely]].tolist():
+            left = without(sign * change, delay, sizes) / before[sign]
+            k = int(np.argmin(left))
+            found = min(found, (float(left[k]), delay, rule.sizes[k], sign))
+    share, delay, size, sign = found
+    if share > rule.left:
         return None
     job, other = ("this job", reference) if sign > 0.0 else (reference, "this job")
     return (
