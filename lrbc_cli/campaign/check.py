@@ -238,7 +238,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
 
 
 def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
-    """Warnings of a band with few resonances, of which the reference job tells, and of numbers with few digits."""
+    """Warnings of a band with few resonances, of which the reference job tells, of numbers with few digits, and of a single blow."""
     few = few_resonances(measurement.frequency_hz, measurement.values[:, inputs.used])
     if few is not None and name == inputs.campaign.update.reference:
         yield f"job {name}: {_few_text(inputs, measurement, few)}"
@@ -247,6 +247,19 @@ def _poor(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
         yield (
             f"{inputs.campaign.jobs[name].first.name}: numbers with too few digits, by which levels err: {which}; expected: five digits of "
             "each number, also of small ones. Export it again in exponential format (1.2345e-03)"
+        )
+    yield from _single(inputs, name, measurement)
+
+
+def _single(inputs: Inputs, name: str, measurement: Measurement) -> Iterator[str]:
+    """A warning of a coherence that is 1 at every line: of a single blow it is, whatever the noise."""
+    table, told = measurement.coherence, np.isfinite(measurement.coherence)
+    ones = np.flatnonzero(told.any(axis=0) & (~told | (table == 1.0)).all(axis=0))
+    if ones.size and inputs.campaign.jobs[name].averages > 1:
+        yield (
+            f"{inputs.campaign.jobs[name].first.name}: the coherence of {', '.join(inputs.responses[i].name for i in ones)} is 1 at every "
+            "line, as of a single blow, which tells nothing of the noise; expected: three averaged blows or more. Measure so, or leave the "
+            f"coherence out of the file; of one blow write jobs.{name}.averages: 1"
         )
 
 

@@ -128,7 +128,7 @@ def _explain_one(detail: ErrorDetails, document: Document, model: type[BaseModel
         return document.error("the wrong number of entries", *keys, expected=expected, found=count, hint=hint or "add or remove entries")
     problem = "a value of the wrong type" if kind in WRONG_TYPE else "a value that is not allowed"
     meaning = _description(model, keys)
-    hint = _hint(kind, detail["input"], model, keys)
+    hint = _hint(kind, detail["input"], model, keys) or _share(detail["input"], context)
     if str(detail["loc"][-1]).startswith("form:"):
         expected = meaning or _description(model, keys[:-1]) or expected
     elif meaning and hint is None:
@@ -172,6 +172,14 @@ def _hint(kind: str, value: object, model: type[BaseModel], keys: Sequence[str |
     if kind in ("int_type", "int_from_float") and isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return f"write {int(value)}"
     return None
+
+
+def _share(value: object, limits: Mapping[str, Any]) -> str | None:
+    """A hint for a share or a probability that is given in per cent."""
+    most = limits.get("lt", limits.get("le"))
+    if most != 1.0 or isinstance(value, bool) or not isinstance(value, int | float) or not 1.0 < value < 100.0:
+        return None
+    return f"in per cent, it seems: write {value / 100:.6g}"
 
 
 def _unknown_key(document: Document, keys: Sequence[str | int], model: type[BaseModel]) -> ConfigError:

@@ -125,7 +125,7 @@ def frf_set(named: Named, path: Path, layout: TextLayout) -> FrfSet:
             found=listing([f"{name} {array.shape} {array.dtype.kind}" for name, array in named.arrays.items()]),
             hint=f"if the last dimension of {pairs[0]} holds real and imaginary part: 'format: {{representation: real-imag}}' of the job"
             if pairs
-            else "name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
+            else reader.cut() or "name the frequencies under 'format: {frequency: ...}' of the job, or export CSV or a universal file",
         )
     return FrfSet(str(path), tuple(reader.records), (*reader.notes.lines(), *reader.left_out()), tuple(dict.fromkeys(reader.warnings)))
 
@@ -176,6 +176,18 @@ class _NamedFrfs:
         wanted = self.layout.frequency
         vector = array.size > 1 and array.size == max(array.shape)
         return vector and (key == str(wanted) or _last(key) == str(wanted) if wanted is not None else fold(_last(key)) in _AXES)
+
+    def cut(self, most: int = 2) -> str:
+        """That frequencies and FRFs differ by a line or two, so that one of them was cut alone; empty where they do not."""
+        for key, axis in self.named.arrays.items():
+            for name, array in self.named.arrays.items() if self._is_axis(key, axis) else ():
+                near = [size for size in array.shape if array.dtype.kind == "c" and 0 < abs(size - axis.size) <= most]
+                if near and _group(key) in (_group(name), ""):
+                    return (
+                        f"{key} has {axis.size} entries, {name} {near[0]} lines: one of them was cut without the other, often of the "
+                        "line at 0 Hz: export both again, each frequency with its line"
+                    )
+        return ""
 
     def _frequencies(self, values: NDArray[Any], place: str, unit: str = "Hz") -> Floats:
         if values.dtype.kind == "c" and np.any(values.imag != 0):

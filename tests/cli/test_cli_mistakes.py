@@ -1396,6 +1396,53 @@ MISTAKES = [
         "loose-2.csv: numbers with too few digits",
         "in exponential format",
     ),
+    Mistake(
+        "confidence in per cent",
+        "frame",
+        config(("update:\n", "update:\n  confidence: 95\n")),
+        2,
+        "update.confidence: a value that is not allowed",
+        "in per cent, it seems: write 0.95",
+    ),
+    Mistake(
+        "coherence of a single blow",
+        "frame",
+        numbers(
+            FRFS[1],
+            lambda rows: np.column_stack([rows, np.ones((len(rows), 2))]),
+            header=f"{COLUMNS},acc1_coherence,acc2_coherence",
+        ),
+        0,
+        "loose-2.csv: the coherence of acc1, acc2 is 1 at every line",
+        "write jobs.loose-2.averages: 1",
+    ),
+    Mistake(
+        "frequencies without their first line",
+        "frame",
+        all_of(
+            lambda folder: scipy.io.savemat(folder.data / "frf/loose-2.mat", {"f": HZ[1:], "H": np.ones((HZ.size, 4)) * (1.0 + 1.0j)}),
+            config((LOOSE, LOOSE[:-3] + "mat")),
+        ),
+        3,
+        "holds no FRF that is understood",
+        "f has 470 entries, H 471 lines",
+    ),
+    Mistake(
+        "files of the reference job and of a loose one exchanged",
+        "plate",
+        config(("tight-1.uff", "OTHER"), ("b3-half-b4-loose.uff", "tight-1.uff"), ("OTHER", "b3-half-b4-loose.uff")),
+        0,
+        "fit the tight model far better than tight-1",
+        "Correct jobs.tight-1.frf",
+    ),
+    Mistake(
+        "x and y of the hammer exchanged",
+        "frame",
+        config(("[0.16, 0.12, 0.0]", "[0.12, 0.16, 0.0]")),
+        0,
+        "job tight: the hammer hit elsewhere",
+        "correct excitation.hammer: near: [0.16, 0.12, 0]",
+    ),
 ]
 
 

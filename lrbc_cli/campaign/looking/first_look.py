@@ -29,7 +29,7 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.held import held_text
-from lrbc_cli.campaign.looking.moved import Seen, hammer_text, sensor_text
+from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import structural_share
@@ -58,6 +58,9 @@ COARSE = 3e-2
 
 #: States of the model that a measurement is compared with, and how many of the nearest with all sensors in each other's place.
 MOST_STATES, NEAREST = 150, 4
+
+#: What stands before the causes of a tight state that is no model's.
+_CAUSES = ", constants taken out: "
 
 
 @dataclass
@@ -100,9 +103,42 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
             told[name] = _looked_at(inputs, source, measurements[name], name, tight)
+        if ("unlike",) in told.get(reference or "", {}) and reference is not None:
+            head, causes = told[reference]["unlike",].split(_CAUSES, 1)
+            looser = _tighter(inputs, source, {name: measurements[name] for name in order}, reference)
+            told[reference]["unlike",] = f"{head}{_CAUSES}{looser}{causes}"
         return _told(told), ""
     except LrbcError as error:
         return [], f"measured and computed FRFs were not compared: {error.problem}"
+
+
+def _tighter(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], reference: str) -> str:
+    """Which other jobs are those of the model with all bolts tight, where the reference job is not, in a clause."""
+    far: dict[str, float] = {}
+    for name, found in measurements.items():
+        few = _few(found)
+        s = 2j * np.pi * few.frequency_hz
+        far[name] = float(np.median(apart(few.values, _states(source, parameterise(inputs, source, s)[0], s)[0][0])))
+    near = {name: own for name, own in far.items() if own < min(UNLIKE, CLEARLY * far[reference])}
+    if not near:
+        return ""
+    named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in near.items())
+    return (
+        f"{named} {'fits' if len(near) == 1 else 'fit'} the tight model far better than {reference} ({far[reference]:.1f} dB): was a bolt "
+        f"loose there, or are files exchanged? Correct jobs.{reference}.frf, or name a tight job under update.reference; else "
+    )
+
+
+def _few(measurement: Measurement) -> Measurement:
+    """On as many lines as are looked at."""
+    lines = _looked(measurement)
+    return replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
+
+
+def _looked(measurement: Measurement) -> Integers:
+    size = measurement.frequency_hz.size
+    found: Integers = np.unique(np.linspace(0, size - 1, min(size, LINES)).round().astype(np.int64))
+    return found
 
 
 def _source(inputs: Inputs, folder: Path) -> FrfSource | None:
@@ -130,9 +166,7 @@ def _looked_at(
     inputs: Inputs, source: FrfSource, measurement: Measurement, name: str, tight: Measurement | None = None
 ) -> dict[tuple[object, ...], str]:
     """What is found of one job, each under what tells whether another job has it, too; beside the model, and the reference job if given."""
-    size = measurement.frequency_hz.size
-    lines = np.unique(np.linspace(0, size - 1, min(size, LINES)).round().astype(np.int64))
-    few = replace(measurement, frequency_hz=measurement.frequency_hz[lines], values=measurement.values[lines])
+    lines, few = _looked(measurement), _few(measurement)
     s = 2j * np.pi * few.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
     states, loosened = _states(source, parameters, s)
@@ -155,6 +189,8 @@ def _looked_at(
         if freed:
             apart_by = f"it is taken as tight, but lies {before:.1f} dB from {inputs.campaign.update.reference}"
             return {("freed",): f"{apart_by}{freed} Take it out of update.baselines and calibration.job, or measure it again"}
+    if hammers := hammers_text(inputs, few.values, states, name):
+        return {("hammers",): hammers}
     near = [*_nearest(few, states), *(state[0] for state in beside)]
     told: dict[tuple[object, ...], str] = {}
     exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
@@ -199,7 +235,8 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
     """
     every = np.median(apart(seen.measured, states), axis=1)
     # Bolts may be in another state than those that are looked at: the model is as near as that where it is right.
-    if ("unlike",) in told or (not told and float(every.min()) > UNLIKE):
+    # A reference job that is neither near nor far is looked at, too: nothing is loose there that could be the reason.
+    if ("unlike",) in told or (not told and float(every.min()) > (LEAST_DIFFERENCE if seen.reference else UNLIKE)):
         if text := hammer_text(seen, _values(seen.parameters)[0], most=LEAST_DIFFERENCE):
             return {("hammer",): text}
         dynamic = seen.parameters.dynamic(seen.parameters.initial, seen.s)
@@ -314,7 +351,7 @@ def _unlike(
             causes = f"it is the reference job{looser} Name a tight job under update.reference, or measure it again; else {causes}"
         told["unlike",] = (
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
-            f"values, constants taken out: {causes}"
+            f"values{_CAUSES}{causes}"
         )
     return told | _alone(inputs, every, "the model")
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from lrbc_cli.arrays import Complexes, Floats, Integers
-from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, levels, spread
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, apart, levels, spread
 from lrbc_cli.campaign.looking.rescaled import MOST_LEFT, MOST_WORK
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reduced.memory import reduction_cost
@@ -108,6 +108,40 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float) -> 
         f"the hammer hit elsewhere, it seems: {where} levels of measured and computed FRFs are {left[best]:.1f} dB apart, constants taken "
         f"out, {before:.1f} dB at the place of excitation.{name}: {fix}"
     )
+
+
+def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: str) -> str:
+    """Which two excitations with sensors in common are in each other's place, and what to write; empty where that explains nothing.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measured : (F, R) complex array
+    states : (S, F, R) complex array
+        FRFs of the model; the nearest counts.
+    job : str
+    """
+    places = {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
+    for one in range(len(inputs.excitations)):
+        for two in range(one):
+            pairs = [
+                (i, places[node, direction, quantity, {one: two, two: one}[at]])
+                for (node, direction, quantity, at), i in places.items()
+                if at in (one, two) and (node, direction, quantity, {one: two, two: one}[at]) in places
+            ]
+            own, other = [i for i, _ in pairs], [k for _, k in pairs]
+            if len(own) < 4:
+                continue
+            stated = float(np.median(apart(measured[:, own], states[:, :, own]), axis=1).min())
+            changed = float(np.median(apart(measured[:, own], states[:, :, other]), axis=1).min())
+            if stated > LEAST_DIFFERENCE and changed < min(MOST_LEFT, CLEARLY * stated):
+                first, second = inputs.excitations[two], inputs.excitations[one]
+                return (
+                    f"{first} and {second} in each other's place, it seems: FRFs of either are the model's of the other: exchange the "
+                    f"places of excitation.{first} and excitation.{second}, or, where this job alone is wrong, its "
+                    f"records (jobs.{job}.records)"
+                )
+    return ""
 
 
 def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:

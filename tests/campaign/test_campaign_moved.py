@@ -1,0 +1,35 @@
+"""Two hammers in each other's place, by the sensors that they have in common."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign.looking.moved import hammers_text
+
+
+def two_hammers() -> tuple[Any, np.ndarray]:
+    """Four sensors, hit at two places, and FRFs of the model."""
+    rng = np.random.default_rng(3)
+    responses = [
+        SimpleNamespace(name=f"a{node}-h{at + 1}", node=node, direction=3, quantity="acceleration", input=at)
+        for at in (0, 1)
+        for node in (1, 2, 3, 4)
+    ]
+    return SimpleNamespace(responses=responses, excitations=("h1", "h2")), 10.0 ** rng.normal(0.0, 0.5, (1, 200, 8)) + 0j
+
+
+def test_two_hammers_in_each_others_place() -> None:
+    inputs, states = two_hammers()
+    measured = 1.1 * states[0][:, [4, 5, 6, 7, 0, 1, 2, 3]]
+    text = hammers_text(inputs, measured, states, "tight")
+    assert text.startswith("h1 and h2 in each other's place")
+    assert "exchange the places of excitation.h1 and excitation.h2" in text
+
+
+def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> None:
+    inputs, states = two_hammers()
+    assert hammers_text(inputs, 1.1 * states[0], states, "tight") == ""
+    assert hammers_text(inputs, np.roll(states[0], 50, axis=0), states, "tight") == ""
