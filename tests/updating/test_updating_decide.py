@@ -318,6 +318,18 @@ def test_tighter_than_tight_is_implausible() -> None:
     assert not judge(evidence(changed(1.5 * sure, 0.5)), RULE).implausible
 
 
+def test_a_change_that_clears_no_bolt_of_suspicion_excuses_no_measurement() -> None:
+    """As a clock that is off by a little, which the springs of tight bolts make up for."""
+    found = judge(evidence(changed(0.0, 0.1), excused="as if hit twice"), RULE)
+    assert found.bolts[0].verdict == "tight"
+    assert found.validity.passed is None
+    assert found.validity.unvalidated == "as if hit twice; the change identified would explain it, but no bolt is judged loose"
+    assert judge(evidence(changed(-2.0, 0.1), excused="as if hit twice"), RULE).validity.passed
+    assert judge(evidence(changed(0.0, 0.1), excused="as if hit twice"), RULE, BASELINE).validity.passed
+    # What is said of a bolt that is tighter is said instead.
+    assert "as if" not in judge(evidence(changed(2.0, 0.1), excused="as if hit twice"), RULE).validity.reason
+
+
 def partial(*means: float, std: float = 0.02, mean: float | None = None) -> BoltEvidence:
     """A joint with springs in several groups, that changed by so much each."""
     parts = tuple(PartialChange(group=f"g{k}", mean=each, std=std, deviation=0.15) for k, each in enumerate(means))

@@ -195,12 +195,18 @@ def judge(
     if role == REFERENCE and valid.explained:
         found = tuple(v if v.name not in fallen else replace(v, suspect=True, note=f"{v.note}, but {FALLEN}") for v in found)
     rises = tuple(v.name for v in found if _risen(v, rule))
-    if role == JOB and valid.explained and (rises or fallen) and not any(v.verdict == LOOSE for v in found):
-        # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
-        why = f"{', '.join(rises)} tighter than in the reference job" if rises else f"{', '.join(fallen)} {FALLEN} in the reference job"
-        why += ": was all tight there?"
-        reasons = "; ".join([why, *([valid.unvalidated] if valid.unvalidated else [])])
-        valid = replace(valid, passed=None, unvalidated=reasons, reason=f"not validated: {why} {valid.reason}")
+    if role == JOB and valid.explained and (rises or fallen or evidence.excused) and not any(v.verdict == LOOSE for v in found):
+        if rises or fallen:
+            # A reference state with loose bolts shows here: what it lacked has come back, and what it lacks still is compared with itself.
+            which = f"{', '.join(rises)} tighter than in" if rises else f"{', '.join(fallen)} {FALLEN} in"
+            why = f"{which} the reference job: was all tight there?"
+        else:
+            # Of tight bolts no change is so sure that it excuses a measurement.
+            why = f"{evidence.excused}; the change identified would explain it, but no bolt is judged loose;"
+        reasons = "; ".join([why.rstrip(";"), *([valid.unvalidated] if valid.unvalidated else [])])
+        valid = replace(
+            valid, passed=None, unvalidated=reasons, reason=f"not validated: {why}{'' if why.endswith('?') else ';'} {valid.reason}"
+        )
     several = _alternatives(evidence, found) if valid.explained and role == JOB else ()
     return Judgement(validity=valid, bolts=found, implausible=rises, alternatives=several, fallen=fallen)
 

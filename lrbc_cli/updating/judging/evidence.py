@@ -192,6 +192,8 @@ class Evidence:
         Why none of them is a validation channel.
     doubted : str or None
         What is wrong with the measurement where it is that of the reference job once more, ends before it, or has sensors exchanged.
+    excused : str
+        What would be wrong with the measurement if the change that was identified did not explain it as well.
     setting : str
         What was compared, and what constant factors explain, for messages.
     data_warnings, warnings, notes : tuples of str
@@ -217,6 +219,7 @@ class Evidence:
     used_misfit_db: float | None = None
     against_reference: bool = False
     alternatives: tuple[tuple[tuple[float | None, ...], float], ...] = ()
+    excused: str = ""
 
     def beside(self, copied: str | None) -> Evidence:
         """With a doubt where the measurement is a copy in some way, unless there is one already."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from lrbc_cli.arrays import Complexes
 from lrbc_cli.campaign.identification.compared.doubts import FAR_ABOVE_NOISE
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -36,11 +35,8 @@ def noise_doubt(own: Measurement, tight: Measurement, reference: str, *, least: 
     )
 
 
-def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str, expected: Complexes | None = None) -> str | None:
+def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference: str) -> str | None:
     """What to say of a job that was measured with another window, filter or clock than the reference job, or hit twice; None where not.
-
-    Bolts that change much, or that hold a structure of few modes, move all of these nearly alike: what is identified tells it from another
-    chain, which has to show beside that as well.
 
     Parameters
     ----------
@@ -49,16 +45,9 @@ def chain_doubt(inputs: Inputs, own: Measurement, tight: Measurement, reference:
         On the same lines, or nothing is compared.
     reference : str
         Name of the reference job.
-    expected : (F, R) complex array or None
-        What the bolts that were identified make of the reference job's FRFs; None before anything is.
     """
     if own.values.shape != tight.values.shape or unlike(own.frequency_hz, tight.frequency_hz):
         return None
     names, air = [response.name for response in inputs.responses], SOUND_SPEED in inputs.recipe.names
-
-    def beside(values: Complexes) -> str | None:
-        blow = second_blow(own.frequency_hz, own.values, values, reference)
-        return blow or other_chain(own.frequency_hz, own.values, values, reference, names, inputs.statistics.modal, air=air)
-
-    told = beside(tight.values)
-    return None if told is None or (expected is not None and beside(expected) is None) else told
+    blow = second_blow(own.frequency_hz, own.values, tight.values, reference)
+    return blow or other_chain(own.frequency_hz, own.values, tight.values, reference, names, inputs.statistics.modal, air=air)
