@@ -221,7 +221,8 @@ def _missed(inputs: Inputs, stage: ReductionStage) -> NumericalError:
 
 def affine_model(inputs: Inputs, stage: ReductionStage) -> AffineModel:
     """The reduced model as a function of global factors, about the model as it is used: factors of one are those of ``inputs.model``."""
-    return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts).diagonalised()
+    omega = 2.0 * np.pi * float(np.sqrt(np.prod(inputs.campaign.reduction.band)))
+    return AffineModel(stage.reduction.model, inputs.recipe, inputs.shifts).diagonalised(omega)
 
 
 def line_seconds(model: ReducedModel, band: tuple[float, float]) -> dict[str, float]:

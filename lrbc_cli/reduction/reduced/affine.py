@@ -6,8 +6,9 @@ factorisation a line gives the FRFs with all their derivatives: to the terms, to
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from lrbc_cli.arrays import Complexes, Floats, Integers
 from lrbc_cli.model.factors import FIELDS, OPERATORS, Recipe, parted
 from lrbc_cli.reduction.reduced.condense import air_is_diagonal, condensed_solve, plain, with_diagonal_air
+from lrbc_cli.reduction.reduced.modal import Motions, diagonal_of, modal_structure
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.threads import in_chunks
 
@@ -61,6 +63,7 @@ class AffineModel:
     recipe: Recipe
     shifts: Integers | None = None
 
+    @cached_property
     def blocks(self) -> list[Any]:
         """A_p in the order of ``Recipe.pieces``."""
         r, ns = self.base.size, self.base.structure
@@ -70,14 +73,15 @@ class AffineModel:
         found = {None: parted(own)} | {name: parted(group) for name, group in self.base.extras.items()}
         return [np.where(inside[piece.field], found[piece.group][piece.operator], 0.0) for piece in self.recipe.pieces]
 
-    def operators(self, factors: Mapping[str, float], slope: str | None = None) -> list[Any]:
-        """K, C and M at the given factors, or their derivative to the logarithm of one of them."""
+    def operators(self, factors: Mapping[str, float]) -> tuple[Any, Any, Any]:
+        """K, C and M at the given factors."""
         out: list[Any] = [np.zeros((self.base.size, self.base.size)) for _ in range(3)]
-        for piece, A in zip(self.recipe.pieces, self.blocks(), strict=True):
-            weights = piece.coefficients(factors) if slope is None else piece.slopes(factors, slope)
+        for piece, A in zip(self.recipe.pieces, self.blocks, strict=True):
+            weights = piece.coefficients(factors)
             for slot in np.flatnonzero(weights):
                 out[slot] = out[slot] + weights[slot] * A
-        return out
+        K, C, M = out
+        return K, C, M
 
     def damping_coefficients(self) -> dict[str, float]:
         """Alpha, beta and loss factor of each field, by the names of their factors: those at which these are one."""
@@ -96,9 +100,31 @@ class AffineModel:
         K, C, M = self.operators(factors)
         return replace(self.base, K=K, C=C, M=M)
 
-    def diagonalised(self) -> AffineModel:
-        """The same with a diagonal air, which makes its lines cheaper."""
-        return replace(self, base=with_diagonal_air(self.base))
+    def diagonalised(self, omega: float) -> AffineModel:
+        """The same with a diagonal air, or with the modes of a structure alone, which makes its lines cheaper.
+
+        Parameters
+        ----------
+        omega : float
+            In the band [rad/s].
+        """
+        base = self.base
+        modal = modal_structure(base.K, base.C, base.M, omega) if base.structure == base.size else None
+        if modal is None:
+            return replace(self, base=with_diagonal_air(base))
+        T, (K, C, M) = modal.turn, modal.diagonals
+        base = replace(
+            base,
+            K=np.diag(plain(K)),
+            C=np.diag(C),
+            M=np.diag(M),
+            B=T.T @ base.B,
+            L=base.L @ T,
+            left=T.T @ base.left,
+            right=T.T @ base.right,
+            extras={name: {operator: T.T @ A @ T for operator, A in group.items()} for name, group in base.extras.items()},
+        )
+        return replace(self, base=base)
 
     def restricted(self, responses: Integers) -> AffineModel:
         """The same for some of the responses."""
@@ -137,34 +163,58 @@ class AffineModel:
         Linearised
         """
         base = self.base
-        K, C, M = self.operators(factors)
-        slopes = [self.operators(factors, name) for name in names]
-        rows, own = np.arange(base.L.shape[0]), base.input_of
-        B = self.loads(offset)
+        rows, own, B = np.arange(base.L.shape[0]), base.input_of, self.loads(offset)
+        moved, turn, shared = self._solver(s, D, self.operators(factors), B)
+        heard = base.L if turn is None else base.L @ turn
+        sloping = self._sloping(factors, names, turn)
         y = np.empty((s.size, rows.size), dtype=complex)
         by_term, by_factor, by_shift = (
             np.empty((s.size, rows.size, count), dtype=complex) for count in (base.terms, len(names), 0 if self.shifts is None else 2)
         )
-        condense = air_is_diagonal(K, C, M, base.structure, base.left, base.right)
-        kappa = None if condense else self._kappa(K, C, M)
 
         def work(part: slice) -> None:
-            z = s[part, None, None]
+            found = moved(part)
             to_quantity = s[part, None] ** base.output_power[None, :]
-            x, v = self._condensed(z, D[part], (K, C, M), B) if condense else self._solve(z, D[part], (K, C, M), B, kappa)
-            own_x = x[:, :, own]
-            y[part] = (base.L @ x)[:, rows, own] * to_quantity
-            by_term[part] = -((base.left.T @ v) * (base.right.T @ own_x)).transpose(0, 2, 1) * to_quantity[:, :, None]
-            for i, (k, c, m) in enumerate(slopes):
-                image = (k @ x) + z * (c @ x) + z**2 * (m @ x)
-                by_factor[part, :, i] = -np.einsum("frj,frj->fj", v, image[:, :, own]) * to_quantity
+            y[part] = found.y * to_quantity
+            by_term[part] = -(found.before * found.after[:, :, own]).transpose(0, 2, 1) * to_quantity[:, :, None]
+            by_factor[part] = -_slopes(s[part], found.x, found.v, own, sloping, len(names)) * to_quantity[:, :, None]
             if self.shifts is not None:
                 for i in range(2):
-                    by_shift[part, :, i] = (base.L @ x)[:, rows, self.shifts[own, i]] * to_quantity
+                    by_shift[part, :, i] = (heard @ found.x)[:, rows, self.shifts[own, i]] * to_quantity
 
-        # The condensed way forms what all lines of a chunk share once.
-        in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if condense else 8, workers=workers)
+        # What all lines of a chunk share is formed once.
+        in_chunks(s.size, work, chunk=max(8, -(-s.size // workers)) if shared else 8, workers=workers)
         return Linearised(y, by_term, by_factor, by_shift)
+
+    def _solver(
+        self, s: Complexes, D: Complexes, operators: tuple[Any, Any, Any], B: Floats
+    ) -> tuple[Callable[[slice], Motions], Floats | None, bool]:
+        """What solves some of the lines; its coordinates, where they are not those of the base; whether lines share work."""
+        base, own, rows = self.base, self.base.input_of, np.arange(self.base.L.shape[0])
+        terms = (base.left, base.right)
+        modal = modal_structure(*operators, omega=float(np.median(np.abs(s)))) if base.structure == base.size else None
+        if modal is not None:
+            return lambda part: modal.motions(s[part], D[part], terms, B, base.L, own), modal.turn, True
+        condense = air_is_diagonal(*operators, base.structure, *terms)
+        kappa = None if condense else self._kappa(*operators)
+
+        def moved(part: slice) -> Motions:
+            z = s[part, None, None]
+            x, v = self._condensed(z, D[part], operators, B) if condense else self._solve(z, D[part], operators, B, kappa)
+            return Motions(x=x, v=v, after=base.right.T @ x, before=base.left.T @ v, y=(base.L @ x)[:, rows, own])
+
+        return moved, None, condense
+
+    def _sloping(self, factors: Mapping[str, float], names: Sequence[str], turn: Floats | None) -> list[tuple[Any, Floats]]:
+        """Pieces that some factor moves, as (r, r) matrices or (r,) diagonals, with the (k, 3) derivatives of their shares of K, C, M."""
+        found = []
+        for piece, A in zip(self.recipe.pieces, self.blocks, strict=True):
+            slopes = np.array([piece.slopes(factors, name) for name in names]).reshape(-1, 3)
+            if slopes.any() and A.any():
+                own = A if turn is None else turn.T @ A @ turn
+                diagonal = diagonal_of(own)
+                found.append((own if diagonal is None else diagonal, slopes))
+        return found
 
     def loads(self, offset: Floats | None) -> Floats:
         """B with its loads shifted."""
@@ -218,3 +268,13 @@ class AffineModel:
             return 1.0
         kappa = float(np.sum(A * F)) / square
         return kappa if kappa != 0.0 and np.abs(F - kappa * A).max() <= SYMMETRY * np.abs(F).max() else None
+
+
+def _slopes(s: Complexes, x: Complexes, v: Complexes, own: Integers, sloping: Sequence[tuple[Any, Floats]], names: int) -> Complexes:
+    """(F, R, k) ``vᵀ (dZ/d ln phi) x``."""
+    out = np.zeros((s.size, own.size, names), dtype=complex)
+    powers = s[:, None] ** np.arange(3)
+    for A, slopes in sloping:
+        image = A[:, None] * x if A.ndim == 1 else A @ x
+        out += np.einsum("frj,frj->fj", v, image[:, :, own])[:, :, None] * (powers @ slopes.T)[:, None, :]
+    return out

@@ -136,10 +136,10 @@ def condensed_solve(
     above, below = _powers(K, C, M, s, a), _powers(K, C, M, a, s)
     left, right = terms[0][s], terms[1][s]
     S = np.asarray(z**2 * M[s, s] + z * C[s, s] + K[s, s], dtype=complex)
-    S += _outer(D, left, right)
+    S += weighted(D, left, right)
     for p, A in above:
         for q, B in below:
-            S -= _outer(w ** (p + q) / air, A, B.T)
+            S -= weighted(w ** (p + q) / air, A, B.T)
     up = sum(z**p * A for p, A in above)
     down = sum(z**q * B for q, B in below)
     inverse = 1.0 / air[:, :, None]
@@ -166,7 +166,7 @@ def plain(A: Any) -> Any:
     return A.real if not A.imag.any() else A
 
 
-def _outer(weight: Complexes, left: Floats, right: Floats) -> Complexes:
+def weighted(weight: Complexes, left: Floats, right: Floats) -> Complexes:
     """(F, m, n) ``left diag(weight) rightᵀ`` for every line, by one real product where its table of pairs is small."""
     F, m, n = weight.shape[0], left.shape[0], right.shape[0]
     if weight.shape[1] * m * n > PAIRS:

@@ -142,8 +142,8 @@ class PortFrf:
         w = self._solved(self.Hpp, E, F, self.Hp0)
         return self._respond(F, w), -F[:, :, None] * w
 
-    def drive_both(self, D: Complexes, heard: Complexes) -> tuple[Complexes, Complexes, Complexes]:
-        """The same, and what the terms add to the dual problems of some responses, ``v = -Delta (I + Hppᵀ Delta)⁻¹ heard``.
+    def motions(self, D: Complexes, heard: Complexes) -> tuple[Complexes, Complexes, Complexes, Complexes, Complexes]:
+        """FRFs, and what the terms do and feel in the problems of the inputs and in the dual ones of some responses.
 
         Parameters
         ----------
@@ -155,11 +155,17 @@ class PortFrf:
         -------
         y : (F, R) complex array
         u : (F, nt, n_in) complex array
+            As of ``drive``.
         v : (F, nt, k) complex array
+            What the terms add to the dual problems, ``-Delta (I + Hppᵀ Delta)⁻¹ heard``.
+        after : (F, nt, n_in) complex array
+            ``c^T x = (I + Hpp Delta)⁻¹ Hp0``.
+        before : (F, nt, k) complex array
+            The same of the dual problems.
         """
         E, F = self._split(D)
         w, v = self._solved_both(self.Hpp, E, F, self.Hp0, heard)
-        return self._respond(F, w), -F[:, :, None] * w, -F[:, :, None] * v
+        return self._respond(F, w), -F[:, :, None] * w, -F[:, :, None] * v, E[:, :, None] * w, E[:, :, None] * v
 
     def linearise(self, D: Complexes) -> tuple[Complexes, Complexes]:
         """FRFs and their derivatives to every D_j, in one pass.

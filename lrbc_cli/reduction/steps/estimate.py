@@ -180,7 +180,7 @@ class Estimator:
         problem, places = self._problem, self._places
         n_in, of = problem.loads, problem.dual_of[: problem.responses]
         to_quantity = ports.s[:, None] ** problem.model.output_power
-        y, u, v = ports.drive_both(D, (ports.H0p[:, places] / to_quantity[:, places, None]).transpose(0, 2, 1))
+        y, u, v, _, _ = ports.motions(D, (ports.H0p[:, places] / to_quantity[:, places, None]).transpose(0, 2, 1))
 
         def heard(dual: Complexes) -> Floats:
             norm = np.linalg.norm(dual[:, :, : places.size] + dual[:, :, places.size :] @ v, axis=1)

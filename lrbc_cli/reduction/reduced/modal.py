@@ -1,0 +1,118 @@
+"""A structure whose damping its undamped modes share: a diagonal dynamic stiffness, to which the terms are few ports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.reduction.reduced.condense import NEGLIGIBLE, weighted
+from lrbc_cli.reduction.reduced.ports import port_frf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motions:
+    """What unit loads move, and unit loads at the responses.
+
+    Attributes
+    ----------
+    x : (F, r, n_in) complex array
+        ``Z x = B``, in the coordinates of whoever solved it.
+    v : (F, r, R) complex array
+        ``Zᵀ v = Lᵀ``, likewise.
+    after : (F, nt, n_in) complex array
+        ``cᵀ x`` of every term.
+    before : (F, nt, R) complex array
+        ``bᵀ v`` of every term.
+    y : (F, R) complex array
+        Displacements of the responses over their own load.
+    """
+
+    x: Complexes = field(repr=False)
+    v: Complexes = field(repr=False)
+    after: Complexes = field(repr=False)
+    before: Complexes = field(repr=False)
+    y: Complexes = field(repr=False)
+
+
+@dataclass(frozen=True)
+class ModalStructure:
+    """Coordinates in which K, C and M are diagonal: ``turn`` maps them to the reduced ones.
+
+    Attributes
+    ----------
+    turn : (r, r) float array
+    diagonals : three (r,) arrays
+        Of K, C and M.
+    """
+
+    turn: Floats = field(repr=False)
+    diagonals: tuple[Any, Any, Any] = field(repr=False)
+
+    def motions(self, z: Complexes, D: Complexes, terms: tuple[Floats, Floats], B: Floats, L: Floats, input_of: Integers) -> Motions:
+        """``x = G B + G b u`` with ``G = (K + s C + s² M)⁻¹`` and the auxiliary inputs u of the port formula (14)-(18).
+
+        The cost of a line is that of nt equations instead of r.
+
+        Parameters
+        ----------
+        z : (F,) complex array
+            Lines s.
+        D : (F, nt) complex array
+        terms : two (r, nt) arrays
+            Left and right vectors.
+        B : (r, n_in) array
+        L : (R, r) array
+        input_of : (R,) int array
+        """
+        K, C, M = self.diagonals
+        G = 1.0 / (K + z[:, None] * C + z[:, None] ** 2 * M)
+        left, right, loads, heard = (self.turn.T @ A for A in (*terms, B, L.T))
+        H = weighted(G, np.hstack([heard, right]).T, np.hstack([loads, left]).T)
+        nothing = np.zeros(D.shape, dtype=complex)
+        ports = port_frf(H, z, nothing, np.zeros(L.shape[0], dtype=int), input_of)
+        y, u, v, after, before = ports.motions(D, ports.H0p.transpose(0, 2, 1))
+        G = G[:, :, None]
+        return Motions(x=G * (loads + left @ u), v=G * (heard + right @ v), after=after, before=before, y=y)
+
+
+def modal_structure(K: Any, C: Any, M: Any, omega: float) -> ModalStructure | None:
+    """The modes of a structure as coordinates, where they leave its damping diagonal.
+
+    The eigenvalues are those of ``M x = mu (K + omega² M) x``: what round-off leaves of them is small against those of the modes up to
+    omega, however high the highest lies.
+
+    Parameters
+    ----------
+    K, C, M : (r, r) arrays
+        Of a structure alone.
+    omega : float
+        In the band [rad/s].
+
+    Returns
+    -------
+    ModalStructure or None
+        None where the matrices are not symmetric or ``K + omega² M`` is not definite, or where the damping couples modes.
+    """
+    if not any((A - np.diag(np.diag(A))).any() for A in (K, C, M)):
+        return ModalStructure(np.eye(K.shape[0]), (np.diag(K), np.diag(C), np.diag(M)))
+    if any(np.abs(A - A.T).max(initial=0.0) > NEGLIGIBLE * np.abs(A).max(initial=0.0) for A in (K, C, M)):
+        return None
+    stiff = K.real + omega**2 * M
+    try:
+        T = la.eigh(0.5 * (M + M.T), 0.5 * (stiff + stiff.T))[1]
+    except la.LinAlgError:
+        return None
+    found = [diagonal_of(T.T @ A @ T) for A in (K.real, K.imag, C, M)]
+    if any(diagonal is None for diagonal in found):
+        return None
+    return ModalStructure(np.asarray(T), (found[0] + 1j * found[1], *found[2:]))
+
+
+def diagonal_of(A: Any) -> Any:
+    """(r,) diagonal of a matrix; None where something stands beside it."""
+    diagonal = np.diag(A)
+    return None if np.abs(A - np.diag(diagonal)).max(initial=0.0) > NEGLIGIBLE * np.abs(diagonal).max(initial=0.0) else diagonal
