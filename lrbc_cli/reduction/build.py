@@ -22,7 +22,7 @@ from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.outcome import HeldOut, Reduction, ReductionOptions, Step
 from lrbc_cli.reduction.problem.basis import check_orthonormal, new_directions
 from lrbc_cli.reduction.problem.full import full_operators, full_ports
-from lrbc_cli.reduction.problem.problem import Problem
+from lrbc_cli.reduction.problem.problem import FIRST_POINTS, Problem
 from lrbc_cli.reduction.reduced.model import ReducedModel
 from lrbc_cli.reduction.reduced.ports import PortFrf
 from lrbc_cli.reduction.steps.certify import port_errors, residual_errors, vector_count
@@ -30,9 +30,6 @@ from lrbc_cli.reduction.steps.compress import Compressor
 from lrbc_cli.reduction.steps.estimate import Effectivity, Estimator, Sweep
 from lrbc_cli.reduction.steps.full_lines import FullLine, FullLines
 from lrbc_cli.reduction.steps.unseen import Candidate, unseen_error
-
-#: Expansion points before the estimate takes over, at Chebyshev places.
-FIRST_POINTS = 3
 
 #: Directions below this share of the tolerance cannot be seen in y, whose error is a product of two such errors. They are dropped late:
 #: a rich basis needs fewer factorisations, and is compressed afterwards.
@@ -87,12 +84,6 @@ class Reducer:
         """What is asked for."""
         return self.problem.options
 
-    @property
-    def is_small(self) -> bool:
-        """Whether the first points give as many directions as the model has: a solution is two, its real and its imaginary part."""
-        limit, directions = self.options.max_size, 2 * FIRST_POINTS * (self.problem.inputs.shape[1] + self.problem.dual.shape[1])
-        return bool(self.problem.model.size <= (directions if limit is None else min(directions, limit)))
-
     def reduced(self) -> ReducedModel:
         """The reduced model on the basis so far."""
         return self.problem.reduced(self.basis)
@@ -119,7 +110,7 @@ class Reducer:
 
     def expand(self, progress: Callable[[str], None] = lambda _: None) -> Sweep:
         """Expand at the first lines, the outer ones first, until the estimate is good."""
-        if self.is_small:
+        if self.problem.is_small:
             return self._whole(progress)
         angles = np.pi * (np.arange(FIRST_POINTS) + 0.5) / FIRST_POINTS
         frequencies_hz = self.estimator.grid.frequency(0.5 - 0.5 * np.cos(angles))
@@ -178,7 +169,7 @@ class Reducer:
         """Keep the part of the basis that its solutions use, at most ``max_size`` directions."""
         whole, limit, size = self._uncompressed(rich), self.options.max_size, self.basis.size
         # With very many terms it would save little, and each comparison costs as much as several full lines.
-        if limit is None and (self.problem.many or self.is_small):
+        if limit is None and (self.problem.many or self.problem.is_small):
             return whole
         compressor = Compressor(self.problem, self.basis, rich, self.estimator, self.loss)
         counts = compressor.search(self.options.tolerance)

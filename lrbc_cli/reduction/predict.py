@@ -121,7 +121,7 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
     inputs = problem.inputs.shape[1]
     columns = inputs + problem.dual.shape[1]
     moments = moments_worth(problem, analysis)
-    size = min(SIZE_RELATION * columns, options.max_size or n, n)
+    size = n if problem.is_small else min(SIZE_RELATION * columns, options.max_size or n, n)
     # Two lines side by side have two factors.
     width = 2 if backend == "superlu" and cores() > 1 and COMPLEX * analysis.nonzeros <= SIDE_BY_SIDE_BYTES else 1
     factors = float(analysis.bytes or width * SUPERLU_BYTES * analysis.nonzeros)
@@ -147,7 +147,10 @@ def predict(model: FeModel, options: ReductionOptions, *, backend: str = "auto")
     orthogonalised = 2 * n * (2 * columns * moments) * (2 * columns * moments + 2 * size) / ORTHOGONALISATION
     reduced = 8 * ESTIMATE_LINES * (size**3 / 3 + (size**2 + 2 * SKETCH * size) * columns) / ORTHOGONALISATION
     more = solved * (columns * moments / inputs - 1)
-    work = float((POINTS + options.held_out) * (line + solved) + POINTS * (more + orthogonalised + reduced))
+    # What is kept whole is looked at on the lines of the estimate once, and not expanded.
+    dense = 8 * ESTIMATE_LINES * (n**3 / 3 + n**2 * columns) / factor
+    rest = dense if problem.is_small else POINTS * (line + solved + more + orthogonalised + reduced)
+    work = float(options.held_out * (line + solved) + rest)
     each, seconds = float(line + solved + more), work / _product_rate()
     return Cost(memory=memory, work=work, line=each, seconds=seconds, nonzeros=analysis.nonzeros, backend=backend)
 

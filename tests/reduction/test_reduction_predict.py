@@ -107,6 +107,13 @@ class TestPrediction:
         assert bounded.memory["basis"] == pytest.approx(free.memory["basis"] * 10 / 64)
         assert bounded.additional < free.additional
 
+    def test_a_model_that_is_kept_whole_is_not_expanded(self):
+        """Three times the work was predicted for lines that no reduction of it solves."""
+        model = cube(6, terms=36)
+        whole, expanded = (predict(model, ReductionOptions(BAND, max_size=size), backend="superlu") for size in (None, model.size - 1))
+        assert whole.memory["basis"] == 2 * 8 * model.size**2
+        assert whole.work < 0.5 * expanded.work
+
     @pytest.mark.parametrize("side", [9, 14, 22])
     def test_the_quick_bound_is_above_the_prediction(self, side):
         model = cube(side)

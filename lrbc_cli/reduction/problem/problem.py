@@ -19,6 +19,9 @@ from lrbc_cli.reduction.reduced.model import ReducedModel, reference_dynamic
 from lrbc_cli.reduction.reduced.ports import PortFrf, port_frf
 from lrbc_cli.reduction.solve.dynamic import DynamicStiffness
 
+#: Expansion points before the estimate takes over, at Chebyshev places.
+FIRST_POINTS = 3
+
 #: Inputs above which only the first line is solved for all of them, and later ones for random combinations.
 MANY_INPUTS = 150
 
@@ -102,6 +105,15 @@ class Problem:
     def responses(self) -> int:
         """Number of outputs that are responses; those of the terms follow."""
         return int(self.model.L.shape[0])
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the first points give as many directions as the model has, which is then kept whole.
+
+        A solution is two of them, its real and its imaginary part.
+        """
+        limit, directions = self.options.max_size, 2 * FIRST_POINTS * (self.inputs.shape[1] + self.dual.shape[1])
+        return bool(self.model.size <= (directions if limit is None else min(directions, limit)))
 
     def empty_basis(self) -> Projection:
         """A basis without columns, split into structure and air."""
