@@ -1094,7 +1094,7 @@ MISTAKES = [
         config(("  job: tight-1", "  job: b5-loose")),
         0,
         "job b5-loose: it is taken as tight, but lies",
-        "and calibration.job",
+        "Name a tight job under calibration.job",
     ),
     Mistake(
         "matrix exported without its springs",
