@@ -1094,7 +1094,7 @@ MISTAKES = [
         config(("  job: tight-1", "  job: b5-loose")),
         0,
         "job b5-loose: it is taken as tight, but lies",
-        "Name a tight job under calibration.job",
+        "and calibration.job",
     ),
     Mistake(
         "matrix exported without its springs",
