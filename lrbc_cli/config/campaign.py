@@ -28,9 +28,14 @@ def _check_title(value: str) -> str:
 
 
 def _meant_units(value: str) -> str | None:
-    """A system whose name differs in capitals or separators only; those that are not usual are not guessed."""
+    """The usual system of these units, capitals and separators aside, else that of their length and force; others are not guessed."""
     plain = re.sub(r"[\s,;/_-]+", "-", value.strip()).lower().replace("tonnes", "t").replace("tonne", "t").replace("ton", "t")
-    near = next((text for text in USUAL_SYSTEMS if sorted(text.lower().split("-")) == sorted(plain.split("-"))), None)
+    words = set(plain.split("-"))
+    near = next((text for text in USUAL_SYSTEMS if set(text.lower().split("-")) == words), None)
+    # Of length, force and mass that do not fit each other the mass is the one that is mistaken.
+    near = near or next(
+        (text for text in USUAL_SYSTEMS if text.count("N") + text.count("lbf") and set(text.lower().split("-")[:2]) < words), None
+    )
     return f"write units: {near}" if near else "the usual ones are " + ", ".join(USUAL_SYSTEMS)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lrbc_cli.campaign.looking.moved import hammers_text
+from lrbc_cli.campaign.looking.moved import hammers_text, unmoved_text
 
 
 def two_hammers() -> tuple[Any, np.ndarray]:
@@ -33,3 +33,19 @@ def test_nothing_is_said_where_they_are_right_or_where_it_explains_nothing() -> 
     inputs, states = two_hammers()
     assert hammers_text(inputs, 1.1 * states[0], states, "tight") == ""
     assert hammers_text(inputs, np.roll(states[0], 50, axis=0), states, "tight") == ""
+
+
+def test_a_hammer_that_was_not_moved() -> None:
+    inputs, states = two_hammers()
+    measured = 1.1 * states[0]
+    measured[:, 4:] = measured[:, :4] * (1.0 + 0.02 * np.random.default_rng(4).normal(size=(200, 4)))
+    text = unmoved_text(inputs, measured, states[0])
+    assert text.startswith("the hammer was not moved, it seems: FRFs of h1 and of h2 are the same at all 4 sensors")
+    assert "again at its own place" in text
+
+
+def test_places_that_are_alike_in_the_model_are_alike_when_measured() -> None:
+    inputs, states = two_hammers()
+    assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""
+    states[0][:, 4:] = states[0][:, :4]
+    assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""

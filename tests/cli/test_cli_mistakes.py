@@ -511,8 +511,8 @@ MISTAKES = [
         "plate",
         config(("loss_factor: 0.01}", "loss_factor: 1.0}")),
         0,
-        "the damping of the model is 100 times too large",
-        "loss_factor of model.damping",
+        "model.damping.structure.loss_factor: 1 is 100%",
+        "if per cent were meant, write 0.01",
     ),
     Mistake(
         "bushings a thousand times too small",
@@ -649,7 +649,7 @@ MISTAKES = [
         "plate",
         triplets_times("plate.mas.gz", 1e3),
         0,
-        "; or the mass matrix is 1000 times too large",
+        "job tight-1: the mass matrix is 1000 times too large",
         "scale: 0.001}",
     ),
     Mistake(
@@ -1094,7 +1094,7 @@ MISTAKES = [
         config(("  job: tight-1", "  job: b5-loose")),
         0,
         "job b5-loose: it is taken as tight, but lies",
-        "and calibration.job",
+        "Name a tight job under calibration.job",
     ),
     Mistake(
         "matrix exported without its springs",
@@ -1278,8 +1278,8 @@ MISTAKES = [
         "frame",
         matrix_times("mass.mtx.gz", 2.9),
         0,
-        "measured and computed FRFs have little in common",
-        "it is too soft or too heavy (density, modulus, thickness, supports)",
+        "all resonances were measured at 1.69 times the frequencies of the model",
+        "The model is too soft or too heavy: modulus, thickness or density (the stiffness is off by 2.9",
     ),
     Mistake(
         "another sampling rate typed in for one job",

@@ -10,6 +10,12 @@ from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
 from lrbc_cli.campaign.identification.records import Measurement, unlike
 
+#: What a file is told that ends early.
+INCOMPLETE = "is the file complete?"
+
+#: Rates of 44.1 to 51.2 kHz are taken for one another.
+RATES = 1.25
+
 
 def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) -> list[str]:
     """Warnings of measurements that lack the correction by the reference job, being on other lines.
@@ -24,7 +30,7 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
     tight = measurements.get(reference or "")
     found = []
     for name, own in measurements.items() if tight is not None else ():
-        if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)):
+        if tight is None or not (difference := unlike(own.frequency_hz, tight.frequency_hz)) or _cut(own, tight):
             continue
         aside = shifted(own, tight)
         counted, other = numbered(own, tight), clocked(own, tight)
@@ -44,6 +50,12 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
             )
         )
     return found
+
+
+def _cut(own: Measurement, other: Measurement) -> bool:
+    """Whether a measurement ends early and has the lines of another up to there: its file is told to be incomplete already."""
+    size, incomplete = own.frequency_hz.size, any(INCOMPLETE in text for text in own.warnings)
+    return incomplete and size < other.frequency_hz.size and np.allclose(own.frequency_hz, other.frequency_hz[:size], rtol=1e-6)
 
 
 def _lacking(own: Measurement, other: Measurement) -> str:
@@ -67,14 +79,14 @@ def numbered(own: Measurement, other: Measurement) -> str:
     return f"{first:g}" if first in (0.0, 1.0) else ""
 
 
-def clocked(own: Measurement, other: Measurement, *, most: float = 1.25, least: float = 1e-3) -> float | None:
+def clocked(own: Measurement, other: Measurement, *, most: float = RATES, least: float = 1e-3) -> float | None:
     """Ratio of the frequencies to those of as many evenly spaced lines of another measurement; None where there is no such ratio.
 
     Parameters
     ----------
     own, other : Measurement
     most, least : float
-        It lies between this and its inverse (rates of 44.1 to 51.2 kHz are taken for one another), and differs by so much from one.
+        It lies between this and its inverse, and differs by so much from one.
     """
     axes = [each.frequency_hz for each in (own, other)]
     counts = [axis.size + sum(each.left_out) for axis, each in zip(axes, (own, other), strict=True)]
@@ -108,7 +120,7 @@ def shifted(own: Measurement, other: Measurement, *, most: float = 2.0) -> str:
     return f"{abs(aside):.3g} Hz {'higher' if aside > 0.0 else 'lower'}"
 
 
-def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Complexes, *, most: float = 1.25, steps: int = 90) -> str | None:
+def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Complexes, *, most: float = 2.0, steps: int = 280) -> str | None:
     """By which factor all frequencies of a measurement are off from the model's, and what to do; None where no factor explains it.
 
     Parameters
@@ -131,9 +143,14 @@ def stretched_text(measurement: Measurement, frequency_hz: Floats, model: Comple
     best, before = float(factors[int(np.argmin(found))]), found[steps]
     if min(found) > min(MOST_LEFT, CLEARLY * before):
         return None
+    wrong = (
+        f"the model is too {'soft' if best > 1.0 else 'stiff'} or too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density"
+    )
+    rate = f"Was another sampling rate typed in or set (51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else {wrong}"
+    # Rates that are taken for one another lie nearer than what materials differ by.
+    cause = rate if 1.0 / RATES <= best <= RATES else wrong[:1].upper() + wrong[1:]
     return (
         f"all resonances were measured at {best:.3g} times the frequencies of the model, it seems: levels of measured and computed FRFs "
-        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. Was another sampling rate typed in or set "
-        f"(51.2 for 48 kHz is 1.067)? Then divide the frequencies by {best:.3g}; else the model is too {'soft' if best > 1.0 else 'stiff'} "
-        f"or too {'heavy' if best > 1.0 else 'light'}: modulus, thickness or density (the stiffness is off by {best**2:.3g})"
+        f"are {min(found):.1f} dB apart then, constants taken out, {before:.1f} dB as it is. {cause} (the stiffness is off by "
+        f"{best**2:.2g}; springs of bolts come on top)"
     )

@@ -13,7 +13,6 @@ from lrbc_cli.campaign.identification.compared.doubts import LEAST_BAND, factors
 from lrbc_cli.campaign.identification.compared.likeness import (
     CLEARLY,
     LEAST_DIFFERENCE,
-    MOST_LEFT,
     apart,
     exchanged,
     exchanged_text,
@@ -29,11 +28,11 @@ from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
 from lrbc_cli.campaign.looking.held import held_text
-from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text
+from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
+from lrbc_cli.campaign.looking.tables import other_tables
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.model_doubts import structural_share
-from lrbc_cli.campaign.reading.places import POWERS as POWERS_OF_UNITS
+from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import options_of, reduction_cost
 from lrbc_cli.campaign.reduced.stage import FrfSource, ReductionStage, require_baselines
@@ -84,6 +83,8 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         By job, the reference job wherever it stands.
     """
     try:
+        if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
+            return [], "measured and computed FRFs are compared once what is warned of model and parameters is corrected"
         source = _source(inputs, folder)
         if source is None:
             return [], "measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
@@ -91,9 +92,8 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
-        # A matrix without what is subtracted from it is none to compare with, nor is one in which nothing oscillates.
-        lacking = _lacking(inputs, source)
-        if lacking or structural_share(inputs.model, (low, high)) is not None:
+        # A matrix without what is subtracted from it is none to compare with.
+        if lacking := _lacking(inputs, source):
             return lacking, ""
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:
@@ -184,12 +184,9 @@ def _looked_at(
     if beside and name in _taken_as_tight(inputs):
         # What the model lacks in the reference job it lacks in another tight one, too.
         own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
-        before = float(np.median(apart(own, states[0])))
-        freed = _looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
-        if freed:
-            apart_by = f"it is taken as tight, but lies {before:.1f} dB from {inputs.campaign.update.reference}"
-            return {("freed",): f"{apart_by}{freed} Take it out of update.baselines and calibration.job, or measure it again"}
-    if hammers := hammers_text(inputs, few.values, states, name):
+        if loose := _not_tight(inputs, name, own, states, loosened, parameters):
+            return {("freed",): loose}
+    if hammers := hammers_text(inputs, few.values, states, name) or unmoved_text(inputs, few.values, states[0]):
         return {("hammers",): hammers}
     near = [*_nearest(few, states), *(state[0] for state in beside)]
     told: dict[tuple[object, ...], str] = {}
@@ -207,7 +204,7 @@ def _looked_at(
     if not told and (how := sideways(few.values, states)):
         return {("sideways", how): sideways_text(inputs, how, name)}
     if not told and name == inputs.campaign.update.reference:
-        told |= _other_unit(inputs, source, few.values, s, states[0], parameters) or _unlike(
+        told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
             inputs, few.values, s, states, loosened, parameters
         )
         if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
@@ -251,6 +248,27 @@ def _taken_as_tight(inputs: Inputs) -> set[str]:
     """Jobs other than the reference job in which all bolts are taken as tight."""
     campaign = inputs.campaign
     return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
+
+
+def _not_tight(inputs: Inputs, name: str, own: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation) -> str:
+    """What to say of a job that is taken as tight and lies far from the reference job, by the keys that take it so; empty where it is near.
+
+    Tight states put together anew lie nearer to each other than models and measurements do, whatever it is that is another there.
+    """
+    before = float(np.median(apart(own, states[0])))
+    freed = _looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
+    if not freed and before <= UNLIKE:
+        return ""
+    campaign, fixes = inputs.campaign, list[str]()
+    if name in campaign.update.baselines:
+        fixes.append("take it out of update.baselines")
+    if campaign.calibration is not None and campaign.calibration.job == name:
+        fixes.append("name a tight job under calibration.job")
+    fix = " and ".join(fixes)
+    return (
+        f"it is taken as tight, but lies {before:.1f} dB from {campaign.update.reference}{freed or ': was all tight there?'} "
+        f"{fix[:1].upper()}{fix[1:]}, or measure it again"
+    )
 
 
 def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
@@ -300,33 +318,6 @@ def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list
     orders = [np.median(spread(level - b * omega, 1), axis=1).argsort() for b in (0, *POWERS)]
     nearest = {int(k) for order in orders for k in order[:most]}
     return [states[k] for k in sorted({0, *nearest})]
-
-
-def _other_unit(
-    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
-) -> dict[tuple[object, ...], str]:
-    """A table of springs that makes the tight state the model's once its stiffnesses are multiplied by the factor of a unit."""
-    before = float(np.median(apart(measured, model)))
-    if before <= LEAST_DIFFERENCE:
-        return {}
-    for group, where, _ in parameters.placed:
-        file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
-        if file is None:
-            continue
-        # Between the units, too: what is far off, loose or as good as clamped comes as near there.
-        powers = np.array([-2, -1, 1, 2, *POWERS_OF_UNITS])
-        values = np.tile(parameters.initial, (powers.size, 1))
-        values[:, where] += powers[:, None]
-        left = np.median(apart(measured, source.model(s, parameters).nearby(parameters.initial)(values)), axis=1)
-        best, second = left.argsort()[:2]
-        if powers[best] in POWERS_OF_UNITS and left[best] < min(MOST_LEFT, CLEARLY * before, CLEARLY * left[second]):
-            times, unit = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
-            found = f"{left[best]:.1f} dB apart with all stiffnesses of {file.name} times {times}, {before:.1f} dB as it is"
-            fix = f"in another unit than `units: {unit}` says, it seems: multiply the stiffnesses there by {times}"
-            if np.abs(parameters.initial[where] + powers[best]).max() < 1.0:
-                fix = f"what the table says is right, the start value is not: write parameters.{group.name}.initial: 0"
-            return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
-    return {}
 
 
 def _unlike(

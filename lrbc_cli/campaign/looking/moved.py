@@ -121,14 +121,10 @@ def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: st
         FRFs of the model; the nearest counts.
     job : str
     """
-    places = {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
     for one in range(len(inputs.excitations)):
         for two in range(one):
-            pairs = [
-                (i, places[node, direction, quantity, {one: two, two: one}[at]])
-                for (node, direction, quantity, at), i in places.items()
-                if at in (one, two) and (node, direction, quantity, {one: two, two: one}[at]) in places
-            ]
+            ways = ((one, two), (two, one))
+            pairs = [pair for at, to in ways for pair in _shared(inputs, at, to)]
             own, other = [i for i, _ in pairs], [k for _, k in pairs]
             if len(own) < 4:
                 continue
@@ -142,6 +138,50 @@ def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: st
                     f"records (jobs.{job}.records)"
                 )
     return ""
+
+
+def unmoved_text(inputs: Inputs, measured: Complexes, model: Complexes, *, same: float = 0.1, other: float = 0.5, least: int = 3) -> str:
+    """Which two excitations gave the same FRFs at all sensors they share, though the model's differ, and what to do; empty where none did.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measured, model : (F, R) complex arrays
+        The latter in the tight state.
+    same, other : float
+        Differences over the size, in the median over the lines: up to which measured FRFs are the same, from which the model's are not.
+    least : int
+        Sensors in common.
+    """
+    for one in range(len(inputs.excitations)):
+        for two in range(one):
+            pairs = _shared(inputs, two, one)
+            own, further = [i for i, _ in pairs], [k for _, k in pairs]
+            if len(pairs) < least:
+                continue
+            away = [np.nan_to_num(_relative(H[:, further], H[:, own]), nan=np.inf) for H in (measured, model)]
+            if away[0].max() <= same and np.median(away[1]) >= other:
+                first, second = inputs.excitations[two], inputs.excitations[one]
+                return (
+                    f"the hammer was not moved, it seems: FRFs of {first} and of {second} are the same at all {len(pairs)} sensors, those "
+                    f"of the model are not: measure {first} or {second} again at its own place, or name the right records (a file or a "
+                    "series that was exported twice)"
+                )
+    return ""
+
+
+def _shared(inputs: Inputs, at: int, to: int) -> list[tuple[int, int]]:
+    """Responses to one excitation, each with that of the same sensor to another one, in the order of the responses."""
+    places = {(r.node, r.direction, r.quantity, r.input): i for i, r in enumerate(inputs.responses) if r.node is not None}
+    turned = ((i, places.get((*place[:3], to))) for place, i in places.items() if place[3] == at)
+    return [(i, k) for i, k in turned if k is not None]
+
+
+def _relative(values: Complexes, others: Complexes) -> Floats:
+    """(R,) differences over the size, in the median over the lines."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Floats = np.median(np.abs(values - others) / np.abs(others), axis=0)
+    return found
 
 
 def _reciprocal_ports(seen: Seen, places: Integers, responses: Integers) -> PortFrf:

@@ -37,7 +37,7 @@ from lrbc_cli.campaign.reading.model_doubts import (
     require_roles,
     slips,
 )
-from lrbc_cli.campaign.reading.places import beside_nodes, extents, require_metres
+from lrbc_cli.campaign.reading.places import beside_nodes, extents, require_metres, require_unit
 from lrbc_cli.campaign.reading.reach import require_frequencies, require_reach
 from lrbc_cli.campaign.reading.reader import Parts, Point
 from lrbc_cli.config import Campaign
@@ -346,7 +346,8 @@ def _guesses(campaign: Campaign) -> list[str]:
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
     if reader.dofs is not None:
         # All points have been read by now.
-        reader.warn(*beside_nodes(reader.dofs, list(reader.near.values()), reader.unit.length))
+        require_unit(reader.dofs, points := list(reader.near.values()), reader.campaign.path)
+        reader.warn(*beside_nodes(reader.dofs, points, reader.unit.length))
     reader.read_bolts()
     return reader.terms()
 

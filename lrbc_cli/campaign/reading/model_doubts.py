@@ -12,7 +12,7 @@ from lrbc_cli.campaign.reading.dof_source import MANY
 from lrbc_cli.campaign.reading.doubts.names import sorted_names
 from lrbc_cli.campaign.reading.doubts.numbering import numbering_doubts
 from lrbc_cli.campaign.reading.doubts.rigid import require_single_diagonal
-from lrbc_cli.campaign.reading.doubts.settings import setting_slips
+from lrbc_cli.campaign.reading.doubts.settings import setting_slips, start_slips
 from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
@@ -186,6 +186,12 @@ def slips(
     yield from held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
     yield from sorted_names(bolts)
+
+
+def misread(campaign: Campaign, model: FeModel, groups: Sequence[TermGroup], dofs: DofTable | None) -> bool:
+    """Whether damping, springs or start values are warned of, so that the model at the start values is none to compare with."""
+    told = (*_damping(campaign, model), *held_springs(campaign, model, groups, dofs), *start_slips(campaign).values())
+    return bool(told)
 
 
 def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:

@@ -58,6 +58,9 @@ MOST_OFF = 1.8
 #: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
 ALIKE = 0.7
 
+#: What is said of a density that is not possible.
+NO_STRUCTURE = "which no structure has"
+
 #: What a matrix is then taken for: too large by the factor.
 _CAUSES = {
     ("mass", 1e12): "density in kg/m³ where the units want t/mm³",
@@ -174,6 +177,34 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
     ]
 
 
+def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
+    """Refuse hammer and sensors that all fall on one node, and lie at nodes of their own times the ratio of two units of length.
+
+    Raises
+    ------
+    DataError
+    """
+    if len(points) < 2 or len(_nodes_at(dofs, points, 1.0, np.inf)) != 1:
+        return
+    for times in (1000.0, 100.0, 10.0, 25.4, 1.0 / 0.0254):
+        if len(_nodes_at(dofs, points, times, AT_NODE)) > 1:
+            raise DataError(
+                f"all {len(points)} points of hammer and sensors fall on one node; times {times:.4g} they lie at nodes",
+                file=file,
+                place="excitation and responses",
+                expected="places in the unit of length of the model and of `units`",
+                found="places in a larger unit, it seems",
+                hint=f"multiply each `near` of excitation and responses by {times:.4g}",
+            )
+
+
+def _nodes_at(dofs: DofTable, points: Sequence[NearPoint], times: float, share: float) -> set[int]:
+    """Nodes at which places lie that are multiplied, within this share of the spacing there; empty where one lies at none."""
+    found = [nearest(dofs, (times * point.place).tolist(), point.component) for point in points]
+    near = [dof for dof, distance in filter(None, found) if distance <= share * spacing(dofs, dof)]
+    return {int(dofs.node[dof]) for dof in near} if len(near) == len(points) else set()
+
+
 def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
     """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
 
@@ -288,7 +319,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
     found = _speed_and_density(K, M, dofs, translations)
     if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, dofs, *found[:2])) is None:
         return None
-    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
+    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, {NO_STRUCTURE}; likely {cause}"
 
 
 def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:

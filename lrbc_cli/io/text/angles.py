@@ -10,6 +10,9 @@ from lrbc_cli.io.encoding import fold
 from lrbc_cli.io.layout import TextLayout
 from lrbc_cli.io.text.sniff import TextTable
 
+#: Largest phases of columns in degrees that are wrapped at half or at a whole turn.
+WRAPPED = 90.0, 360.1
+
 
 def angle_unit(table: TextTable, at: int, layout: TextLayout, notes: list[str], warnings: list[str]) -> str:
     """Unit of the phases of a column, ``deg`` or ``rad``: as the layout or its heading says, else by its range.
@@ -35,6 +38,14 @@ def angle_unit(table: TextTable, at: int, layout: TextLayout, notes: list[str], 
             )
         return "deg"
     if re.search(r"(?<![a-z])rad", text):
+        # Half a turn in degrees, and no more; unwrapped phases rise or fall by and by.
+        known = table.values[:, at][np.isfinite(table.values[:, at])]
+        jumps = np.abs(np.diff(known)).max(initial=0.0) > 2.0 * np.pi
+        if WRAPPED[0] <= largest <= WRAPPED[1] and jumps:
+            warnings.append(
+                f"phases in radians by their heading, but they jump and reach {largest:.4g}: degrees? "
+                "Then format: {phase: deg} of the job"
+            )
         return "rad"
     found = "deg" if largest > 2.0 * np.pi * 1.01 else "rad"
     notes.append(f"phase taken in {found}, by its range; say 'phase:' in the format if that is wrong")

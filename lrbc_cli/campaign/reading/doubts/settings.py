@@ -68,22 +68,38 @@ def _wide_nuisances(update: UpdateConfig, *, decibels: float = 3.0, kelvin: floa
         )
 
 
-def _ranges(campaign: Campaign, *, far: float = 2.0) -> Iterator[str]:
-    """Start values of springs as if they were no multiples of the table, by ``far`` decades; bounds between which no bolt is loose."""
-    change = rule_of(campaign.update).mixture_change
+def start_slips(campaign: Campaign, *, far: float = 2.0) -> dict[str, str]:
+    """By group: start values, or bounds, of springs of a table that are no log10 of multiples of it, by ``far`` decades or as factors."""
+    found: dict[str, str] = {}
     for name, group in campaign.parameters.items():
-        file, start = group.select.bushings, group.initial
-        if file is not None and isinstance(start, float) and abs(start) >= far:
-            yield (
+        file, start, bounds = group.select.bushings, group.initial, group.bounds
+        if file is None:
+            continue
+        if isinstance(start, float) and abs(start) >= far:
+            found[name] = (
                 f"parameters.{name}.initial: {start:g} starts at {10.0**start:g} times the stiffnesses of {file.name}: values are log10 of "
                 "multiples of those, 0 is the stiffness of the table: write initial: 0, and bounds about 0"
             )
-            continue
+        elif isinstance(start, float) and not isinstance(bounds, str) and 0.0 < (low := float(np.min(bounds))) < 1.0 <= start:
+            meant = f"[{np.log10(low):.3g}, {np.log10(float(np.max(bounds))):.3g}]"
+            found[name] = (
+                f"parameters.{name}.bounds: [{low:g}, {float(np.max(bounds)):g}] about {start:g} are factors on the stiffnesses of "
+                f"{file.name}, it seems: values are log10 of those: write initial: {np.log10(start):.3g}, bounds: {meant}"
+            )
+    return found
+
+
+def _ranges(campaign: Campaign) -> Iterator[str]:
+    """Start values and bounds of springs that are no log10 of multiples of the table; bounds between which no bolt is loose."""
+    change, slips = rule_of(campaign.update).mixture_change, start_slips(campaign)
+    yield from slips.values()
+    for name, group in campaign.parameters.items():
+        file, start = group.select.bushings, group.initial
         level = 0.0 if file is not None and start == "auto" else start
         if group.kind != "stiffness" or campaign.update.reference is None or isinstance(level, str) or isinstance(group.bounds, str):
             continue
         low = float(np.min(group.bounds))
-        if low > level + change:
+        if low > level + change and name not in slips:
             yield (
                 f"parameters.{name}.bounds: from the start value {level:g} no bolt can fall below {low:g}, and it counts as loose from a "
                 f"change of {change:g} decades on: write a lower bound of {level - 3.0:g} or less, a thousandth of the stiffness"

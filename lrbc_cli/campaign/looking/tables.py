@@ -1,0 +1,99 @@
+"""Whether springs of tables in another unit, or a model of another material beside them, make measured FRFs those of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats, Integers
+from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, LEAST_DIFFERENCE, MOST_LEFT, levels, spread
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reading.places import POWERS
+from lrbc_cli.campaign.reduced.stage import FrfSource
+from lrbc_cli.model.terms import Parameterisation
+
+#: Decades by which the springs are tried beside the model. Beyond what materials differ by, and in steps that leave little.
+_SOFTER = np.linspace(-1.5, 1.5, 31)
+
+#: Least levels by which FRFs differ where the whole model is of another material, and how far springs may say another one [dB].
+_LEAST_LEVEL, _OFF_LEVEL = 4.0, 2.0
+
+
+def other_tables(
+    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, model: Complexes, parameters: Parameterisation
+) -> dict[tuple[object, ...], str]:
+    """What makes the tight state the model's: one table of springs, or all of them, times the factor of a unit; or another material.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    source : FrfSource
+    measured, model : (F, R) complex arrays
+        The latter at the start values.
+    s : (F,) complex array
+    parameters : Parameterisation
+    """
+    before = float(np.median(spread(levels(measured) - levels(model), 0)))
+    if before <= LEAST_DIFFERENCE:
+        return {}
+    # Between the units, too: what is far off, loose or as good as clamped comes as near there.
+    powers = np.array([-2, -1, 1, 2, *POWERS])
+    for where, files, names in _tables(inputs, parameters):
+        left, _ = _moved(source, measured, s, parameters, where, powers)
+        best, second = left.argsort()[:2]
+        if powers[best] in POWERS and left[best] < min(MOST_LEFT, CLEARLY * before, CLEARLY * left[second]):
+            times, unit = f"{10.0 ** powers[best]:g}", inputs.campaign.unit_system.text
+            found = f"{left[best]:.1f} dB apart with all stiffnesses of {files} times {times}, {before:.1f} dB as it is"
+            fix = f"in another unit than `units: {unit}` says, it seems: multiply the stiffnesses there by {times}"
+            if np.abs(parameters.initial[where] + powers[best]).max() < 1.0:
+                keys = ", ".join(f"parameters.{name}.initial: 0" for name in names)
+                fix = f"what the table says is right, the start value is not: write {keys}"
+            return {("table",): f"measured and computed FRFs are {found}, constants taken out: {fix}"}
+    return _material(inputs, source, measured, s, before, parameters)
+
+
+def _tables(inputs: Inputs, parameters: Parameterisation) -> Iterator[tuple[Integers, str, list[str]]]:
+    """Parameters of each table of springs, and of all of them, with the names of files and groups."""
+    every = []
+    for group, where, _ in parameters.placed:
+        file = next(g.config.select.bushings for g in inputs.groups if g.name == group.name)
+        if file is not None:
+            every.append((np.arange(where.start, where.stop), file.name, [group.name]))
+    yield from every
+    if len(every) > 1:
+        files = " and ".join(dict.fromkeys(file for _, file, _ in every))
+        yield np.concatenate([at for at, _, _ in every]), files, [name for *_, names in every for name in names]
+
+
+def _moved(
+    source: FrfSource, measured: Complexes, s: Complexes, parameters: Parameterisation, where: Integers, powers: Floats
+) -> tuple[Floats, Floats]:
+    """How far levels are apart, constants taken out, and by which constant, with these parameters moved by so many decades each."""
+    values = np.tile(parameters.initial, (powers.size, 1))
+    values[:, where] += powers[:, None]
+    difference = levels(measured) - levels(source.model(s, parameters).nearby(parameters.initial)(values))
+    return np.median(spread(difference, 1), axis=1), np.nanmedian(difference, axis=(1, 2))
+
+
+def _material(
+    inputs: Inputs, source: FrfSource, measured: Complexes, s: Complexes, before: float, parameters: Parameterisation
+) -> dict[tuple[object, ...], str]:
+    """A model whose stiffness and mass are both off by a factor: beside it the springs are off by its inverse, and FRFs are, too."""
+    where = [np.arange(at.start, at.stop) for group, at, _ in parameters.placed if group.kind == "stiffness"]
+    if not where:
+        return {}
+    left, level = _moved(source, measured, s, parameters, np.concatenate(where), _SOFTER)
+    best = int(np.argmin(left))
+    off = float(level[best])
+    if left[best] > min(MOST_LEFT, CLEARLY * before) or abs(off) < _LEAST_LEVEL or abs(20.0 * _SOFTER[best] - off) > _OFF_LEVEL:
+        return {}
+    factor, size = 10.0 ** (abs(off) / 20.0), "large" if off > 0.0 else "small"
+    return {
+        ("material",): (
+            f"stiffness and mass of the model are both about {factor:.2g} times too {size}, it seems: FRFs were measured {abs(off):.1f} dB "
+            f"{'above' if off > 0.0 else 'below'} the model's, and with both corrected levels are {left[best]:.1f} dB apart, constants "
+            f"taken out, {before:.1f} dB as it is. Another material (2.9 and 3 are steel for aluminium), or another thickness: correct "
+            "modulus and density in the FE model (compare the mass sum with the weight of the structure), and export it again"
+        )
+    }

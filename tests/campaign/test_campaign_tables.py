@@ -1,0 +1,59 @@
+"""Springs of tables in another unit, and models of another material beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from lrbc_cli.campaign.looking.tables import other_tables
+
+S = 2j * np.pi * np.linspace(20.0, 300.0, 200)
+SHAPES = np.random.default_rng(5).normal(size=(6, 4))
+
+
+def frf(springs: np.ndarray, times: float = 1.0) -> np.ndarray:
+    """Of a beam on two groups of springs; ``times`` its stiffness and its mass."""
+    free = (2.0 * np.pi * np.array([30.0, 55.0, 90.0, 140.0, 200.0, 270.0])) ** 2
+    held = (2.0 * np.pi * np.array([25.0, 40.0, 60.0, 70.0, 80.0, 100.0])) ** 2
+    first = np.array([1.0, 0.1, 0.6, 0.2, 0.9, 0.3])
+    own = times * free + held * (10.0 ** springs[0] * first + 10.0 ** springs[1] * (1.0 - first))
+    modes = S[:, None] ** 2 / (own * (1.0 + 0.02j) + times * S[:, None] ** 2)
+    return modes @ SHAPES
+
+
+def campaign() -> tuple[Any, Any, Any]:
+    """Inputs, source and parameters of that beam, a table of springs for each group."""
+    tables = [
+        SimpleNamespace(name=n, config=SimpleNamespace(select=SimpleNamespace(bushings=Path(f"{n}.csv")))) for n in ("axial", "rocking")
+    ]
+    inputs = SimpleNamespace(groups=tables, campaign=SimpleNamespace(unit_system=SimpleNamespace(text="SI")))
+    placed = [(SimpleNamespace(name=group.name, kind="stiffness"), slice(i, i + 1), None) for i, group in enumerate(tables)]
+    model = SimpleNamespace(nearby=lambda _: lambda values: np.array([frf(row) for row in values]))
+    return inputs, SimpleNamespace(model=lambda s, parameters: model), SimpleNamespace(initial=np.zeros(2), placed=placed)
+
+
+def told(measured: np.ndarray) -> str:
+    inputs, source, parameters = campaign()
+    return "; ".join(other_tables(inputs, source, measured, S, frf(np.zeros(2)), parameters).values())
+
+
+def test_one_table_or_all_of_them_in_another_unit() -> None:
+    assert "with all stiffnesses of axial.csv times 1000" in told(frf(np.array([3.0, 0.0])))
+    assert "with all stiffnesses of axial.csv and rocking.csv times 1000" in told(frf(np.array([3.0, 3.0])))
+
+
+def test_a_model_of_another_material() -> None:
+    """A third of stiffness and mass: springs as in the model are three times as stiff beside it, and levels are 9.5 dB higher."""
+    text = told(frf(np.zeros(2), 1.0 / 3.0))
+    assert "stiffness and mass of the model are both about 3" in text
+    assert "times too large" in text
+    assert "above the model's" in text
+
+
+def test_nothing_is_said_of_a_right_model_or_of_noise() -> None:
+    rng = np.random.default_rng(6)
+    assert told(frf(np.array([0.1, -0.1]))) == ""
+    assert told(10.0 ** rng.normal(size=(S.size, 4)) + 0j) == ""
