@@ -422,6 +422,11 @@ def few_digits(folder: Folder) -> None:
     path.write_bytes(gzip.compress("".join(f"{i} {j} {float(k):.3e}\n" for i, j, k in lines).encode()))
 
 
+def four_digits(folder: Folder) -> None:
+    stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
+    scipy.io.mmwrite(folder.data / "model/stiffness.mtx", stiffness, symmetry="symmetric", precision=4)
+
+
 def structural(folder: Folder) -> None:
     stiffness = scipy.io.mmread(folder.data / "model/stiffness.mtx", spmatrix=False)
     scipy.io.mmwrite(folder.data / "model/damping.mtx", 0.02 * stiffness, symmetry="symmetric")
@@ -1180,6 +1185,14 @@ MISTAKES = [
         "stiffness with four digits",
         "plate",
         few_digits,
+        0,
+        "the numbers of the stiffness matrix have 5 digits or fewer",
+        "export the matrices with all digits",
+    ),
+    Mistake(
+        "stiffness of a regular mesh with four digits",
+        "frame",
+        four_digits,
         0,
         "the numbers of the stiffness matrix have 5 digits or fewer",
         "export the matrices with all digits",

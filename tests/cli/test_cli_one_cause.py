@@ -124,3 +124,30 @@ def test_a_mass_in_kilograms_beside_millimetres_and_newtons(tmp_path: Path) -> N
     result = lrbc("check", folder.config, "--cache", reduced_cache("plate"))
     assert result.code == 2
     assert "write units: mm-N-t\n" in result.stderr
+
+
+def test_sensors_exchanged_in_a_job_with_loose_bolts(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    file = "data/frf/b3-half-b4-loose.uff"
+    folder.replace(f"{{frf: {file}}}", f"{{frf: {file}, records: {{acc1: acc4, acc4: acc1}}}}")
+    # The first two are that the file states other nodes.
+    *stated, only = told(folder, "plate")
+    assert len(stated) == 2
+    assert "job b3-half-b4-loose: acc1 and acc4 in each other's place, it seems" in only
+    assert "jobs.b3-half-b4-loose.records: {acc4: acc1, acc1: acc4}" in only
+
+
+def test_a_file_of_another_structure(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    (folder.data / "frf/b5-loose.uff").unlink()
+    folder.replace("data/frf/b5-loose.uff", "data/frf/other.csv")
+    hz = np.arange(150.0, 851.0, 1.25)
+    poles = np.array([61.0, 83.0, 170.0, 211.0, 342.0, 505.0, 596.0, 777.0, 930.0, 1100.0])
+    shapes = np.random.default_rng(2).normal(size=(poles.size, 5))
+    values = (-(hz[:, None] ** 2) / (poles**2 - hz[:, None] ** 2 + 0.02j * poles * hz[:, None])) @ shapes
+    rows = [",".join(["frequency_hz", *(f"acc{k + 1}_{part}" for k in range(5) for part in ("real", "imag"))])]
+    rows += [",".join(f"{x:.6g}" for x in (f, *row.view(float))) for f, row in zip(hz, values, strict=True)]
+    (folder.data / "frf/other.csv").write_text("\n".join(rows) + "\n")
+    last = told(folder, "plate")[-1]
+    assert "job b5-loose: no state of the bolts that was tried comes near: levels are" in last
+    assert "the file of another structure" in last

@@ -27,6 +27,7 @@ from lrbc_cli.campaign.identification.compared.likeness import (
 from lrbc_cli.campaign.identification.records import Measurement
 from lrbc_cli.campaign.identification.unknowns import parameterise
 from lrbc_cli.campaign.looking.axes import stretched_text
+from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
 from lrbc_cli.campaign.looking.held import held_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
@@ -47,6 +48,9 @@ LINES = 200
 
 #: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
 UNLIKE = 6.0
+
+#: Down to here no loosened bolts have to be found that explain a measurement [dB].
+NEAR = 2.0
 
 #: Predicted operations up to which a reduced model is built for this where none is in the cache: some seconds, and counted, not timed, so
 #: that what `check` finds does not depend on what else the machine does.
@@ -172,6 +176,8 @@ def _looked_at(
     states, loosened = _states(source, parameters, s)
     beside = _beside(measurement, tight, lines, states[0])
     states = np.concatenate([states, *beside])
+    fitted = _fitted(inputs, source, s, few.values, states, tight.values[lines] if beside and tight is not None else None)
+    states = states if fitted is None else np.concatenate([states, fitted[None]])
     reading = other_reading(inputs, few.frequency_hz, few.values, states, name)
     if name == inputs.campaign.update.reference:
         before = float(np.median(apart(few.values, states[0])))
@@ -188,7 +194,9 @@ def _looked_at(
             return {("freed",): loose}
     if hammers := hammers_text(inputs, few.values, states, name) or unmoved_text(inputs, few.values, states[0]):
         return {("hammers",): hammers}
-    near = [*_nearest(few, states), *(state[0] for state in beside)]
+    if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
+        return {("strike",): strike}
+    near = [*_nearest(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
     told: dict[tuple[object, ...], str] = {}
     exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
     offsets = factors_of(inputs, few, near)
@@ -214,10 +222,43 @@ def _looked_at(
         Seen(inputs=inputs, s=s, measured=few.values, parameters=parameters, reference=reference, known=source.known), states, told
     )
     if not told and beside:
-        told |= _alone(inputs, apart(few.values, beside[0][0]), f"that of {inputs.campaign.update.reference}", name)
-        away = off_level(inputs, few.values, beside[0][0], str(inputs.campaign.update.reference), name)
-        told |= {("level", i): text for i, text in away.items()}
+        told |= _beside_tight(inputs, few.values, beside[0][0], name)
+        if not told and fitted is not None:
+            told |= _foreign(few.values, states)
     return told
+
+
+def _fitted(
+    inputs: Inputs, source: FrfSource, s: Complexes, measured: Complexes, states: Complexes, tight: Complexes | None
+) -> Complexes | None:
+    """(F, R) what would be measured in the state of the bolts that comes nearest.
+
+    None where one of the states is near already, where no bolt has values, and without the tight state on the same lines.
+    """
+    if tight is None or float(np.median(apart(measured, states), axis=1).min()) <= NEAR:
+        return None
+    parameters, _ = parameterise(inputs, source, s)
+    theta = fitted_theta(inputs, source, s, measured, tight, parameters)
+    return None if theta is None else expected_frf(inputs, source, s, theta, tight, parameters)
+
+
+def _beside_tight(inputs: Inputs, measured: Complexes, tight: Complexes, name: str) -> dict[tuple[object, ...], str]:
+    """Responses that alone lie far from the reference job, (F, R) each, or have left their level there."""
+    reference = str(inputs.campaign.update.reference)
+    away = off_level(inputs, measured, tight, reference, name)
+    return _alone(inputs, apart(measured, tight), f"that of {reference}", name) | {("level", i): text for i, text in away.items()}
+
+
+def _foreign(measured: Complexes, states: Complexes) -> dict[tuple[object, ...], str]:
+    """What to say of a measurement that no state comes near, a fitted one among them."""
+    least = float(np.median(apart(measured, states), axis=1).min())
+    if least <= UNLIKE:
+        return {}
+    text = (
+        f"no state of the bolts that was tried comes near: levels are {least:.1f} dB apart at best, constants taken out, after a first, "
+        "coarse fit. Is it the file of another structure or of another set-up, was the hammer elsewhere, or did more change than the bolts?"
+    )
+    return {("foreign",): text}
 
 
 def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) -> dict[tuple[object, ...], str]:

@@ -18,10 +18,8 @@ from lrbc_cli.model.dofs import ACOUSTIC_COMPONENT, COMPONENTS, DofTable
 ROUNDING = 1e-9
 
 
-def digits_doubt(
-    K: sp.csc_array, values: NDArray[np.number], component: NDArray[np.str_], *, most: int = 5, kinds: int = 200
-) -> str | None:
-    """A warning where rounding to few digits leaves forces that meet a rigid translation at nearly all DOFs, in words.
+def digits_doubt(K: sp.csc_array, values: NDArray[np.number], component: NDArray[np.str_], *, most: int = 5, kinds: int = 20) -> str | None:
+    """A warning where rounding to few digits leaves forces that meet a rigid translation, in words.
 
     Parameters
     ----------
@@ -32,19 +30,31 @@ def digits_doubt(
     most : int
         Digits.
     kinds : int
-        Different numbers from which on all of them have few digits because they were rounded, not because they are simple.
+        Different numbers, at least: fewer have few digits because they are simple, as those of a chain.
     """
     size = np.abs(values[values != 0]).astype(float)
-    scaled = size / 10.0 ** (np.floor(np.log10(size)) + 1.0 - most)
-    if not size.size or np.any(np.abs(scaled - np.round(scaled)) > 1e-6) or np.unique(np.round(scaled)).size < kinds:
+    digits = next((count for count in range(1, most + 1) if _has_digits(size, count)), 0)
+    if not digits or np.unique(size).size < kinds or K.shape[0] < LEAST_DOFS:
         return None
-    if K.shape[0] < LEAST_DOFS or _resting(K, component).mean() > FEW:
+    # What springs or supports hold meets larger forces, what nothing holds meets none: half a unit of the last digit is rounding.
+    rounded = np.zeros(K.shape[0], dtype=bool)
+    for label in COMPONENTS[:3]:
+        moved = (component == label).astype(float)
+        force, most_force = np.abs(K.real @ moved), np.abs(K) @ moved
+        rounded |= (force > ROUNDING * most_force) & (force <= 0.5 * 10.0 ** (1 - digits) * most_force)
+    if rounded.mean() <= FEW:
         return None
     return (
         f"the numbers of the stiffness matrix have {most} digits or fewer, and rounding leaves forces where a rigid translation should "
         "meet none: motions much softer than single entries are lost, with them the lowest frequencies; export the matrices with all "
         "digits (12 or more)"
     )
+
+
+def _has_digits(size: Floats, digits: int) -> bool:
+    """Whether positive numbers have so many significant digits, or fewer."""
+    scaled = size / 10.0 ** (np.floor(np.log10(size)) + 1.0 - digits)
+    return size.size > 0 and bool(np.all(np.abs(scaled - np.round(scaled)) <= 1e-6))
 
 
 def places_doubt(K: sp.csc_array, dofs: DofTable, *, most: float = 0.1) -> str | None:

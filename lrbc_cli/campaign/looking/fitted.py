@@ -1,0 +1,130 @@
+"""A first, coarse fit of loosened bolts, so that what is wrong with a measurement shows beside them before anything is identified."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.likeness import LEAST_DIFFERENCE, MOST_LEFT, apart, levels
+from lrbc_cli.campaign.identification.weights import correction
+from lrbc_cli.campaign.reading.inputs import Inputs
+from lrbc_cli.campaign.reduced.stage import FrfSource
+from lrbc_cli.model.terms import Parameterisation
+from lrbc_cli.updating.comparison.scale import LEAST_LINES
+from lrbc_cli.updating.misfit.cost import Misfit
+from lrbc_cli.updating.search.descent import descend
+from lrbc_cli.updating.search.search import search
+from lrbc_cli.updating.statistics.residuals import ResidualOptions
+from lrbc_cli.updating.unknowns.shapes import bolt_shapes, neighbouring_columns
+
+#: Standard deviation of a level that may be anything, since levels are compared but for a constant [dB].
+ANY_LEVEL_DB = 20.0
+
+
+def fitted_theta(
+    inputs: Inputs,
+    source: FrfSource,
+    s: Complexes,
+    measured: Complexes,
+    tight: Complexes,
+    parameters: Parameterisation,
+    *,
+    lines: int = 100,
+    iterations: int = 6,
+    kept: int = 2,
+) -> Floats | None:
+    """State of the bolts that comes nearest to a measurement; None where no bolt has values.
+
+    Levels of responses do not count, and large differences count by their size: a sensor in another's place does not draw the bolts to it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    source : FrfSource
+    s : (F,) complex array
+    measured, tight : (F, R) complex arrays
+        Of the job, and of the reference job.
+    parameters : Parameterisation
+    lines, iterations, kept : int
+        That are fitted, about; of each descent; and how many states of the table are descended from.
+
+    Returns
+    -------
+    (size,) float array or None
+    """
+    statistics, bolts = inputs.statistics, inputs.bolts
+    if bolts is None:
+        return None
+    shapes = bolt_shapes(parameters, bolts.xyz, statistics.values, statistics.bolts)
+    if not (shapes.bolts >= 0).any():
+        return None
+    prior, few = parameters.initial, np.arange(0, s.size, max(1, s.size // lines))
+    factor = _factor(inputs, source.model(s, parameters, few).frf(prior), tight[few])
+    misfit = Misfit(
+        source.model(s, parameters, few, inputs.used),
+        (measured[few] * factor)[:, inputs.used],
+        prior,
+        statistics.values.first_variance,
+        shapes.penalty(),
+        options=ResidualOptions(loss_scale=LEAST_DIFFERENCE),
+        errors=statistics.errors,
+        gains=ANY_LEVEL_DB * np.eye(inputs.used.size),
+    )
+    pairs = neighbouring_columns(parameters, bolts.xyz, shapes)
+    found, _ = search(misfit, shapes, parameters.bounds, pairs, names=bolts.name, kept=kept)
+    ends = [descend(misfit, theta, parameters.bounds, shapes.T, max_iterations=iterations) for theta in (prior, *found.values())]
+    return min(ends, key=lambda end: end.evaluation.total).theta
+
+
+def expected_frf(
+    inputs: Inputs, source: FrfSource, s: Complexes, theta: Floats, tight: Complexes, parameters: Parameterisation
+) -> Complexes:
+    """(F, R) what would be measured in a state: the measured tight state, (F, R), and what the model changes from its start values."""
+    model = source.model(s, parameters)
+    return np.asarray(model.frf(theta) / _factor(inputs, model.frf(parameters.initial), tight))
+
+
+def _factor(inputs: Inputs, model: Complexes, tight: Complexes) -> Complexes:
+    """(F, R) model over measurement in the tight state; one where that was not measured."""
+    found = correction(model, tight, inputs.statistics.errors.most_correction_db)
+    return np.where(np.isfinite(found) & (found != 0), found, 1.0)
+
+
+def strike_text(inputs: Inputs, measured: Complexes, expected: Complexes, job: str, *, least: int = 3, apart_db: float = 1.0) -> str:
+    """Which hammer point's FRFs all lie above or below those of the others, and what to write; empty where none do.
+
+    Errors of the model move levels of single responses: they do not part those of one hammer point from all others.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measured, expected : (F, R) complex arrays
+        The latter in the state of the bolts that comes nearest.
+    job : str
+    least : int
+        Responses of that point, and of the others.
+    apart_db : float
+        By which the nearest two of the one and the others are apart at least [dB].
+    """
+    if float(np.median(apart(measured, expected))) > MOST_LEFT:
+        return ""
+    away = levels(measured) - levels(expected)
+    known = np.isfinite(away).sum(axis=0) >= LEAST_LINES
+    above = np.zeros(known.size)
+    above[known] = np.nanmedian(away[:, known], axis=0)
+    for number, name in enumerate(inputs.excitations):
+        own = known & (inputs.input_of == number)
+        others = known & ~own
+        if min(own.sum(), others.sum()) < least:
+            continue
+        gap = max(above[own].min() - above[others].max(), above[others].min() - above[own].max())
+        if gap < apart_db:
+            continue
+        change = float(np.median(above[own]) - np.median(above[others]))
+        scale = ", ".join(f"{inputs.responses[i].name}: {10.0 ** (-change / 20.0):.3g}" for i in np.flatnonzero(own))
+        return (
+            f"all FRFs of {name} lie {abs(change):.1f} dB {'above' if change > 0 else 'below'} what those of the other excitations let "
+            f"expect: was the hammer overloaded there, or another range, tip or sensitivity set? Measure {name} again, or correct it by "
+            f"jobs.{job}.scale: {{{scale}}}"
+        )
+    return ""

@@ -1,0 +1,101 @@
+"""The first, coarse fit of loosened bolts, and what shows beside it."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from samples import reduced_cache, sample
+
+from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.unknowns import parameterise
+from lrbc_cli.campaign.looking.fitted import expected_frf, fitted_theta, strike_text
+from lrbc_cli.campaign.reduced.stage import FrfSource, obtain_reduction
+
+S = 2j * np.pi * np.arange(40.0, 500.0, 2.0)
+
+
+@cache
+def plate() -> tuple[Any, FrfSource, Any]:
+    inputs = sample("plate")
+    source = FrfSource(inputs=inputs, stage=obtain_reduction(inputs, reduced_cache("plate")), kind="port")
+    return inputs, source, parameterise(inputs, source, S)[0]
+
+
+def state(*loose: tuple[str, float]) -> np.ndarray:
+    """Theta with the values of some bolts lowered by so many decades."""
+    inputs, _, parameters = plate()
+    theta = parameters.initial
+    for group, where, _ in parameters.placed:
+        if group.bolt is None:
+            continue
+        for name, change in loose:
+            theta[where][group.bolt == list(inputs.bolts.name).index(name)] -= change
+    return theta
+
+
+def measured(theta: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """FRFs that the model errs from, with 2 % noise."""
+    _, source, parameters = plate()
+    y = source.model(S, parameters).frf(theta)
+    noise = np.random.default_rng(5).normal(size=(2, *y.shape))
+    return np.asarray(y * error * (1.0 + 0.02 * (noise[0] + 1j * noise[1])))
+
+
+def test_it_finds_bolts_though_sensors_are_exchanged() -> None:
+    inputs, source, parameters = plate()
+    rng = np.random.default_rng(4)
+    error = 10.0 ** (rng.normal(0.0, 1.0, (1, len(inputs.responses))) / 20.0) * np.ones((S.size, 1))
+    names = list(inputs.bolts.name)
+    tight, own = measured(parameters.initial, error), measured(state((names[1], 1.5), (names[4], 1.0)), error)
+    assert np.median(apart(own, tight)) > 4.0
+    order = np.arange(own.shape[1])
+    order[[0, 3]] = 3, 0
+    theta = fitted_theta(inputs, source, S, own[:, order], tight, parameters)
+    assert theta is not None
+    left = apart(own, expected_frf(inputs, source, S, theta, tight, parameters))
+    # What each sensor would have measured at its own place.
+    assert left.max() < 2.0, left
+    wrong = apart(own[:, order], expected_frf(inputs, source, S, theta, tight, parameters))
+    assert wrong[[0, 3]].min() > 5.0, wrong
+
+
+def test_a_response_that_the_tight_state_lacks_is_expected_as_computed() -> None:
+    inputs, source, parameters = plate()
+    tight = measured(parameters.initial, np.ones((1, len(inputs.responses))))
+    tight[:, 2] = np.nan
+    expected = expected_frf(inputs, source, S, parameters.initial, tight, parameters)
+    np.testing.assert_allclose(expected[:, 2], source.model(S, parameters).frf(parameters.initial)[:, 2])
+    np.testing.assert_allclose(expected[:, [0, 1, 3]], tight[:, [0, 1, 3]], rtol=1e-12)
+
+
+def two_hammers(seed: int = 1) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Four sensors under two hammers; measured and expected FRFs, levels half a decibel apart."""
+    rng = np.random.default_rng(seed)
+    responses = [SimpleNamespace(name=f"a{k}-{hammer}") for hammer in ("h1", "h2") for k in range(4)]
+    inputs = SimpleNamespace(responses=responses, excitations=("h1", "h2"), input_of=np.repeat([0, 1], 4))
+    expected = 10.0 ** rng.normal(0.0, 0.5, (200, 8)) + 0j
+    return inputs, expected * 10.0 ** (rng.normal(0.0, 1.0, (200, 8)) / 20.0 + rng.normal(0.0, 0.5, 8) / 20.0), expected
+
+
+def test_a_hammer_that_read_too_little_force() -> None:
+    inputs, own, expected = two_hammers()
+    assert strike_text(inputs, own, expected, "loose") == ""
+    own[:, :4] *= 10.0 ** (4.0 / 20.0)
+    text = strike_text(inputs, own, expected, "loose")
+    assert text.startswith("all FRFs of h1 lie ")
+    assert " dB above " in text
+    factor = float(text.rpartition("a3-h1: ")[2].rstrip("}"))
+    assert abs(20.0 * np.log10(factor) + 4.0) < 1.0
+
+
+def test_a_sensor_alone_is_no_hammer() -> None:
+    inputs, own, expected = two_hammers()
+    own[:, [1, 5]] *= 2.0
+    assert strike_text(inputs, own, expected, "loose") == ""
+    # Nor is anything said where one sensor is all that a hammer has.
+    inputs.input_of = np.array([0] * 7 + [1])
+    own[:, 7] *= 4.0
+    assert strike_text(inputs, own, expected, "loose") == ""
