@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from lrbc_cli import given
 from lrbc_cli.arrays import Complexes, Floats
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import NumericalError
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.model.frf import QUANTITIES
 from lrbc_cli.model.terms import KIND_POWER, LowRankTerms, ParameterGroup, Parameterisation
@@ -43,17 +44,29 @@ class TermModel:
         ----------
         hz : (F,) array
             Lines in the band [Hz].
-        values : (nt,) array
-            Linear value of each term; ``inf`` clamps.
+        values : float or (nt,) array
+            Linear value of all terms, or of each; ``inf`` clamps.
+
+        Raises
+        ------
+        ConfigError
+            Where lines lie outside the band, or values are none of these.
         """
         s = self._lines(hz)
-        kappa = np.broadcast_to(np.asarray(values, dtype=float), (self.model.terms.size,))
+        kappa = given.one_or_each("values", values, self.model.terms.size, finite=False)
         with np.errstate(invalid="ignore"):
             D = np.where(np.isfinite(kappa), np.where(np.isfinite(kappa), kappa, 0.0) * s[:, None] ** self.model.terms.power, np.inf)
         return self._table(s).evaluate(D)
 
     def sensitivities(self, hz: ArrayLike, log10: ArrayLike) -> tuple[Complexes, Floats]:
         """FRFs and the derivative of their levels to the log10 values.
+
+        Parameters
+        ----------
+        hz : (F,) array
+            Lines in the band [Hz].
+        log10 : float or (nt,) array
+            Finite values, of all terms or of each.
 
         Returns
         -------
@@ -63,7 +76,7 @@ class TermModel:
         """
         s = self._lines(hz)
         terms = self.model.terms
-        p = np.broadcast_to(np.asarray(log10, dtype=float), (terms.size,))
+        p = given.one_or_each("log10", log10, terms.size)
         groups = []
         for kind, power in KIND_POWER.items():
             own = np.flatnonzero(terms.power == power)
@@ -93,7 +106,7 @@ class TermModel:
         return self._tables[key]
 
     def _lines(self, hz: ArrayLike) -> Complexes:
-        lines = np.atleast_1d(np.asarray(hz, dtype=float))
+        lines = given.lines(hz)
         require_in_band(lines, self.reduction.options.band_hz)
         return np.asarray(2j * np.pi * lines)
 
@@ -113,6 +126,7 @@ def reduce(
     quantity: str = "displacement",
     acoustic: ArrayLike | None = None,
     tolerance: float = 1e-3,
+    accept: bool = False,
 ) -> TermModel:
     """Reduce bare matrices with low-rank terms, eqs. (3)-(5): no parameter is sampled, every value of the terms is served.
 
@@ -137,10 +151,19 @@ def reduce(
         Which DOFs are pressures.
     tolerance : float
         Measured relative error of the responses, per line and quantity.
+    accept : bool
+        Accept a model that does not reach its tolerance.
 
     Returns
     -------
     TermModel
+
+    Raises
+    ------
+    ConfigError
+        Where an argument is not as above.
+    NumericalError
+        Where the tolerance is not reached and not accepted, or a factorisation fails.
 
     Examples
     --------
@@ -152,41 +175,61 @@ def reduce(
     >>> y.shape, J.shape, bool(chain.reduction.worst < 1e-3)
     ((2, 1), (2, 1, 1), True)
     """
-    stiffness, left, B, L = sp.csc_array(K), sp.csc_array(terms), sp.csc_array(loads), sp.csc_array(outputs)
-    n, nt = stiffness.shape[0], left.shape[1]
-    kinds = [kind] * nt if isinstance(kind, str) else list(kind)
-    _require_known("kind", kinds, KIND_POWER)
-    _require_known("quantity", [quantity], QUANTITIES)
-    expected, given = (L.shape[0],), np.zeros(L.shape[0], dtype=np.int64) if load_of is None else np.asarray(load_of, dtype=np.int64)
-    if len(kinds) != nt or given.shape != expected or np.any((given < 0) | (given >= B.shape[1])) or (load_of is None and B.shape[1] != 1):
-        raise ConfigError(
-            "kinds or loads do not fit",
-            expected=f"a kind for each of {nt} terms, and in load_of a column from 0 to {B.shape[1] - 1} for each of {L.shape[0]} outputs",
-        )
-    mask = np.zeros(n, dtype=bool) if acoustic is None else np.asarray(acoustic, dtype=bool)
-    damping = sp.csc_array((n, n)) if C is None else sp.csc_array(C)
+    stiffness = given.matrix("K", K, None, None)
+    n = stiffness.shape[0]
+    mass, damping = (given.matrix(name, value, n, n) for name, value in (("M", M), ("C", sp.csc_array((n, n)) if C is None else C)))
+    left, B, L = given.matrix("terms", terms, n, None), given.matrix("loads", loads, n, None), given.matrix("outputs", outputs, None, n)
+    nt, kinds = left.shape[1], [kind] * left.shape[1] if isinstance(kind, str) else list(kind)
+    for each in kinds:
+        given.known("kind", each, KIND_POWER)
+    given.known("quantity", quantity, QUANTITIES)
+    if stiffness.shape[1] != n:
+        raise given.refuse("K", "a square matrix", f"{n} rows and {stiffness.shape[1]} columns")
+    if len(kinds) != nt:
+        raise given.refuse("kind", f"one for all, or one for each of {nt} terms", f"{len(kinds)}")
+    mask = np.zeros(n, dtype=bool) if acoustic is None else given.numbers("acoustic", acoustic, (n,)).astype(bool)
+    if quantity == "pressure" and not mask.any():
+        raise given.refuse("acoustic", "which DOFs are pressures, since the outputs are", acoustic)
+    of = _loads_of(load_of, L.shape[0], B.shape[1])
     low_rank = LowRankTerms(
         left=left,
-        right=left if right is None else sp.csc_array(right),
+        right=left if right is None else given.matrix("right", right, n, nt),
         power=np.array([KIND_POWER[k] for k in kinds], dtype=np.int64),
         baseline=np.zeros(nt),
     )
     model = FeModel(
         K=stiffness,
         C=damping,
-        M=sp.csc_array(M),
+        M=mass,
         B=B,
         L=L,
         output_power=np.full(L.shape[0], QUANTITIES[quantity]),
         is_acoustic=mask,
         terms=low_rank,
     )
-    return TermModel(model, reduce_model(model, given, ReductionOptions(band_hz, tolerance)))
+    options = ReductionOptions(given.band(band_hz), given.between("tolerance", tolerance, 0.0, 1.0))
+    found = reduce_model(model, of, options)
+    if not found.reached and not accept:
+        raise NumericalError(
+            "the reduced model does not reach its tolerance",
+            expected=f"{options.tolerance:.1e}",
+            found=f"{found.worst:.1e}" + (f" (stopped by: {found.stopped})" if found.stopped else ""),
+            hint="a larger tolerance, or accept=True",
+        )
+    return TermModel(model, found)
 
 
-def _require_known(name: str, values: Sequence[str], known: Mapping[str, int]) -> None:
-    if wrong := [value for value in values if value not in known]:
-        raise ConfigError(f"no such {name}", expected=", ".join(known), found=wrong[0])
+def _loads_of(load_of: ArrayLike | None, outputs: int, loads: int) -> NDArray[np.int64]:
+    """(n_out,) column of the loads of each output."""
+    if load_of is None and loads == 1:
+        return np.zeros(outputs, dtype=np.int64)
+    expected = f"a column from 0 to {loads - 1} of loads for each of {outputs} outputs"
+    if load_of is None:
+        raise given.refuse("load_of", expected, "none")
+    found = given.numbers("load_of", load_of, (outputs,))
+    if np.any((found < 0) | (found >= loads) | (found != np.round(found))):
+        raise given.refuse("load_of", expected, np.array2string(found, threshold=10))
+    return found.astype(np.int64)
 
 
 __all__ = ["TermModel", "reduce"]

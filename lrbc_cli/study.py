@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lrbc_cli import given
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import cache_folder
@@ -178,7 +179,8 @@ class Study:
             dB per decade, eqs. (35), (36); in the order of ``parameters()``.
         """
         s, parameters = self._lines(hz), self.parameters()
-        y, J = self.source.model(s, parameters).sensitivities(with_values(parameters, theta, log10, self.inputs.campaign.path))
+        at = given.numbers("theta", with_values(parameters, theta, log10, self.inputs.campaign.path), (parameters.size,))
+        y, J = self.source.model(s, parameters).sensitivities(at)
         return y, np.asarray(J.real)
 
     def measurement(self, hz: ArrayLike, values: ArrayLike, coherence: ArrayLike | None = None) -> Measurement:
@@ -194,15 +196,33 @@ class Study:
         Raises
         ------
         DataError
-            Where shapes do not fit the responses, or lines are not ascending.
+            Where shapes do not fit the responses, lines are not ascending or none lies in the band, or coherence is not between 0 and 1.
         """
-        lines, H = np.asarray(hz, dtype=float), np.asarray(values, dtype=complex)
+        lines, H = given.lines(hz), np.asarray(values)
         expected = (lines.size, len(self.responses))
-        if lines.ndim != 1 or H.shape != expected or np.any(np.diff(lines) <= 0):
+        if H.shape != expected or not np.issubdtype(H.dtype, np.number) or np.any(np.diff(lines) <= 0) or lines[0] < 0.0:
             raise DataError("these arrays are no measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
-        known = np.full(expected, np.nan) if coherence is None else np.broadcast_to(np.asarray(coherence, dtype=float), expected)
+        band = self.inputs.campaign.reduction.band
+        inside = (lines >= band[0] * (1 - 1e-9)) & (lines <= band[1] * (1 + 1e-9))
+        if not inside.any():
+            lie = f"lines from {lines[0]:g} to {lines[-1]:g} Hz"
+            raise DataError("no line lies in the band", expected=f"lines from {band[0]:g} to {band[1]:g} Hz", found=lie)
+        known = np.full(expected, np.nan) if coherence is None else np.asarray(coherence, dtype=float)
+        if known.shape != expected or np.any((known < 0.0) | (known > 1.0 + 1e-6)):
+            raise DataError(
+                "this is no coherence", expected=f"numbers from 0 to 1, NaN where unknown, of shape {expected}", found=known.shape
+            )
+        outside = int((lines < band[0] * (1 - 1e-9)).sum()), int((lines > band[1] * (1 + 1e-9)).sum())
+        lines, H, known = lines[inside], H[inside].astype(complex), known[inside]
         return Measurement(
-            frequency_hz=lines, values=H, coherence=known, notes=("handed over as arrays",), warnings=(), records=(), hashes={}
+            frequency_hz=lines,
+            values=H,
+            coherence=known,
+            left_out=outside,
+            notes=("handed over as arrays",),
+            warnings=(),
+            records=(),
+            hashes={},
         )
 
     def identify(
@@ -231,8 +251,8 @@ class Study:
         ConfigError, DataError, NumericalError
             Where the job is unknown, its measurement unusable, or the optimisation fails.
         """
-        inputs, before, given = self._task(job, measurement, reference)
-        found = identify(inputs, self.source, job, before, given)
+        inputs, before, known = self._task(job, measurement, reference)
+        found = identify(inputs, self.source, job, before, known)
         evidence = evidence_of(inputs, found).beside(copied_baseline(inputs, job, found.measurement))
         others = {other.name: other.record for other in baselines}
         record = result_record(inputs, self.source.stage, found, evidence, others)
@@ -240,8 +260,8 @@ class Study:
 
     def fit(self, job: str, measurement: Measurement | None = None, *, reference: Identified | None = None) -> Fit:
         """The cost that ``identify`` minimises, as it is weighted in the end, and where it is least: for studies of the search."""
-        inputs, before, given = self._task(job, measurement, reference)
-        return fit(inputs, self.source, job, before, given)
+        inputs, before, known = self._task(job, measurement, reference)
+        return fit(inputs, self.source, job, before, known)
 
     def calibrate(self, *, force: bool = False, accept: bool = False) -> tuple[CalibrationRecord, bool]:
         """Identify the global factors of the model as the campaign says, write and use them, as `lrbc calibrate` does.
@@ -289,6 +309,10 @@ class Study:
         """
         from lrbc_cli.campaign.jobs.run import run_jobs
 
+        if isinstance(jobs, str):
+            raise given.refuse("jobs", "a sequence of names", repr(jobs))
+        if "workers" in options:
+            given.count("workers", options["workers"], 1)
         return run_jobs(self.inputs, self._folder, wanted=jobs, force=force, progress=self._progress, **options)[0]
 
     def judge(self, found: Identified, *, baselines: Sequence[Identified] = (), **rule: Any) -> Judgement:
@@ -309,6 +333,7 @@ class Study:
         """
         update = self.inputs.campaign.update
         changed, scatter = changed_rule(update, rule), scatter_of_records(other.record for other in baselines)
+        given.made_by("found", found, Identified, "what identify returned")
         return judge(found.evidence, changed, role_of(update, found.name), scatter, found.identification.reference)
 
     def plan(
@@ -336,6 +361,12 @@ class Study:
         accept : bool
             Accept a reduced model that does not reach its tolerance.
         """
+        given.known("by", by, ("auto", "bolts", "values"))
+        given.count("seed", seed)
+        if draws is not None:
+            given.count("draws", draws)
+        if noise_db is not None:
+            given.between("noise_db", noise_db, 0.0, np.inf)
         return make_plan(self.inputs, self._folder, Request(state, noise_db, by, draws, seed), accept=accept, progress=self._progress)
 
     def read(self, job: str) -> Measurement:
@@ -345,7 +376,7 @@ class Study:
 
     def plot_frf(self, found: Identified, response: str) -> Any:
         """Measured, initial and updated FRF of one response: magnitude in dB, as a matplotlib figure."""
-        at = self.responses.index(response)
+        at = self.responses.index(given.known("response", response, self.responses))
         return frf_figure(found.identification, at, f"{response} [dB re 1 {self.inputs.responses[at].unit}]")
 
     def plot_profile(self, found: Identified) -> Any:
@@ -353,7 +384,7 @@ class Study:
         return profile_figure(found.record)
 
     def _lines(self, hz: ArrayLike) -> Complexes:
-        lines = np.atleast_1d(np.asarray(hz, dtype=float))
+        lines = given.lines(hz)
         require_in_band(lines, self.inputs.campaign.reduction.band, hint="change reduction.band")
         return np.asarray(2j * np.pi * lines)
 
@@ -361,13 +392,17 @@ class Study:
         self, job: str, measurement: Measurement | None, reference: Identified | None
     ) -> tuple[Inputs, ReferenceState | None, dict[str, Measurement]]:
         """What identifying a job takes: inputs that name it, the reference state, and the measurements at hand."""
-        given = {} if measurement is None else {job: measurement}
+        if measurement is not None:
+            given.made_by("measurement", measurement, Measurement, "what measurement or read returned")
         if reference is not None:
-            given[reference.name] = reference.identification.measurement
+            given.made_by("reference", reference, Identified, "what identify returned of the reference job")
+        known = {} if measurement is None else {job: measurement}
+        if reference is not None:
+            known[reference.name] = reference.identification.measurement
         if measurement is None:
             self.inputs.campaign.require_job(job)
         inputs = self.inputs if job in self.jobs else with_job(self.inputs, job)
-        return inputs, None if reference is None else reference.record.state, given
+        return inputs, None if reference is None else reference.record.state, known
 
 
 def load(

@@ -12,12 +12,15 @@ from pathlib import Path
 
 import psutil
 
-from lrbc_cli.errors import ConfigError
+from lrbc_cli.errors import ConfigError, room_or
 
 NAME = ".watch.lock"
 
 #: Seconds without a sign of life after which a watcher on another machine counts as gone.
 GONE = 300.0
+
+#: Seconds in which a watcher that begins has written who it is.
+BEGINS = 5.0
 
 
 class Lock:
@@ -46,8 +49,7 @@ class Lock:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             for _ in range(2):
                 try:
-                    with self.path.open("x", encoding="utf-8") as file:
-                        json.dump(owner, file)
+                    self._create(json.dumps(owner))
                     return
                 except FileExistsError:
                     other = self._other()
@@ -58,7 +60,9 @@ class Lock:
                 other = "another"
         except OSError as error:
             raise ConfigError(
-                f"the results cannot be written ({error.strerror or error})", file=self.path, hint="choose another folder in `output`"
+                f"the results cannot be written ({error.strerror or error})",
+                file=self.path,
+                hint=room_or(error, "choose another folder in `output`"),
             ) from error
         raise ConfigError(
             "these results are watched already",
@@ -67,6 +71,16 @@ class Lock:
             found=other,
             hint="end the other one; if there is none, remove this file",
         )
+
+    def _create(self, text: str) -> None:
+        """Write it where there is none yet; one that could not be written is taken away again."""
+        file = self.path.open("x", encoding="utf-8")
+        try:
+            with file:
+                file.write(text)
+        except OSError:
+            self.path.unlink(missing_ok=True)
+            raise
 
     def beat(self) -> None:
         """Give a sign of life.
@@ -98,6 +112,9 @@ class Lock:
         pid, host = owner.get("pid"), owner.get("host")
         with suppress(OSError):
             quiet = time.time() - self.path.stat().st_mtime
+            if not owner:
+                # Being written just now, or left by a full disk or a crash.
+                return "one that begins just now" if quiet < BEGINS else None
             if host == socket.gethostname() and type(pid) is int:
                 return f"process {pid}" if psutil.pid_exists(pid) else None
             return f"one on {host}" if quiet < GONE else None

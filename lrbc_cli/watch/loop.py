@@ -114,6 +114,9 @@ class Watch:
         self._known: object = None
         # The page of earlier results is to refresh itself too.
         self._page_again, self._undrawn = 0.0, any(self.session.output.glob("*/result.json"))
+        # Results that no page shows were told to nobody: whoever found them was killed before.
+        self._shown = _written(self.session.output / "report.html")
+        self._told: set[str] = set()
 
     def run(self, once: bool = False) -> None:
         """Until interrupted; or, once, until everything that is there is judged.
@@ -248,7 +251,7 @@ class Watch:
             self._postponed(name, trouble, once)
             return
         self.arrivals.done(name)
-        new = [other for other in (*outcome.results, *outcome.failed) if other not in outcome.kept]
+        new = [other for other in (*outcome.results, *outcome.failed) if other not in outcome.kept or self._untold(other)]
         self.findings |= {other: record.finding for other, record in outcome.results.items()}
         self.failed -= set(outcome.results)
         fixed = [other for other in (name, *outcome.results) if self.unusable.pop(other, None) is not None]
@@ -266,6 +269,10 @@ class Watch:
             for other in session.campaign.jobs:
                 if other not in session.tight[: session.tight.index(name) + 1]:
                     self.arrivals.anew(other)
+
+    def _untold(self, name: str) -> bool:
+        """Whether a result that still holds was written after the page that was there at the start, and not told since."""
+        return name not in self._told and _written(self.session.output / name / "result.json") > self._shown
 
     def _without(self, name: str, error: Exception, verdict: Verdict) -> None:
         """Tell of a job that has no verdict, on the page too."""
@@ -295,6 +302,7 @@ class Watch:
         if verdict.verdict in ("failed", "unusable"):
             self.failed.add(verdict.job)
             self.findings[verdict.job] = JobFinding(status="failed")
+        self._told.add(verdict.job)
         self.tell(verdict)
 
     def _page(self, *, figures: bool, live: bool = True) -> None:
@@ -314,3 +322,11 @@ class Watch:
 
     def _outdate(self, why: str) -> None:
         outdate(self.session.output / "report.html", why)
+
+
+def _written(path: Path) -> float:
+    """When a file was written [s]; zero where there is none."""
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

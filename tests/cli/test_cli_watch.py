@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -269,6 +270,20 @@ def test_a_folder_out_of_reach_is_no_all_clear(begun: Folder, tmp_path: Path) ->
     folder.write(tree)
     (folder.data / "frf").rename(folder.path / "kept")
     assert folder.run("watch", "--once", "--fail-on-loose").code == 7
+
+
+def test_a_result_that_no_page_shows_is_told(begun: Folder, tmp_path: Path) -> None:
+    """As one that was found by a watch that was killed before it said so."""
+    folder = begun.copy(tmp_path / "killed")
+    shutil.copy(folder.path / "waiting" / "loose-2.csv", folder.data / "frf")
+    assert folder.run("watch", "--once").stdout.startswith("loose-2: B3, B4 loose")
+    assert folder.run("watch", "--once").stdout == ""
+    before = (folder.out / "loose-2" / "result.json").stat().st_mtime - 0.5
+    os.utime(folder.out / "report.html", (before, before))
+    again = folder.run("watch", "--once", "--json")
+    assert again.json["job"] == "loose-2"
+    assert again.json["exit_code"] == 6
+    assert folder.run("watch", "--once").stdout == ""
 
 
 def test_wrong_calls(begun: Folder) -> None:

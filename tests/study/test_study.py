@@ -19,7 +19,7 @@ import lrbc_cli
 import lrbc_cli.matrices
 import lrbc_cli.study
 from lrbc_cli import Study
-from lrbc_cli.errors import ConfigError, DataError
+from lrbc_cli.errors import ConfigError, DataError, NumericalError
 
 ROOT = Path(lrbc_cli.__file__).parents[1]
 HZ = np.array([60.0, 61.5, 140.0, 320.0])
@@ -213,7 +213,7 @@ def test_bare_matrices_against_a_direct_solve() -> None:
     y, J = chain.sensitivities(hz, np.log10(k))
     np.testing.assert_allclose(y, chain.frf(hz, k), rtol=1e-9)
     check_derivative(lambda p: 20 * np.log10(np.abs(chain.frf(hz, 10**p))), J, np.log10(k), np.array([1.0, -0.7]))
-    with pytest.raises(ConfigError, match="no such quantity"):
+    with pytest.raises(ConfigError, match="the argument quantity cannot be used"):
         lrbc_cli.reduce(K, M, loads=unit[:, :1], outputs=unit[[9]], terms=terms, band_hz=(5.0, 250.0), quantity="force")
     # Two loads, and terms of two kinds: the outputs say which load is theirs.
     given = {"loads": unit[:, [0, 5]], "outputs": unit[[9, 30]], "terms": terms, "band_hz": (5.0, 250.0)}
@@ -222,10 +222,97 @@ def test_bare_matrices_against_a_direct_solve() -> None:
     Z = s**2 * M + s * C + K + (terms * (c * np.array([1.0, s]))) @ terms.T
     np.testing.assert_allclose(two.frf([83.0], c)[0], [np.linalg.solve(Z, unit[:, i])[j] for i, j in ((0, 9), (5, 30))], rtol=2e-3)
     for wrong in ({"load_of": None}, {"load_of": [0, 2]}, {"load_of": [0, 1], "kind": ["mass"]}):
-        with pytest.raises(ConfigError, match="kinds or loads do not fit"):
+        with pytest.raises(ConfigError, match=r"the argument (load_of|kind) cannot be used"):
             lrbc_cli.reduce(K, M, **given, **wrong)
     with pytest.raises(ConfigError, match="outside its band"):
         chain.frf([300.0], k)
+
+
+CHAIN = np.diag(np.full(12, 2e6)) - 1e6 * (np.eye(12, k=1) + np.eye(12, k=-1))
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("K", CHAIN[0]),
+        ("K", "K.mtx"),
+        ("K", CHAIN[:, :-1]),
+        ("K", np.where(np.eye(12) > 0, np.nan, CHAIN)),
+        ("M", np.eye(11)),
+        ("C", np.eye(11)),
+        ("loads", np.ones(12)),
+        ("outputs", np.eye(12)[:, [9]]),
+        ("terms", np.eye(12)[[3]]),
+        ("band_hz", (200.0, 5.0)),
+        ("band_hz", (0.0, 200.0)),
+        ("band_hz", 200.0),
+        ("band_hz", "5 to 200"),
+        ("tolerance", 0.0),
+        ("tolerance", 2.0),
+        ("tolerance", np.nan),
+        ("load_of", [0.5]),
+        ("acoustic", [True]),
+        ("quantity", "pressure"),
+    ],
+)
+def test_arguments_of_bare_matrices_are_refused(argument: str, value: object) -> None:
+    unit = np.eye(12)
+    right = {"K": CHAIN, "M": unit, "loads": unit[:, :1], "outputs": unit[[9]], "terms": unit[:, [11]], "band_hz": (5.0, 200.0)}
+    with pytest.raises(ConfigError, match=f"the argument {'acoustic' if argument == 'quantity' else argument} cannot be used"):
+        lrbc_cli.reduce(**(right | {argument: value}))
+
+
+def test_a_model_that_misses_its_tolerance_is_returned_only_where_it_is_accepted() -> None:
+    unit = np.eye(12)
+    right = {"loads": unit[:, :1], "outputs": unit[[9]], "terms": unit[:, [11]], "band_hz": (5.0, 200.0), "tolerance": 1e-16}
+    with pytest.raises(NumericalError, match="does not reach its tolerance"):
+        lrbc_cli.reduce(CHAIN, unit, **right)
+    assert not lrbc_cli.reduce(CHAIN, unit, **right, accept=True).reduction.reached
+
+
+def test_values_that_are_none_are_no_clamp(study: Study) -> None:
+    unit = np.eye(12)
+    chain = lrbc_cli.reduce(CHAIN, unit, loads=unit[:, :1], outputs=unit[[9]], terms=unit[:, [5, 11]], band_hz=(5.0, 200.0))
+    for wrong in (np.nan, [np.nan, 1.0], [1.0], [[1.0, 1.0]], "1", None):
+        with pytest.raises(ConfigError, match="the argument values"):
+            chain.frf([50.0], wrong)
+    for wrong in ([4.0], np.inf, [4.0, np.nan]):
+        with pytest.raises(ConfigError, match="the argument log10"):
+            chain.sensitivities([50.0], wrong)
+    np.testing.assert_array_equal(chain.frf(50.0, 1e6), chain.frf([50.0], [1e6, 1e6]))
+    for wrong in (np.nan, None):
+        with pytest.raises(ConfigError, match="NaN is no value of left_edge"):
+            study.frf([100.0], left_edge=wrong)
+    with pytest.raises(ConfigError, match="the argument theta"):
+        study.sensitivities([100.0], left_edge=np.inf)
+
+
+def test_arguments_of_a_study_are_refused(study: Study) -> None:
+    values = np.ones((HZ.size, 4), dtype=complex)
+    with pytest.raises(DataError, match="no measurement"):
+        study.measurement(-HZ[::-1], values)
+    with pytest.raises(ConfigError, match="the argument hz"):
+        study.measurement(np.where(HZ > 100.0, np.nan, HZ), values)
+    with pytest.raises(DataError, match="no line lies in the band"):
+        study.measurement(HZ + 1e4, values)
+    for coherence in (np.full(values.shape, 2.0), np.ones(HZ.size - 1)):
+        with pytest.raises(DataError, match="no coherence"):
+            study.measurement(HZ, values, coherence)
+    beyond = study.measurement(np.append(HZ, 1e4), np.vstack([values, values[:1]]))
+    assert (beyond.frequency_hz.size, beyond.left_out) == (HZ.size, (0, 1))
+    for call in (
+        lambda: study.identify("tight", reference="tight"),  # type: ignore[arg-type]
+        lambda: study.identify("tight", values),  # type: ignore[arg-type]
+        lambda: study.judge("tight"),  # type: ignore[arg-type]
+        lambda: study.update("tight"),
+        lambda: study.update(workers=0),
+        lambda: study.plan(by="bolt"),
+        lambda: study.plan(draws=-1),
+        lambda: study.plan(seed=-1),
+        lambda: study.plot_frf(None, "mic"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(ConfigError, match="the argument"):
+            call()
 
 
 @pytest.mark.slow

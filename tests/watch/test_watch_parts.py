@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +19,7 @@ from lrbc_cli.watch.arrivals import Arrivals
 from lrbc_cli.watch.lock import GONE, NAME, Lock
 from lrbc_cli.watch.loop import Wake
 
+FULL = Path("/dev/full")
 CAMPAIGN = Path(__file__).parents[2] / "configs" / "frame.yaml"
 
 
@@ -170,6 +172,34 @@ def test_one_watcher_a_campaign(tmp_path: Path) -> None:
     os.utime(path, (long_ago, long_ago))
     second.take()
     second.release()
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
+def test_a_lock_that_was_not_written_whole_blocks_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock = Lock(tmp_path / "out")
+    lock.path.parent.mkdir()
+    # One that begins at this moment has not said yet who it is.
+    lock.path.write_text("")
+    with pytest.raises(ConfigError, match="watched already"):
+        lock.take()
+    long_ago = time.time() - 60.0
+    os.utime(lock.path, (long_ago, long_ago))
+    lock.take()
+    lock.release()
+
+    real = Path.open
+
+    def full(self: Path, *args: Any, **options: Any) -> Any:
+        real(self, *args, **options).close()
+        return real(FULL, "w")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", full)
+        with pytest.raises(ConfigError, match="make room on this disk"):
+            lock.take()
+    assert list(lock.path.parent.iterdir()) == []
+    lock.take()
+    lock.release()
 
 
 def test_events_wake(tmp_path: Path) -> None:

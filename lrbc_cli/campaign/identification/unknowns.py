@@ -168,9 +168,14 @@ def with_values(parameters: Parameterisation, theta: ArrayLike | None, log10: Ma
     found = parameters.initial
 
     def put(name: str, part: Floats, value: ArrayLike) -> None:
-        values = np.asarray(value, dtype=float)
+        try:
+            values = np.asarray(value, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"no numbers for {name}", expected="log10 values", found=str(value)) from error
         if values.shape not in ((), part.shape):
             raise ConfigError(f"the number of values does not fit {name}", expected=f"1 or {part.size}", found=values.size)
+        if np.isnan(values).any():
+            raise ConfigError(f"NaN is no value of {name}", expected="log10 values, inf clamps and -inf frees", found="NaN")
         part[...] = values
 
     if theta is not None:

@@ -156,8 +156,8 @@ def store(decision: CacheDecision, parts: dict[str, str], reduction: Reduction) 
         "summary": {name: getattr(reduction, name) for name in _SUMMARY} | {"sizes": list(reduction.sizes)},
     }
     try:
-        # Port FRFs and basis of the model that is replaced.
-        for old in (*decision.path.parent.glob("ports-*.h5"), decision.path.with_name("rows.h5")):
+        # Port FRFs of the model that is replaced. Rows of its basis say whose they are, and another process may be reading them.
+        for old in decision.path.parent.glob("ports-*.h5"):
             old.unlink(missing_ok=True)
         write_store(decision.path, tree)
         with atomic_write(decision.path.with_name("key.json")) as file:

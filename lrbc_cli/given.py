@@ -1,0 +1,119 @@
+"""Arguments of the public face: refused with one message where they are not what is documented."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from lrbc_cli.arrays import Floats
+from lrbc_cli.errors import ConfigError
+
+
+def refuse(name: str, expected: str, found: object) -> ConfigError:
+    """The error of an argument."""
+    return ConfigError(f"the argument {name} cannot be used", expected=expected, found=found)
+
+
+def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finite: bool = True) -> Floats:
+    """A real array of a shape, None where any number will do; without NaN, and finite unless said otherwise.
+
+    Raises
+    ------
+    ConfigError
+    """
+    what = "finite numbers" if finite else "numbers, none of them NaN"
+    expected = f"{what}, an array of shape ({', '.join('any' if size is None else str(size) for size in shape)})"
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise refuse(name, expected, _shown(value)) from error
+    if found.ndim != len(shape) or any(size is not None and size != own for size, own in zip(shape, found.shape, strict=True)):
+        raise refuse(name, expected, f"shape {found.shape}")
+    if np.isnan(found).any() or (finite and not np.isfinite(found).all()):
+        raise refuse(name, expected, "NaN" if np.isnan(found).any() else "inf")
+    return found
+
+
+def one_or_each(name: str, value: ArrayLike, size: int, *, finite: bool = True) -> Floats:
+    """(size,) array of one number for all, or one for each; raises as ``numbers`` does."""
+    single = np.ndim(value) == 0 if not isinstance(value, str) else False
+    return np.full(size, numbers(name, value, (), finite=finite)) if single else numbers(name, value, (size,), finite=finite)
+
+
+def lines(hz: ArrayLike) -> Floats:
+    """(F,) frequencies of one line or several [Hz]; raises as ``numbers`` does."""
+    return numbers("hz", np.atleast_1d(np.asarray(hz)) if np.ndim(hz) == 0 else hz, (None,))
+
+
+def matrix(name: str, value: Any, rows: int | None, columns: int | None) -> sp.csc_array:
+    """A sparse or dense matrix with finite entries, None where any number of rows or columns will do.
+
+    Raises
+    ------
+    ConfigError
+    """
+    sizes = ["any" if size is None else str(size) for size in (rows, columns)]
+    expected = f"a matrix of {sizes[0]} rows and {sizes[1]} columns with finite numbers, sparse or dense"
+    if not sp.issparse(value) and np.ndim(value) != 2:
+        raise refuse(name, expected, _shown(value))
+    try:
+        found = sp.csc_array(value)
+        entries = np.asarray(found.data, dtype=complex)
+    except (TypeError, ValueError) as error:
+        raise refuse(name, expected, _shown(value)) from error
+    if any(size is not None and size != own for size, own in zip((rows, columns), found.shape, strict=True)):
+        raise refuse(name, expected, f"{found.shape[0]} rows and {found.shape[1]} columns")
+    if not np.isfinite(entries).all():
+        raise refuse(name, expected, "NaN or inf")
+    return found
+
+
+def band(value: Any) -> tuple[float, float]:
+    """Ends of a band [Hz]; raises as ``numbers`` does."""
+    low, high = (float(end) for end in numbers("band_hz", value, (2,)))
+    if not 0.0 < low < high:
+        raise refuse("band_hz", "two ascending frequencies above 0 Hz", f"{low:g} and {high:g}")
+    return low, high
+
+
+def between(name: str, value: Any, low: float, high: float) -> float:
+    """A number between two others; raises as ``numbers`` does."""
+    found = float(numbers(name, value, ()))
+    if not low < found < high:
+        raise refuse(name, f"a number above {low:g} and below {high:g}", f"{found:g}")
+    return found
+
+
+def count(name: str, value: Any, least: int = 0) -> int:
+    """A whole number, not below the least; raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise refuse(name, f"a whole number from {least} on", _shown(value))
+    return int(value)
+
+
+def known(name: str, value: Any, choices: Iterable[str]) -> str:
+    """One of some words; raises ConfigError."""
+    names = list(choices)
+    if value not in names:
+        raise refuse(name, ", ".join(names), _shown(value))
+    return str(value)
+
+
+def made_by(name: str, value: Any, kind: type, how: str) -> None:
+    """Refuse what is no object of a kind, and say where it comes from; raises ConfigError."""
+    if not isinstance(value, kind):
+        raise refuse(name, how, _shown(value))
+
+
+def _shown(value: Any) -> str:
+    """What was given, briefly."""
+    if isinstance(value, str):
+        return repr(value)
+    if isinstance(value, (int, float, complex)) or value is None:
+        return str(value)
+    shape = getattr(value, "shape", None)
+    return type(value).__name__ + ("" if shape is None else f" of shape {shape}")
