@@ -99,6 +99,15 @@ def require_inputs_apart(campaign: Campaign) -> None:
     ConfigError
         Naming the key of the input, and the file of the results that it is.
     """
+    if campaign.watch is not None and same_file(campaign.watch.folder, campaign.output):
+        raise campaign.error(
+            "measurements would arrive among the results",
+            "watch",
+            "folder",
+            expected="a folder of measurements only",
+            found=f"{campaign.watch.folder}, which is `output`",
+            hint="choose another `output`",
+        )
     folders = [(campaign.output, IN_OUTPUT), (campaign.output / "calibration", IN_CALIBRATION)]
     folders += [(campaign.output / name, IN_JOB) for name in campaign.jobs]
     inputs = [(_Place(path), keys) for path, keys in input_files(campaign)]

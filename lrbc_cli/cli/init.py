@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from lrbc_cli.cli.options import verbosity_options
-from lrbc_cli.cli.terminal import say
+from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.config.skeleton import FILE, write_skeleton
 
 
@@ -37,4 +37,4 @@ def init(directory: Path, source: Path | None) -> None:
         say(f"recognised  {line}")
     for line in made.todo:
         say(f"to do       {' '.join(line.split())}")
-    say(f"next: lrbc check {directory / FILE}")
+    say(f"next: {typed('lrbc', 'check', directory / FILE)}")

@@ -10,7 +10,7 @@ import click
 from lrbc_cli.campaign.simulate import parse_lines
 from lrbc_cli.cli.common import cache_folder, load, progress, say_json
 from lrbc_cli.cli.options import campaign_options
-from lrbc_cli.cli.terminal import say
+from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.config.skeleton import FILE
 from lrbc_cli.virtual.campaign import RECORD, declared_scatter, job_list
 from lrbc_cli.virtual.campaign import rehearse as write
@@ -95,4 +95,4 @@ def rehearse(
         for job, removed in jobs.items():
             say(f"{job}: {', '.join(removed) + ' loose' if removed else 'all bolts tight'}")
         say(f"what was drawn: {out / RECORD}")
-        say(f"next: lrbc {'update' if inputs.campaign.calibration is None else 'run'} {out / FILE}")
+        say(f"next: {typed('lrbc', 'update' if inputs.campaign.calibration is None else 'run', out / FILE)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from lrbc_cli.campaign.jobs.status import status as examine
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.cli.common import cache_folder, load, say_json
 from lrbc_cli.cli.options import calibration_option, campaign_options
-from lrbc_cli.cli.terminal import say
+from lrbc_cli.cli.terminal import say, typed
 from lrbc_cli.report.old import outdated
 
 
@@ -44,6 +45,7 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
             }
         )
         return
+    campaign: list[Path | str] = [config, *(word for override in overrides for word in ("--override", override))]
     counts = [f"{count} {words}" for state, words in STATES.items() if (count := len(found.named(state)))]
     say(f"{inputs.campaign.name}: {', '.join(counts) or 'no jobs'}")
     width = max([len(name) for name in found.jobs], default=0)
@@ -54,12 +56,12 @@ def status(config: Path, overrides: tuple[str, ...], cache: Path | None, as_json
     if use is not None:
         say(f"calibration: {use.text}")
     if trouble:
-        say(f"report.html: {trouble}; next: lrbc report {config}")
-    say("\n".join(_ahead(inputs, found, config)))
+        say(f"report.html: {trouble}; next: {typed('lrbc', 'report', *campaign)}")
+    say("\n".join(_ahead(inputs, found, campaign)))
 
 
-def _ahead(inputs: Inputs, found: CampaignStatus, config: Path) -> list[str]:
-    """What is to be done, and how long it will take."""
+def _ahead(inputs: Inputs, found: CampaignStatus, campaign: Sequence[Path | str]) -> list[str]:
+    """What is to be done, with the campaign as it was named, and how long it will take."""
     todo = found.named("stale", "failed", "new")
     if not todo:
         lacking = [words for state, words in (("missing", "missing"), ("unusable", "unusable")) if found.named(state)]
@@ -68,4 +70,4 @@ def _ahead(inputs: Inputs, found: CampaignStatus, config: Path) -> list[str]:
     left = "time left: not known before a job has run"
     if found.seconds_left is not None:
         left = f"time left: about {found.seconds_left:.0f} s" if found.seconds_left >= 1 else "time left: less than a second"
-    return [f"{left}, for {len(todo)} job{'s' if len(todo) > 1 else ''}{model}", f"next: lrbc run {config}"]
+    return [f"{left}, for {len(todo)} job{'s' if len(todo) > 1 else ''}{model}", f"next: {typed('lrbc', 'run', *campaign)}"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import sys
 from typing import IO, Any
@@ -41,6 +42,17 @@ def painted(text: str) -> str:
         name, blank, rest = line.partition(" ")
         lines.append(name + blank + _WORDS.sub(colour, rest))
     return "\n".join(lines)
+
+
+def typed(*words: object) -> str:
+    """A command line as it is typed, in quotes where a word holds blanks."""
+    parts = [str(word) for word in words]
+    if sys.platform != "win32":
+        return shlex.join(parts)
+    # Loaded there only: commands start quickly.
+    from subprocess import list2cmdline
+
+    return list2cmdline(parts)
 
 
 def say(text: object, *, finding: bool = False) -> None:

@@ -294,6 +294,10 @@ def test_wrong_calls(begun: Folder) -> None:
     pattern = begun.run("watch", "--once", "--pattern", "frf/*.uff")
     assert pattern.code == 2
     assert "watch.pattern" in pattern.stderr
+    among = begun.run("watch", "--once", "--folder", begun.out)
+    assert among.code == 2
+    assert "measurements would arrive among the results" in among.stderr
+    assert "choose another `output`" in among.stderr
 
 
 def test_the_help_says_that_documents_come_a_line_each() -> None:
