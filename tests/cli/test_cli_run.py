@@ -126,8 +126,8 @@ def test_status_tells_every_state(small: Folder) -> None:
     text = small.run("status").stdout
     assert text.startswith("frame-left-edge: 1 done, 1 out of date, 1 no FRF file, 1 failed, 1 not run yet\n")
     assert f"next: lrbc run {small.config}\n" in text
-    as_named = small.run("status", "--override", "name=my frame").stdout
-    assert f"next: lrbc run {small.config} --override 'name=my frame'\n" in as_named
+    as_named = small.run("status", "--override", "update.confidence=0.9").stdout
+    assert f"next: lrbc run {small.config} --override update.confidence=0.9\n" in as_named
     assert small.listing() == before
     assert tree["jobs"]["next"]["reason"] == ""
     (small.out / "loose-2" / "result.json").write_text("{")
