@@ -227,6 +227,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
             f"changes show most: {', '.join(sparse)}; write lines: resonances"
         )
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
+    out.warnings = _once(out.warnings)
     out.warnings += [*_phaseless(inputs, readable), *_other_chains(inputs, readable)]
     warnings, note = _looks(inputs, folder, readable)
     # What measurements show is surer than what the mesh lets guess.
@@ -339,6 +340,19 @@ def _unwritable(output: Path) -> list[str]:
         return []
     what = "cannot be written to" if there.is_dir() else "is a file"
     return [f"output: {there} {what}, so that no result can be kept: choose another folder in `output`"]
+
+
+def _once(texts: Sequence[str]) -> list[str]:
+    """Warnings that say the same of several files, each first, told once with the names of all."""
+    files: dict[str, list[str]] = {}
+    for text in texts:
+        name, colon, rest = text.partition(": ")
+        alone = not colon or " " in name
+        files.setdefault(text if alone else rest, []).append("" if alone else name)
+    return [
+        rest if not names[0] else f"{names[0]}: {rest}" + (f"; the same in {', '.join(names[1:])}" if len(names) > 1 else "")
+        for rest, names in files.items()
+    ]
 
 
 def _packed(notes: Sequence[str], width: int = 120) -> list[str]:

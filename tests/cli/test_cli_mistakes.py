@@ -1327,6 +1327,14 @@ MISTAKES = [
         "Set it as in tight",
     ),
     Mistake(
+        "band in rad/s",
+        "frame",
+        config(("band: [30.0, 500.0]", "band: [188.5, 3141.6]")),
+        0,
+        "is the band in rad/s? It is stated in Hz: reduction.band: [30, 500]",
+        "the same in loose-2.csv, loose-all.csv",
+    ),
+    Mistake(
         "band of one resonance",
         "frame",
         config(("band: [30.0, 500.0]", "band: [205.0, 250.0]")),

@@ -360,6 +360,11 @@ def _why_short(axis: Floats, every: Floats, band: tuple[float, float]) -> str:
     for unit, factor in HERTZ.items():
         if factor != 1.0 and _covers(every * factor, band):
             return f"are the frequencies in {unit}? Then say it: format: {{frequency_unit: {unit}}} of the job"
+    circular = (low / (2.0 * np.pi), high / (2.0 * np.pi))
+    if _covers(every, circular):
+        return (
+            f"is the band in rad/s? It is stated in Hz: reduction.band: [{circular[0]:.3g}, {circular[1]:.3g}]; or is the file incomplete?"
+        )
     measured = f"[{max(low, axis[0]):g}, {min(high, axis[-1]):g}]"
     return f"is the file complete? Else end the band where it was measured: reduction.band: {measured}"
 

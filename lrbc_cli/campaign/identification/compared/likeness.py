@@ -204,10 +204,11 @@ def exchanged_text(inputs: Inputs, cycle: Sequence[int], job: str) -> str:
         if len(names) == 2
         else ", ".join(f"{name} fits the model's {to}" for name, to in zip(names, following, strict=True))
     )
-    return (
-        f"{said} in each other's place, it seems: {fits}: exchange the places of "
-        f"{' and '.join(f'responses.{name}' for name in names)}, or jobs.{job}.records: {{{records}}}"
-    )
+    places = f"exchange the places of {' and '.join(f'responses.{name}' for name in names)}"
+    own = f"jobs.{job}.records: {{{records}}}"
+    # Of one job alone the cables are wrong, of the reference job rather the campaign file.
+    fix = f"{places}, or {own}" if job == inputs.campaign.update.reference else f"{own}, or, where all jobs have it so, {places}"
+    return f"{said} in each other's place, it seems: {fits}: {fix}"
 
 
 @dataclass(frozen=True)
