@@ -224,7 +224,7 @@ def _looked_at(
     if not told and beside:
         told |= _beside_tight(inputs, few.values, beside[0][0], name)
         if not told and fitted is not None:
-            told |= _foreign(few.values, states)
+            told |= _foreign(few.values, states, beside[0][0])
     return told
 
 
@@ -249,10 +249,10 @@ def _beside_tight(inputs: Inputs, measured: Complexes, tight: Complexes, name: s
     return _alone(inputs, apart(measured, tight), f"that of {reference}", name) | {("level", i): text for i, text in away.items()}
 
 
-def _foreign(measured: Complexes, states: Complexes) -> dict[tuple[object, ...], str]:
-    """What to say of a measurement that no state comes near, a fitted one among them."""
+def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> dict[tuple[object, ...], str]:
+    """What to say of a measurement that no state comes near, a fitted one among them, where the tight one comes near its own, the first."""
     least = float(np.median(apart(measured, states), axis=1).min())
-    if least <= UNLIKE:
+    if least <= max(UNLIKE, float(np.median(apart(tight, states[0]))) / CLEARLY):
         return {}
     text = (
         f"no state of the bolts that was tried comes near: levels are {least:.1f} dB apart at best, constants taken out, after a first, "

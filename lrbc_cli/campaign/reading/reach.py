@@ -60,15 +60,33 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
     """
     part = parts_of(model)
     for i, name in enumerate(responses):
-        own = part[model.L[[i]].tocoo().col]
-        driven = part[model.B[:, [input_of[i]]].tocoo().row]
-        if not np.isin(own, driven).any():
+        heard, hit = model.L[[i]].tocoo().col, model.B[:, [input_of[i]]].tocoo().row
+        if np.isin(part[heard], part[hit]).any():
+            continue
+        zero = f"the FRF of response {name} over {excitations[input_of[i]]} is zero"
+        if np.unique(model.is_acoustic[[*heard, *hit]]).size > 1 and not _coupled(model):
             raise DataError(
-                f"the FRF of response {name} over {excitations[input_of[i]]} is zero: nothing in the matrices connects them",
-                expected="a model in one piece",
-                found=f"{int(part.max()) + 1} separate pieces",
-                hint="correct the place of the response, or export the parts merged or tied",
+                f"{zero}: no entry of the matrices couples structure and air",
+                expected="coupling blocks between displacements and pressures, in the stiffness and in the mass matrix",
+                found="none",
+                hint="define the interface of structure and fluid in the FE model, and export the matrices of the coupled model",
             )
+        raise DataError(
+            f"{zero}: nothing in the matrices connects them",
+            expected="a model in one piece",
+            found=f"{int(part.max()) + 1} separate pieces",
+            hint="correct the place of the response, or export the parts merged or tied; where the mesh is in one piece, the DOF table is "
+            "not in the order of the matrices",
+        )
+
+
+def _coupled(model: FeModel) -> bool:
+    """Whether an entry of the matrices or a term couples structure and air."""
+    for matrix in (model.K, model.M, model.C, model.terms.left @ model.terms.right.T):
+        entries = matrix.tocoo()
+        if np.any(entries.data[model.is_acoustic[entries.row] != model.is_acoustic[entries.col]]):
+            return True
+    return False
 
 
 def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | None) -> None:
