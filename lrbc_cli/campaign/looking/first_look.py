@@ -256,7 +256,8 @@ def _foreign(measured: Complexes, states: Complexes, tight: Complexes) -> dict[t
         return {}
     text = (
         f"no state of the bolts that was tried comes near: levels are {least:.1f} dB apart at best, constants taken out, after a first, "
-        "coarse fit. Is it the file of another structure or of another set-up, did the hammer hit another point, or did more change than the bolts?"
+        "coarse fit. Is it the file of another structure or of another set-up, did the hammer hit another point, or did more change than "
+        "the bolts?"
     )
     return {("foreign",): text}
 
