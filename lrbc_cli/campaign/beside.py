@@ -8,6 +8,8 @@ from pathlib import Path
 from lrbc_cli.campaign.protect import input_files
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.watch import HIDDEN
+from lrbc_cli.results.model import CampaignRecord
+from lrbc_cli.results.store import read
 
 
 def passed_over(campaign: Campaign) -> list[str]:
@@ -37,6 +39,22 @@ def unnamed(campaign: Campaign, *, shown: int = 3) -> list[str]:
             if beside:
                 named = ", ".join(beside[:shown]) + (f" and {len(beside) - shown} more" if len(beside) > shown else "")
                 found.append(f"no job names {named} in {folder}: where that is a measurement, add a job for it")
+    return found
+
+
+def outlived(campaign: Campaign) -> list[str]:
+    """Jobs with a result that is shown, of which the campaign has no job or the measurement no file any more, in words."""
+    record = read(campaign.output / "campaign.json", CampaignRecord)
+    found = []
+    for name in () if record is None else record.jobs:
+        job = campaign.jobs.get(name)
+        if not (campaign.output / name / "result.json").is_file():
+            continue
+        if job is None:
+            ago = f"no job of {campaign.path.name} any more, the result is that of an earlier one: `lrbc update` leaves it out"
+            found.append(f"{name}: {ago}")
+        elif lacking := [file for file in job.all_files if not file.exists()]:
+            found.append(f"{name}: {lacking[0].name} is not there any more, the result is that of an earlier measurement")
     return found
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from lrbc_cli.campaign.beside import passed_over
+from lrbc_cli.campaign.beside import outlived, passed_over
 from lrbc_cli.campaign.documents import require_own_output
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.cli.common import progress, say_json
@@ -41,12 +41,12 @@ def report(
     require_own_output(campaign)
     require_inputs_apart(campaign)
     workers = min(2, os.cpu_count() or 1)
-    expected = list(campaign.jobs)
+    expected, gone = list(campaign.jobs), outlived(campaign)
     page = write_report(
         campaign.output,
         jobs=jobs or None,
         expected=expected,
-        passed_over=passed_over(campaign),
+        passed_over=[*passed_over(campaign), *gone],
         workers=workers,
         figures=figures,
         progress=progress(),
@@ -57,4 +57,6 @@ def report(
         say(summary_text(campaign.output, jobs or None), finding=True)
         for name in missing_jobs(campaign.output, jobs or None, expected):
             say(f"{name}: {NO_RESULT}", finding=True)
+        for text in gone:
+            say(text)
         say(f"report: {page}")

@@ -73,7 +73,7 @@ def write_report(
     jobs, expected
         Names of the jobs to show, all that have results where None; and of those of the campaign file, of which each is counted.
     unusable, passed_over
-        What is wrong with the files of jobs, by job, and what to do about files of the watched folder that are nobody's.
+        What is wrong with the files of jobs, by job, and what is to be said of other files: nobody's, or gone.
     workers
         Processes that draw figures.
     figures

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lrbc_cli.campaign.beside import outlived
 from lrbc_cli.campaign.calibrate import run_calibration
 from lrbc_cli.campaign.calibration import with_stored_calibration
 from lrbc_cli.campaign.documents import require_own_output
@@ -169,7 +170,7 @@ class Session:
             self.output,
             expected=list(self.campaign.jobs),
             unusable=unusable,
-            passed_over=passed_over,
+            passed_over=[*passed_over, *outlived(self.campaign)],
             workers=1,
             live=live,
             draw=figures,

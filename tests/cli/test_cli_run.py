@@ -283,3 +283,20 @@ def test_a_line_is_cleared_once(capsys: pytest.CaptureFixture[str]) -> None:
     out, err = capsys.readouterr()
     assert out == "done\ndone\n"
     assert err.count("\r") == 3
+
+
+def test_a_result_that_outlived_its_measurement_is_told(small: Folder) -> None:
+    """The page still shows it: of which measurement, or of which campaign, nobody sees any more."""
+    assert small.run("update").code == 0
+    assert "any more" not in small.run("report").stdout
+    (small.data / "frf" / "loose-2.csv").unlink()
+    told = small.run("report").stdout
+    assert "loose-2: loose-2.csv is not there any more, the result is that of an earlier measurement\n" in told
+    assert "loose-2.csv is not there any more" in (small.out / "report.html").read_text(encoding="utf-8")
+    tree = small.tree()
+    del tree["jobs"]["loose-2"]
+    small.write(tree)
+    told = small.run("report").stdout
+    assert "loose-2: no job of campaign.yaml any more, the result is that of an earlier one: `lrbc update` leaves it out\n" in told
+    assert small.run("update").code == 0
+    assert "loose-2" not in small.run("report").stdout

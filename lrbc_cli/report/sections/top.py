@@ -65,7 +65,12 @@ def _files(content: Content) -> Markup | None:
     lines = [f"{name}: {problem}" for name, problem in content.unusable.items()] + list(content.passed_over)
     if not lines:
         return None
-    return tag("div", tag("p", "Files that are not judged:"), tag("ul", *(tag("li", line) for line in lines)), class_="warning")
+    return tag(
+        "div",
+        tag("p", "Files that are not judged, or not there any more:"),
+        tag("ul", *(tag("li", line) for line in lines)),
+        class_="warning",
+    )
 
 
 def unsealed_text(names: Sequence[str]) -> str:
