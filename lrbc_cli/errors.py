@@ -14,7 +14,7 @@ def _shortened(value: object) -> str:
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
 
 
-def on_one_line(error: Exception) -> str:
+def on_one_line(error: Exception | str) -> str:
     """A message where there is one line for it."""
     return "; ".join(" ".join(line.split()) for line in str(error).splitlines())
 

@@ -112,6 +112,9 @@ def test_status_tells_every_state(small: Folder) -> None:
     tree["jobs"]["bad"] = {"frf": "data/frf/bad.csv"}
     small.write(tree)
     assert small.run("update", "--job", "bad").code == 5
+    # The message has several lines, its row has one.
+    rows = (small.out / "campaign.csv").read_text(encoding="utf-8").splitlines()
+    assert [row.partition(",")[0] for row in rows] == ["job", "tight", "loose-2", "bad"]
     measured = small.data / "frf" / "loose-2.csv"
     measured.write_text(measured.read_text().replace("30,", "30.0,", 1))
     before = small.listing()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, on_one_line
 from lrbc_cli.results.job import FailedJob, JobRecord
 from lrbc_cli.results.store import read_job
 from lrbc_cli.results.tables import write_csv
@@ -54,7 +54,7 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
         except DataError:
             continue
         if isinstance(job, FailedJob):
-            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), job.reason, sentence(job.finding)])
+            rows.append([name, "failed", *[None] * (len(CAMPAIGN_COLUMNS) - 4), on_one_line(job.reason), sentence(job.finding)])
         if not isinstance(job, JobRecord):
             continue
         damped, misfit, correlation = job.damped.values(), job.misfit_db, job.correlation
@@ -80,7 +80,7 @@ def write_table(output: Path, jobs: Sequence[str], known: Mapping[str, JobRecord
                 job.evaluations,
                 job.line_evaluations,
                 job.seconds["total"],
-                job.reason,
+                on_one_line(job.reason),
                 sentence(job.finding),
             ]
         )
