@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.errors import ConfigError
@@ -27,10 +27,7 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finit
     """
     what = "finite numbers" if finite else "numbers, none of them NaN"
     expected = f"{what}, an array of shape ({', '.join('any' if size is None else str(size) for size in shape)})"
-    try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise refuse(name, expected, _shown(value)) from error
+    found = array(name, value, float, expected)
     if found.ndim != len(shape) or any(size is not None and size != own for size, own in zip(shape, found.shape, strict=True)):
         raise refuse(name, expected, f"shape {found.shape}")
     if np.isnan(found).any() or (finite and not np.isfinite(found).all()):
@@ -38,15 +35,25 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, finit
     return found
 
 
+def array(name: str, value: ArrayLike, kind: type, expected: str) -> NDArray[Any]:
+    """An array of real or complex numbers, of whatever shape; raises ConfigError."""
+    try:
+        if kind is float and np.iscomplexobj(value):
+            raise refuse(name, expected, "complex numbers")
+        return np.asarray(value, dtype=kind)
+    except (TypeError, ValueError) as error:
+        raise refuse(name, expected, _shown(value)) from error
+
+
 def one_or_each(name: str, value: ArrayLike, size: int, *, finite: bool = True) -> Floats:
     """(size,) array of one number for all, or one for each; raises as ``numbers`` does."""
-    single = np.ndim(value) == 0 if not isinstance(value, str) else False
+    single = np.isscalar(value) and not isinstance(value, str)
     return np.full(size, numbers(name, value, (), finite=finite)) if single else numbers(name, value, (size,), finite=finite)
 
 
 def lines(hz: ArrayLike) -> Floats:
     """(F,) frequencies of one line or several [Hz]; raises as ``numbers`` does."""
-    return numbers("hz", np.atleast_1d(np.asarray(hz)) if np.ndim(hz) == 0 else hz, (None,))
+    return numbers("hz", np.atleast_1d(array("hz", hz, float, "frequencies, one or an array of shape (any)")), (None,))
 
 
 def matrix(name: str, value: Any, rows: int | None, columns: int | None) -> sp.csc_array:
@@ -58,7 +65,7 @@ def matrix(name: str, value: Any, rows: int | None, columns: int | None) -> sp.c
     """
     sizes = ["any" if size is None else str(size) for size in (rows, columns)]
     expected = f"a matrix of {sizes[0]} rows and {sizes[1]} columns with finite numbers, sparse or dense"
-    if not sp.issparse(value) and np.ndim(value) != 2:
+    if not sp.issparse(value) and array(name, value, complex, expected).ndim != 2:
         raise refuse(name, expected, _shown(value))
     try:
         found = sp.csc_array(value)

@@ -198,22 +198,22 @@ class Study:
         DataError
             Where shapes do not fit the responses, lines are not ascending or none lies in the band, or coherence is not between 0 and 1.
         """
-        lines, H = given.lines(hz), np.asarray(values)
+        lines, H = given.lines(hz), given.array("values", values, complex, "FRFs")
         expected = (lines.size, len(self.responses))
-        if H.shape != expected or not np.issubdtype(H.dtype, np.number) or np.any(np.diff(lines) <= 0) or lines[0] < 0.0:
+        if H.shape != expected or not lines.size or np.any(np.diff(lines) <= 0) or lines[0] < 0.0:
             raise DataError("these arrays are no measurement", expected=f"ascending lines and FRFs of shape {expected}", found=f"{H.shape}")
         band = self.inputs.campaign.reduction.band
         inside = (lines >= band[0] * (1 - 1e-9)) & (lines <= band[1] * (1 + 1e-9))
         if not inside.any():
             lie = f"lines from {lines[0]:g} to {lines[-1]:g} Hz"
             raise DataError("no line lies in the band", expected=f"lines from {band[0]:g} to {band[1]:g} Hz", found=lie)
-        known = np.full(expected, np.nan) if coherence is None else np.asarray(coherence, dtype=float)
+        known = np.full(expected, np.nan) if coherence is None else given.array("coherence", coherence, float, "numbers from 0 to 1")
         if known.shape != expected or np.any((known < 0.0) | (known > 1.0 + 1e-6)):
             raise DataError(
                 "this is no coherence", expected=f"numbers from 0 to 1, NaN where unknown, of shape {expected}", found=known.shape
             )
         outside = int((lines < band[0] * (1 - 1e-9)).sum()), int((lines > band[1] * (1 + 1e-9)).sum())
-        lines, H, known = lines[inside], H[inside].astype(complex), known[inside]
+        lines, H, known = lines[inside], H[inside], known[inside]
         return Measurement(
             frequency_hz=lines,
             values=H,

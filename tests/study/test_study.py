@@ -237,6 +237,7 @@ CHAIN = np.diag(np.full(12, 2e6)) - 1e6 * (np.eye(12, k=1) + np.eye(12, k=-1))
         ("K", CHAIN[0]),
         ("K", "K.mtx"),
         ("K", CHAIN[:, :-1]),
+        ("K", [[1.0, 2.0], [1.0]]),
         ("K", np.where(np.eye(12) > 0, np.nan, CHAIN)),
         ("M", np.eye(11)),
         ("C", np.eye(11)),
@@ -273,7 +274,7 @@ def test_a_model_that_misses_its_tolerance_is_returned_only_where_it_is_accepted
 def test_values_that_are_none_are_no_clamp(study: Study) -> None:
     unit = np.eye(12)
     chain = lrbc_cli.reduce(CHAIN, unit, loads=unit[:, :1], outputs=unit[[9]], terms=unit[:, [5, 11]], band_hz=(5.0, 200.0))
-    for wrong in (np.nan, [np.nan, 1.0], [1.0], [[1.0, 1.0]], "1", None):
+    for wrong in (np.nan, [np.nan, 1.0], [1.0], [[1.0, 1.0]], [[1.0], [1.0, 2.0]], [1j, 1.0], "1", None):
         with pytest.raises(ConfigError, match="the argument values"):
             chain.frf([50.0], wrong)
     for wrong in ([4.0], np.inf, [4.0, np.nan]):
@@ -293,6 +294,10 @@ def test_arguments_of_a_study_are_refused(study: Study) -> None:
         study.measurement(-HZ[::-1], values)
     with pytest.raises(ConfigError, match="the argument hz"):
         study.measurement(np.where(HZ > 100.0, np.nan, HZ), values)
+    with pytest.raises(DataError, match="no measurement"):
+        study.measurement([], np.ones((0, 4)))
+    with pytest.raises(ConfigError, match="the argument values"):
+        study.measurement(HZ, [[1.0], [1.0, 2.0]])
     with pytest.raises(DataError, match="no line lies in the band"):
         study.measurement(HZ + 1e4, values)
     for coherence in (np.full(values.shape, 2.0), np.ones(HZ.size - 1)):

@@ -82,11 +82,12 @@ def require_reach(model: FeModel, responses: list[str], excitations: list[str], 
 
 def _coupled(model: FeModel) -> bool:
     """Whether an entry of the matrices or a term couples structure and air."""
-    for matrix in (model.K, model.M, model.C, model.terms.left @ model.terms.right.T):
-        entries = matrix.tocoo()
-        if np.any(entries.data[model.is_acoustic[entries.row] != model.is_acoustic[entries.col]]):
-            return True
-    return False
+    air = model.is_acoustic
+    entries = [matrix.tocoo() for matrix in (model.K, model.M, model.C)]
+    # A term joins all that its two vectors hold.
+    ends = abs(model.terms.left) + abs(model.terms.right)
+    joined = (ends.T @ air.astype(float) > 0) & (ends.T @ (~air).astype(float) > 0)
+    return bool(joined.any()) or any(np.any(each.data[air[each.row] != air[each.col]]) for each in entries)
 
 
 def require_frequencies(model: FeModel, campaign: Campaign, dofs: DofTable | None) -> None:
