@@ -8,10 +8,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Complexes, Floats
 from lrbc_cli.campaign.identification.compared.likeness import CLEARLY, MOST_LEFT, levels, spread
-from lrbc_cli.campaign.identification.records import Measurement, unlike
-
-#: What a file is told that ends early.
-INCOMPLETE = "is the file complete?"
+from lrbc_cli.campaign.identification.records import MIN_BAND, Measurement, unlike
 
 #: Rates of 44.1 to 51.2 kHz are taken for one another.
 RATES = 1.25
@@ -53,9 +50,9 @@ def other_lines(reference: str | None, measurements: Mapping[str, Measurement]) 
 
 
 def _cut(own: Measurement, other: Measurement) -> bool:
-    """Whether a measurement ends early and has the lines of another up to there: its file is told to be incomplete already."""
-    size, incomplete = own.frequency_hz.size, any(INCOMPLETE in text for text in own.warnings)
-    return incomplete and size < other.frequency_hz.size and np.allclose(own.frequency_hz, other.frequency_hz[:size], rtol=1e-6)
+    """Whether a measurement ends early and has the lines of another up to there: that its file is incomplete is told already."""
+    size = own.frequency_hz.size
+    return size < MIN_BAND * other.frequency_hz.size and np.allclose(own.frequency_hz, other.frequency_hz[:size], rtol=1e-6)
 
 
 def _lacking(own: Measurement, other: Measurement) -> str:
