@@ -17,11 +17,9 @@ from lrbc_cli.campaign.identification.records import Measurement, read_measureme
 from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
-from lrbc_cli.campaign.looking.first_look import first_look
-from lrbc_cli.campaign.looking.rescaled import RESCALED
+from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor
-from lrbc_cli.campaign.reading.places import NO_STRUCTURE
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
@@ -229,12 +227,11 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
     out.warnings += [*_phaseless(inputs, readable), *_other_chains(inputs, readable)]
-    warnings, note = _looks(inputs, folder, readable)
-    # What measurements show is surer than what the mesh lets guess.
-    if any(RESCALED in text for text in warnings):
-        out.warnings = [text for text in out.warnings if NO_STRUCTURE not in text]
-    out.warnings += warnings
-    lines += [note] if note else []
+    look = _looks(inputs, folder, readable)
+    if look.rescaled and inputs.units_doubt in out.warnings:
+        out.warnings.remove(inputs.units_doubt)
+    out.warnings += look.warnings
+    lines += [look.note] if look.note else []
     try:
         out.jobs = [p for p in plan(inputs, parts, choose_jobs(inputs.campaign, ())) if p.name in readable]
     except OSError:
@@ -243,7 +240,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     return lines
 
 
-def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> tuple[list[str], str]:
+def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> FirstLook:
     """What measurements beside the model show; over a piece of the file without resonances errors of the model look like gains."""
     tight = readable.get(inputs.campaign.update.reference or "")
     if (
@@ -251,7 +248,7 @@ def _looks(inputs: Inputs, folder: Path, readable: dict[str, Measurement]) -> tu
         and sum(tight.left_out) > tight.frequency_hz.size
         and few_resonances(tight.frequency_hz, tight.values[:, inputs.used]) is not None
     ):
-        return [], "measured and computed FRFs are compared where the band holds more resonances"
+        return FirstLook(note="measured and computed FRFs are compared where the band holds more resonances")
     return first_look(inputs, folder, readable)
 
 

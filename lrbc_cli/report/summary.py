@@ -74,7 +74,7 @@ def _verdicts(job: JobRecord) -> str:
     likely = [bolt.name for bolt in job.bolts if bolt.verdict == "undecided" and (bolt.probability_loose or 0.0) > 0.5]
     notes += [f"probably {_short(likely, 4)}"] if likely else []
     rest = len(undecided) - len(likely)
-    notes += [f"{rest} {'others ' if likely else ''}inconclusive"] if rest else []
+    notes += [f"{rest} {('others ' if rest > 1 else 'other ') if likely else ''}inconclusive"] if rest else []
     return (_short(job.names("loose")) or "none found") + (f" ({'; '.join(notes)})" if notes else "")
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ from lrbc_cli.campaign.looking.held import held_text
 from lrbc_cli.campaign.looking.moved import Seen, hammer_text, hammers_text, sensor_text, unmoved_text
 from lrbc_cli.campaign.looking.rescaled import overdamped_text, rescaled_text, softness_text
 from lrbc_cli.campaign.looking.tables import other_tables
+from lrbc_cli.campaign.looking.tightness import UNLIKE, looser, not_tight, taken_as_tight
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import misread
 from lrbc_cli.campaign.reduced import cache
@@ -46,9 +48,6 @@ from lrbc_cli.updating.comparison.scale import LEAST_LINES, POWERS
 #: Lines of a job that are looked at.
 LINES = 200
 
-#: From so much on, in the median over the responses used, the tight state is no model's with small errors [dB].
-UNLIKE = 6.0
-
 #: Down to here no loosened bolts have to be found that explain a measurement [dB].
 NEAR = 2.0
 
@@ -62,8 +61,23 @@ COARSE = 3e-2
 #: States of the model that a measurement is compared with, and how many of the nearest with all sensors in each other's place.
 MOST_STATES, NEAREST = 150, 4
 
-#: What stands before the causes of a tight state that is no model's.
-_CAUSES = ", constants taken out: "
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What measurements beside the model show.
+
+    Attributes
+    ----------
+    warnings : tuple of str
+    note : str
+        Why nothing was compared; empty where it was.
+    rescaled : bool
+        Whether the measurements name a matrix that is off by a factor: surer than what the mesh lets guess.
+    """
+
+    warnings: tuple[str, ...] = ()
+    note: str = ""
+    rescaled: bool = False
 
 
 @dataclass
@@ -75,7 +89,7 @@ class _Looking(FrfSource):
         return self.stage.reduction.model.ports(s)
 
 
-def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurement]) -> tuple[list[str], str]:
+def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurement]) -> FirstLook:
     """Warnings of what is the same at all lines between measurement and model, and a note where they were not compared.
 
     Parameters
@@ -88,17 +102,19 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
     """
     try:
         if misread(inputs.campaign, inputs.model, inputs.groups, inputs.dofs):
-            return [], "measured and computed FRFs are compared once what is warned of model and parameters is corrected"
+            return FirstLook(note="measured and computed FRFs are compared once what is warned of model and parameters is corrected")
         source = _source(inputs, folder)
         if source is None:
-            return [], "measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
+            return FirstLook(
+                note="measured and computed FRFs are compared once `lrbc reduce` has been run: units, signs, exchanged sensors"
+            )
         reference = inputs.campaign.update.reference
         low, high = inputs.campaign.reduction.band
         whole = [name for name, found in measurements.items() if np.ptp(found.frequency_hz) > LEAST_BAND * (high - low)]
         order = sorted(whole, key=lambda name: name != reference)
         # A matrix without what is subtracted from it is none to compare with.
         if lacking := _lacking(inputs, source):
-            return lacking, ""
+            return FirstLook(tuple(lacking))
         told: dict[str, dict[tuple[object, ...], str]] = {}
         for name in order:
             # With another damping than it has, the model is none to compare with.
@@ -106,14 +122,10 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
                 break
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
-            told[name] = _looked_at(inputs, source, measurements[name], name, tight)
-        if ("unlike",) in told.get(reference or "", {}) and reference is not None:
-            head, causes = told[reference]["unlike",].split(_CAUSES, 1)
-            looser = _tighter(inputs, source, {name: measurements[name] for name in order}, reference)
-            told[reference]["unlike",] = f"{head}{_CAUSES}{looser}{causes}"
-        return _told(told), ""
+            told[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
+        return FirstLook(tuple(_told(told)), rescaled=("rescaled",) in told.get(reference or "", {}))
     except LrbcError as error:
-        return [], f"measured and computed FRFs were not compared: {error.problem}"
+        return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
 
 def _tighter(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], reference: str) -> str:
@@ -167,9 +179,13 @@ def _lacking(inputs: Inputs, source: FrfSource) -> list[str]:
 
 
 def _looked_at(
-    inputs: Inputs, source: FrfSource, measurement: Measurement, name: str, tight: Measurement | None = None
+    inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measurement], name: str, tight: Measurement | None = None
 ) -> dict[tuple[object, ...], str]:
-    """What is found of one job, each under what tells whether another job has it, too; beside the model, and the reference job if given."""
+    """What is found of one of the jobs, each under what tells whether another job has it, too.
+
+    Beside the model, and the reference job if given.
+    """
+    measurement = measurements[name]
     lines, few = _looked(measurement), _few(measurement)
     s = 2j * np.pi * few.frequency_hz
     parameters, _ = parameterise(inputs, source, s)
@@ -187,33 +203,22 @@ def _looked_at(
             return {("damping",): text}
     if reading is not None:
         return {("read",): reading.text}
-    if beside and name in _taken_as_tight(inputs):
+    if beside and name in taken_as_tight(inputs):
         # What the model lacks in the reference job it lacks in another tight one, too.
         own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
-        if loose := _not_tight(inputs, name, own, states, loosened, parameters):
+        if loose := not_tight(inputs, name, own, states, loosened, parameters):
             return {("freed",): loose}
     if hammers := hammers_text(inputs, few.values, states, name) or unmoved_text(inputs, few.values, states[0]):
         return {("hammers",): hammers}
     if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
         return {("strike",): strike}
     near = [*_nearest(few, states), *(state[0] for state in beside), *([] if fitted is None else [fitted])]
-    told: dict[tuple[object, ...], str] = {}
-    exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
-    offsets = factors_of(inputs, few, near)
-    involved = {i for cycle in exchanges for i in cycle}
-    offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
-    # A power of the frequency, a delay and the other convention turn phases, too.
-    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
-        opposite = turned(few.values, states)
-        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
-    told |= offset_texts(inputs, offsets, name)
-    for cycle in exchanges:
-        told["exchanged", cycle] = exchanged_text(inputs, cycle, name)
+    told = _channels(inputs, few, states, near, name)
     if not told and (how := sideways(few.values, states)):
         return {("sideways", how): sideways_text(inputs, how, name)}
     if not told and name == inputs.campaign.update.reference:
         told |= other_tables(inputs, source, few.values, s, states[0], parameters) or _unlike(
-            inputs, few.values, s, states, loosened, parameters
+            inputs, few.values, s, states, loosened, parameters, partial(_tighter, inputs, source, measurements, name)
         )
         if ("unlike",) in told and (text := stretched_text(measurement, few.frequency_hz, states[0])):
             told = {("stretched",): text}
@@ -226,6 +231,20 @@ def _looked_at(
         if not told and fitted is not None:
             told |= _foreign(few.values, states, beside[0][0])
     return told
+
+
+def _channels(inputs: Inputs, few: Measurement, states: Complexes, near: list[Complexes], name: str) -> dict[tuple[object, ...], str]:
+    """Channels in each other's place, and factors and phases of the others; beside (S, F, R) states and the nearest of them."""
+    exchanges = exchanged(inputs, few.values, _nearest(few, states, NEAREST))
+    offsets = factors_of(inputs, few, near)
+    involved = {i for cycle in exchanges for i in cycle}
+    offsets = tuple(replace(o, named=o.named and trusted(o, offsets)) for o in offsets if o.response not in involved)
+    # A power of the frequency, a delay and the other convention turn phases, too.
+    if not any(o.power or o.delay or o.conjugate or o.reversed for o in offsets):
+        opposite = turned(few.values, states)
+        offsets = tuple(replace(o, reversed=o.response in opposite) for o in offsets)
+    told = offset_texts(inputs, offsets, name)
+    return told | {("exchanged", cycle): exchanged_text(inputs, cycle, name) for cycle in exchanges}
 
 
 def _fitted(
@@ -286,33 +305,6 @@ def _placed(seen: Seen, states: Complexes, told: dict[tuple[object, ...], str]) 
     return {key: text + (sensor_text(seen, int(str(key[1]))) if key[0] == "alone" else "") for key, text in told.items()}
 
 
-def _taken_as_tight(inputs: Inputs) -> set[str]:
-    """Jobs other than the reference job in which all bolts are taken as tight."""
-    campaign = inputs.campaign
-    return {*campaign.update.baselines, *([campaign.calibration.job] if campaign.calibration is not None else [])}
-
-
-def _not_tight(inputs: Inputs, name: str, own: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation) -> str:
-    """What to say of a job that is taken as tight and lies far from the reference job, by the keys that take it so; empty where it is near.
-
-    Tight states put together anew lie nearer to each other than models and measurements do, whatever it is that is another there.
-    """
-    before = float(np.median(apart(own, states[0])))
-    freed = _looser(inputs, own, states, loosened, parameters, before) if before > LEAST_DIFFERENCE else ""
-    if not freed and before <= UNLIKE:
-        return ""
-    campaign, fixes = inputs.campaign, list[str]()
-    if name in campaign.update.baselines:
-        fixes.append("take it out of update.baselines")
-    if campaign.calibration is not None and campaign.calibration.job == name:
-        fixes.append("name a tight job under calibration.job")
-    fix = " and ".join(fixes)
-    return (
-        f"it is taken as tight, but lies {before:.1f} dB from {campaign.update.reference}{freed or ': was all tight there?'} "
-        f"{fix[:1].upper()}{fix[1:]}, or measure it again"
-    )
-
-
 def _beside(measurement: Measurement, tight: Measurement | None, lines: Integers, model: Complexes) -> list[Complexes]:
     """(1, F, R) measured tight state, where it has the same lines: nearer than the model, by the model discrepancy.
 
@@ -363,9 +355,18 @@ def _nearest(measurement: Measurement, states: Complexes, most: int = 1) -> list
 
 
 def _unlike(
-    inputs: Inputs, measured: Complexes, s: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation
+    inputs: Inputs,
+    measured: Complexes,
+    s: Complexes,
+    states: Complexes,
+    loosened: list[Integers],
+    parameters: Parameterisation,
+    tighter: Callable[[], str],
 ) -> dict[tuple[object, ...], str]:
-    """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame."""
+    """What is said of a tight state that is not explained, though no factor and no sensor in another's place is to blame.
+
+    ``tighter`` tells which other jobs are nearer to the tight model.
+    """
     model = states[0]
     every = apart(measured, model)
     own = every[inputs.used]
@@ -380,30 +381,13 @@ def _unlike(
             "check the mass sum (units of the model), damping, start values, places and directions of hammer and sensors (lrbc check "
             f"--picture); errors of some per cent are what `lrbc calibrate` is for{softness_text(measured, model)}"
         )
-        if looser := _looser(inputs, measured, states, loosened, parameters, typical):
-            causes = f"it is the reference job{looser} Name a tight job under update.reference, or measure it again; else {causes}"
+        if free := looser(inputs, measured, states, loosened, parameters, typical):
+            causes = f"it is the reference job{free} Name a tight job under update.reference, or measure it again; else {causes}"
         told["unlike",] = (
             f"measured and computed FRFs have little in common, it seems: {min(own):.1f} to {max(own):.1f} dB apart at the start "
-            f"values{_CAUSES}{causes}"
+            f"values, constants taken out: {tighter()}{causes}"
         )
     return told | _alone(inputs, every, "the model")
-
-
-def _looser(
-    inputs: Inputs, measured: Complexes, states: Complexes, loosened: list[Integers], parameters: Parameterisation, typical: float
-) -> str:
-    """What the tight state looks like where some values are free, in a clause; empty where that is not clearly nearer."""
-    distances = np.median(apart(measured, states[: len(loosened)]), axis=1)
-    best = int(np.argmin(distances))
-    if distances[best] > CLEARLY * typical or not loosened[best].size:
-        return ""
-    for group, where, _ in parameters.placed:
-        if where.start <= loosened[best][0] < where.stop:
-            at = loosened[best] - where.start
-            owners = [] if group.bolt is None or inputs.bolts is None else [inputs.bolts.name[b] for b in group.bolt[at] if b >= 0]
-            named = ", ".join(dict.fromkeys(owners)) or f"values {at[0] + 1} to {at[-1] + 1} of parameters.{group.name}"
-            return f". With {named} free they are {distances[best]:.1f} dB apart: was all tight there?"
-    return ""
 
 
 def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> dict[tuple[object, ...], str]:

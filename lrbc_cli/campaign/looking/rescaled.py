@@ -32,9 +32,6 @@ MORE = 1.6
 #: A resonance stands out of the mean level by so much [dB].
 PROMINENCE = 3.0
 
-#: What stands behind a matrix that is found to be off.
-RESCALED = "; measured and computed FRFs are"
-
 #: Lines that are compared, and predicted operations up to which another factor is tried: half a minute.
 LINES, MOST_WORK = 12, 2e12
 
@@ -87,7 +84,7 @@ def rescaled_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: C
         if matrix == "mass" and near and abs(np.log10(factor / gravity)) < 0.01:
             left, matrix, size, factor = near[0]
     text = mistake_text(inputs.campaign.model, matrix, size, inputs.campaign.path.parent)
-    return f"{text}{RESCALED} {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
+    return f"{text}; measured and computed FRFs are {left:.1f} dB apart then, constants taken out, {before:.1f} dB as it is"
 
 
 def overdamped_text(inputs: Inputs, s: Complexes, measured: Complexes, computed: Complexes, dynamic: Complexes, most: float) -> str | None:

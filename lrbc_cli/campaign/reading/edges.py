@@ -10,6 +10,7 @@ import numpy as np
 
 from lrbc_cli.arrays import Floats, Integers
 from lrbc_cli.campaign.reading.groups import TermGroup
+from lrbc_cli.campaign.reading.model_doubts import require_known_bolts
 from lrbc_cli.config import Campaign
 from lrbc_cli.method.resolve import Facts, resolve
 from lrbc_cli.model.dofs import PointTable
@@ -23,8 +24,9 @@ def by_edges(campaign: Campaign, groups: Sequence[TermGroup], bolts: PointTable 
     ------
     ConfigError
         Where values are tied to neighbours that lie on no line, or terms whose order the campaign states do not lie along one edge, and
-        smoothing, differences along the edge, or the hat of a bolt reach across a jump.
+        smoothing, differences along the edge, or the hat of a bolt reach across a jump; a removed bolt that is not known.
     """
+    require_known_bolts(campaign, bolts)
     found, notes, doubts = list[TermGroup](), list[str](), list[str]()
     if resolve(campaign.update, Facts(campaign.update.reference is not None, bolts is not None)).approach == "bolts":
         _require_own_weight(campaign)

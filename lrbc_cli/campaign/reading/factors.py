@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -50,8 +50,10 @@ class CalibrationUse:
     boundary: Mapping[str, Boundary] = field(default_factory=dict)
 
 
-def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> dict[str, dict[str, sp.csc_array]]:
-    """Matrices of the further groups of the calibration.
+def factor_groups(
+    reader: ModelReader, operators: dict[str, sp.csc_array], lossy: Callable[[sp.csc_array], sp.csc_array]
+) -> dict[str, dict[str, sp.csc_array]]:
+    """Matrices of the further groups of the calibration; ``lossy`` gives stiffness its loss factor.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def factor_groups(reader: ModelReader, operators: dict[str, sp.csc_array]) -> di
                     hint="export the group from the same model; the model's matrix has to contain it once",
                 )
             _weigh_share(reader, ref, name, operator, matrix, whole)
-            found[name][operator] = matrix
+            found[name][operator] = lossy(matrix) if operator == "stiffness" else matrix
     return found
 
 

@@ -16,6 +16,7 @@ from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.protect import require_inputs_apart
 from lrbc_cli.campaign.reading.dof_source import added_nodes, numbering, order_doubt
 from lrbc_cli.campaign.reading.doubts.rigid import digits_doubt, rigid_doubts
+from lrbc_cli.campaign.reading.doubts.settings import guesses
 from lrbc_cli.campaign.reading.drift import check_drift, load_shift
 from lrbc_cli.campaign.reading.edges import by_edges
 from lrbc_cli.campaign.reading.factors import (
@@ -32,7 +33,6 @@ from lrbc_cli.campaign.reading.model_doubts import (
     doubts,
     fixed_dofs,
     require_apart,
-    require_known_bolts,
     require_mass,
     require_roles,
     slips,
@@ -107,6 +107,8 @@ class Inputs:
     notes : tuple of str
         What ``lrbc check`` prints about the files.
     warnings : tuple of str
+    units_doubt : str or None
+        That of the warnings which only the mesh lets guess.
     hashes : dict
         SHA-256 of every file that was read, by its absolute path.
     recipe : Recipe
@@ -133,6 +135,7 @@ class Inputs:
     warnings: tuple[str, ...]
     hashes: dict[str, str] = field(repr=False)
     recipe: Recipe = field(repr=False)
+    units_doubt: str | None = None
     shifts: NDArray[np.int64] | None = None
     calibration: CalibrationUse | None = None
     read_with: str = ""
@@ -175,6 +178,7 @@ class Inputs:
 class _Reader(GroupReader):
     """Parts of the model, each from its section of the campaign file."""
 
+    units_doubt: str | None = None
     shifts: NDArray[np.int64] | None = None
 
     def loads(self) -> tuple[sp.csc_array, list[Point]]:
@@ -303,13 +307,11 @@ def read_as_exported(campaign: Campaign) -> Inputs:
     (B, points), (L, responses), (found, terms) = loads, outputs, carried
     output_power = np.array([QUANTITIES[r.quantity] for r in responses], dtype=np.int64)
     bolts, groups = reader.owned(found)
-    require_known_bolts(campaign, bolts)
     groups, along, no_lines = by_edges(campaign, groups, bolts)
     reader.notes += along
     reader.warn(*no_lines, *left_behind(K, campaign))
-    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M})
     lossy = partial(with_loss, campaign, acoustic)
-    extras = {name: {key: lossy(A) if key == "stiffness" else A for key, A in group.items()} for name, group in extras.items()}
+    extras = factor_groups(reader, {"stiffness": K, "damping": C, "mass": M}, lossy)
     model = FeModel(K=lossy(K), C=C, M=M, B=B, L=L, output_power=output_power, is_acoustic=acoustic, terms=terms, extras=extras)
     reader.warn(*doubts(model), *slips(campaign, model, [(r.name, r.input) for r in responses], groups, bolts, reader.dofs))
     check_drift(campaign, bool(acoustic.any()))
@@ -325,22 +327,12 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         groups=tuple(groups),
         bolts=bolts,
         notes=tuple(reader.notes),
-        warnings=(*_guesses(campaign), *reader.warnings),
+        warnings=(*guesses(campaign), *reader.warnings),
         hashes=reader.hashes,
         recipe=recipe_of(campaign, model),
+        units_doubt=reader.units_doubt,
         shifts=reader.shifts,
     )
-
-
-def _guesses(campaign: Campaign) -> list[str]:
-    """What a person has not confirmed yet."""
-    update = campaign.update
-    if update.reference is None or not update.reference_guessed:
-        return []
-    return [
-        f"{campaign.place('update', 'reference')}: {update.reference} was guessed from names by `lrbc init --from`; if all bolts were "
-        "tight there, remove `reference_guessed`, else name another job"
-    ]
 
 
 def _bolts_and_terms(reader: _Reader) -> tuple[list[Terms], LowRankTerms]:
@@ -410,11 +402,11 @@ def _stiffness_and_mass(reader: _Reader) -> tuple[sp.csc_array, sp.csc_array, ND
         reader.leave_out(fixed)
         K, M, acoustic = (K[:, ~fixed][~fixed], M[:, ~fixed][~fixed], acoustic[~fixed])
     if reader.dofs is not None and source.dofs is not None:
-        units = require_metres(K, M, reader.dofs, reader.campaign)
+        reader.units_doubt = require_metres(K, M, reader.dofs, reader.campaign)
         order = order_doubt(K, reader.dofs, source.dofs)
         reader.disordered = order is not None
         fewer = digits_doubt(K, first.matrix.data, reader.dofs.component)
-        reader.warn(*(text for text in (units, order, fewer, *([] if order else rigid_doubts(K, reader.dofs))) if text))
+        reader.warn(*(text for text in (reader.units_doubt, order, fewer, *([] if order else rigid_doubts(K, reader.dofs))) if text))
         reader.notes.append(f"DOF table: {extents(reader.dofs.xyz)}")
     return K, M, acoustic
 

@@ -58,9 +58,6 @@ MOST_OFF = 1.8
 #: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
 ALIKE = 0.7
 
-#: What is said of a density that is not possible.
-NO_STRUCTURE = "which no structure has"
-
 #: What a matrix is then taken for: too large by the factor.
 _CAUSES = {
     ("mass", 1e12): "density in kg/m³ where the units want t/mm³",
@@ -319,7 +316,7 @@ def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: C
     found = _speed_and_density(K, M, dofs, translations)
     if found is None or LIGHTEST < found[1] < HEAVIEST or (cause := likely_mistake(campaign, dofs, *found[:2])) is None:
         return None
-    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, {NO_STRUCTURE}; likely {cause}"
+    return f"nodes {found[2]:.3g} m apart have {found[1]:.1g} kg per cube of that length, which no structure has; likely {cause}"
 
 
 def frequencies_doubt(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:

@@ -79,6 +79,8 @@ class ModelReader:
         self.scaling: Scaling | None = None
         self.notes: list[str] = []
         self.warnings: list[str] = []
+        #: That of the warnings which only the mesh lets guess.
+        self.units_doubt: str | None = None
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
         self.bolts: PointTable | None = None

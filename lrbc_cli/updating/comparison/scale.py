@@ -67,12 +67,15 @@ class Known:
         What the FRFs then are in, in place of SI; None where it is no unit.
     of_model : bool
         Whether the mistake is the model's.
+    of_force : bool
+        Whether it is a unit of the force alone, which all responses share.
     """
 
     db: float
     cause: str
     unit: str | None = None
     of_model: bool = False
+    of_force: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +145,7 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
     for (name, size), (force, per) in product(responses, forces[:2]):
         found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
     own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
-    found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}") for force, per in forces[1:]]
+    found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}", of_force=True) for force, per in forces[1:]]
     model = "a model in MPa" if quantity == "pressure" else "a model in mm"
     found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True))
     for factor, cause in (

@@ -110,7 +110,7 @@ def _factor_text(inputs: Inputs, common: Common, count: int, job: str) -> tuple[
         [LEAST_REACH, *(abs(offset.db - k.db) for k in offset.known if k.cause)]
     ):
         own = f"jobs.{job}.scale: {_factors(inputs, common.responses, 10.0 ** (-tenfold / 20.0))}"
-        others = [cause for cause in causes if not cause.startswith("FRFs per")]
+        others = [known.cause for known in offset.known if known.cause and not known.of_force]
         return text, f"{likely} {' or '.join(['a sensitivity or a range ten times off', *others])}: {own}"
     if not causes:
         return text, f"{likely} a sensitivity, a gain or a unit that is not known here: check it, then {own}"

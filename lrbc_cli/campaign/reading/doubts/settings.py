@@ -104,3 +104,14 @@ def _ranges(campaign: Campaign) -> Iterator[str]:
                 f"parameters.{name}.bounds: from the start value {level:g} no bolt can fall below {low:g}, and it counts as loose from a "
                 f"change of {change:g} decades on: write a lower bound of {level - 3.0:g} or less, a thousandth of the stiffness"
             )
+
+
+def guesses(campaign: Campaign) -> list[str]:
+    """What a person has not confirmed yet."""
+    update = campaign.update
+    if update.reference is None or not update.reference_guessed:
+        return []
+    return [
+        f"{campaign.place('update', 'reference')}: {update.reference} was guessed from names by `lrbc init --from`; if all bolts were "
+        "tight there, remove `reference_guessed`, else name another job"
+    ]

@@ -96,7 +96,7 @@ def second_blow(frequency_hz: Floats, own: Complexes, tight: Complexes, referenc
         return None
     job, other = ("this job", reference) if sign > 0.0 else (reference, "this job")
     return (
-        f"the levels of all responses rise and fall every {1.0 / delay:.3g} Hz beside those of {reference}, which bolts do not do: as if "
+        f"the levels of all responses rise and fall every {1.0 / delay:.3g} Hz beside those of {reference}. No bolt does that: as if "
         f"in {job} the hammer had hit a second time, {1e3 * delay:.3g} ms later and {size:.0%} as hard, and a window had cut that blow "
         f"from the force; expected: one blow in each record, as in {other}. Look at the force over time, and measure {job} again"
     )

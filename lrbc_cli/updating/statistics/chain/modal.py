@@ -238,9 +238,9 @@ def _clock(own: Floats, tight: Floats, reference: str, rule: ModalRule, least: f
         return None
     return (
         f"{upper.size} of the {own.size} modes that can be compared lie {abs(typical):.2%} {'higher' if typical > 0 else 'lower'} than in "
-        f"{reference}, by one share, which bolts do not do, they move each mode by another: is the sampling rate, or the clock of the "
-        "front end, another one in one of the two, or is the structure much warmer or colder? Set it as in "
-        f"{reference} and measure again; where the file alone is wrong, divide its frequencies by {1.0 + typical:.5g}"
+        f"{reference}, all by the same percentage; a loosened bolt lowers some modes more than others. Was the sampling rate or the clock "
+        "of the front end another one in one of the two jobs, or is the structure much warmer or colder? Set it as in "
+        f"{reference} and measure again; where only the file is wrong, divide its frequencies by {1.0 + typical:.5g}"
     )
 
 
@@ -259,6 +259,6 @@ def _filter(own: FittedModes, tight: FittedModes, reference: str, names: list[st
     if not found or 2 * len(found) > len(names):
         return None
     return (
-        f"phases are turned against those of the other responses at all modes, {', '.join(found)}, which bolts do not do: was a filter, AC "
-        f"coupling or an integration set for this channel that is not that of {reference}? Measure again with the same settings"
+        f"phases are turned against those of the other responses at all modes, {', '.join(found)}. No bolt does that: was this channel "
+        f"measured with another filter, AC coupling or integration than in {reference}? Measure again with the same settings"
     )
