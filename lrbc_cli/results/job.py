@@ -105,8 +105,8 @@ class MisfitRecord(Record):
 class Bolt(Record):
     """What was found at one bolt; ``removed`` is what is known about it, null where nothing is.
 
-    ``change``, its ``change_std`` and the ``threshold`` at which a bolt counts as loose are in decades. A bolt outside, which no term
-    reaches, has none of these numbers.
+    ``change``, its ``change_std``, its 95 % limits ``change_interval95`` (null to the side where they are open) and the ``threshold`` at
+    which a bolt counts as loose are in decades. A bolt outside, which no term reaches, has none of these numbers.
     """
 
     name: str
@@ -114,6 +114,7 @@ class Bolt(Record):
     log10_stiffness: float | None = None
     change: float | None = None
     change_std: float | None = None
+    change_interval95: Range | None = None
     threshold: float | None = None
     probability_loose: Share | None = None
     probability_changed: Share | None = None

@@ -60,6 +60,25 @@ def test_joints_are_sought_on_the_lines_and_over_smoothed_spectra(folder: Folder
     assert any(not text.endswith("over smoothed spectra") for text in tables)
 
 
+@pytest.mark.parametrize("job", ["ring", "single"])
+def test_changes_have_limits_and_values_no_narrower_ones(folder: Folder, job: str) -> None:
+    found, tight = folder.result(job), folder.result("tight")
+    for bolt in found["bolts"]:
+        (low, high), change, std = bolt["change_interval95"], bolt["change"], bolt["change_std"]
+        assert high == pytest.approx(change + 1.96 * std, abs=1e-3)
+        assert low is None or low <= change - 1.96 * std + 1e-3
+        truth = JOBS[job].get(bolt["name"], 0.0)
+        assert (-9.0 if low is None else low) < truth < high
+        for name, group in found["parameters"].items():
+            before = tight["parameters"][name]["log10_effective"]
+            for k in (k for k, owner in enumerate(group["bolts"]) if owner == bolt["name"]):
+                value, lower, upper = group["log10_effective"][k], group["lower95"][k], group["upper95"][k]
+                # Scatter of tight states is part of a change, and not of a value.
+                assert upper is None or max(value, before[k] + change) < upper
+                assert lower is None or (lower < value and low is not None)
+    assert all((bolt["change_interval95"] is None) == (bolt["change_std"] is None) for bolt in tight["bolts"])
+
+
 def test_values_name_their_bolts(folder: Folder) -> None:
     for group in folder.result("single")["parameters"].values():
         assert group["bolts"] == list(BOLTS)

@@ -148,6 +148,15 @@ def test_processes_draw_the_same(output, monkeypatch):
     assert {file: file.read_bytes() for file in output.rglob("*.png")} == before
 
 
+@pytest.fixture
+def default_handler():
+    """Commands that ran in this process may have left theirs."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("default_handler")
 def test_an_interruption_waits_until_the_processes_have_begun():
     """One that loses its parent before it has read what it is to do prints a traceback."""
     done = []

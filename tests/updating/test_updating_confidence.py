@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from linear import line_group
 
 from lrbc_cli.model.terms import smoothing_matrix
-from lrbc_cli.updating.posterior.confidence import CHI2_95, band, open_sides
+from lrbc_cli.updating.posterior.confidence import CHI2_95, NORMAL_95, band, beyond_errors, open_sides
 
 NEVER = (np.zeros(7, dtype=bool), np.zeros(7, dtype=bool))
 
@@ -64,3 +65,32 @@ class TestOpenSides:
         patch = np.array([[1.0], [1.0], [0.0]])
         _, up = open_sides(self.data, self.truth, patch, self.bounds, 1.0)
         assert not up[0]
+
+
+class TestBeyondErrors:
+    """Of what FRFs tell of a joint where its predicted effect is wrong by a share."""
+
+    steps = np.linspace(0.0, -4.0, 401)
+
+    def test_where_frfs_move_alike_all_the_way_the_standard_deviation_holds_it(self) -> None:
+        assert beyond_errors(-1.0, self.steps, np.full(401, 3.0), 0.12) == pytest.approx(0.0, abs=1e-6)
+
+    def test_where_they_hardly_move_any_more_it_reaches_far(self) -> None:
+        """``L = 1 - exp(z)``: from -1 on the share of the way there, against the exact inverse."""
+        speeds, share = np.exp(self.steps), 0.12
+        gone = 1.0 - np.exp(-1.0)
+        reach = -np.log(1.0 - (1.0 + NORMAL_95 * share) * gone) - 1.0
+        expected = np.sqrt(reach**2 - (NORMAL_95 * share) ** 2)
+        assert beyond_errors(-1.0, self.steps, speeds, share) == pytest.approx(expected, rel=1e-3)
+        assert expected > 0.4
+
+    def test_a_joint_that_is_free_but_for_the_errors_is_open(self) -> None:
+        assert beyond_errors(-2.0, self.steps, np.exp(self.steps), 0.12) == np.inf
+        assert np.isfinite(beyond_errors(-2.0, self.steps, np.exp(self.steps), 0.01))
+
+    def test_where_they_move_ever_faster_nothing_is_added(self) -> None:
+        """Between two plates the last of the stiffness is felt most."""
+        assert beyond_errors(-1.0, self.steps, np.exp(-self.steps), 0.12) == 0.0
+
+    def test_beyond_its_bound_a_joint_is_free(self) -> None:
+        assert beyond_errors(-5.0, self.steps, np.full(401, 3.0), 0.12) == np.inf

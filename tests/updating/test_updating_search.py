@@ -140,6 +140,24 @@ def test_tables_are_what_full_evaluations_give() -> None:
     np.testing.assert_allclose(frf(several), [misfit.model.frf(theta) for theta in several], rtol=1e-9)
 
 
+def test_speeds_are_the_derivative_of_all_frfs_along_a_joint() -> None:
+    """Solved among its terms alone, by all sensitivities, and as a difference of two states; at a state that clips another value, too."""
+    misfit, _, _, truth = joints({2: -1.0, 7: -0.4})
+    model = misfit.model
+    along = np.zeros((3, truth.size))
+    along[:, 2] = 1.0
+    along[2, 3] = 0.5
+    states = np.tile(truth, (3, 1))
+    states[:, 2] -= [0.0, 1.0, 2.5]
+    states[2, 3] -= 0.3
+    found = model.speeds(truth, states, along)
+    np.testing.assert_allclose(found, dataclasses.replace(model, ports=None).speeds(truth, states, along), rtol=1e-8)
+    step = 1e-5
+    for x, d, speed in zip(states, along, found, strict=True):
+        change = np.log(model.frf(x + step * d) / model.frf(x - step * d)) / (2.0 * step)
+        assert speed == pytest.approx(20.0 / np.log(10.0) * np.linalg.norm(change), rel=1e-5)
+
+
 def test_hops_pass_the_ridge_between_two_valleys() -> None:
     """One value, lines wider apart than the peaks: beside an end in a wrong valley there are places that lead out of it."""
     misfit = sharp_misfit(3.0, beta=1e-6)

@@ -79,6 +79,8 @@ class Identification:
         Where the weight was chosen by it.
     changes : ChangeSamples or None
         Changes at the bolts where their prior is a mixture.
+    beyond : (b,) float array or None
+        How much further those of joints may have loosened, see ``sampling.beyond_of`` [decades].
     warnings : tuple of str
         Those of the notes that a user has to act on.
     reference : ReferenceState or None
@@ -113,6 +115,7 @@ class Identification:
     regularisation: float = 0.0
     l_curve: LCurve | None = None
     changes: ChangeSamples | None = None
+    beyond: Floats | None = None
     warnings: tuple[str, ...] = ()
     reference: ReferenceState | None = field(default=None, repr=False)
     tight: Measurement | None = field(default=None, repr=False)

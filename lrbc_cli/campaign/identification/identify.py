@@ -11,7 +11,7 @@ import numpy as np
 from lrbc_cli.campaign.identification.found import Fit, Identification
 from lrbc_cli.campaign.identification.job import Job
 from lrbc_cli.campaign.identification.records import Measurement, unlike
-from lrbc_cli.campaign.identification.sampling import changes_of, opens_of
+from lrbc_cli.campaign.identification.sampling import beyond_of, changes_of, opens_of
 from lrbc_cli.campaign.identification.unknowns import stored_covariance
 from lrbc_cli.campaign.identification.weights import ratio_of
 from lrbc_cli.campaign.reading.inputs import Inputs
@@ -78,6 +78,7 @@ def _identified(job: Job) -> Identification:
     state = None if fit.relative else stored_covariance(job.parameters, reference)
     ends = other_ends(job.parameters, solution.starts)
     changes = changes_of(inputs, fit.plain, knowledge, solution.evaluation.jacobian, state, job.error, ends)
+    beyond = beyond_of(job.model, fit, changes)
     opens = opens_of(inputs, replace(fit, knowledge=knowledge), job.model.nearby(fit.solution.theta))
     tight, expected = job.of_reference(), None
     if tight is not None and job.against_reference and not unlike(job.measurement.frequency_hz, tight.frequency_hz):
@@ -112,6 +113,7 @@ def _identified(job: Job) -> Identification:
         regularisation=fit.plain.eta,
         l_curve=fit.curve,
         changes=changes,
+        beyond=beyond,
         warnings=tuple(job.warnings),
         reference=reference,
         tight=tight,

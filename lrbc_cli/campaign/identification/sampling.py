@@ -12,7 +12,8 @@ from lrbc_cli.arrays import Bools, Complexes, Floats
 from lrbc_cli.campaign.identification.found import Fit
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.updating.misfit.cost import ChangeError, Misfit
-from lrbc_cli.updating.posterior.confidence import open_values
+from lrbc_cli.updating.misfit.frf import FrfModel
+from lrbc_cli.updating.posterior.confidence import beyond_errors, open_values
 from lrbc_cli.updating.posterior.fit import Posterior
 from lrbc_cli.updating.posterior.mixture import ChangeSamples, MixtureProblem
 from lrbc_cli.updating.posterior.sampling import sample_changes
@@ -112,6 +113,44 @@ def changes_of(
     inverse, rest = np.linalg.pinv(shapes.T), np.zeros(further.shape[1])
     starts = [knowledge.z, *(inverse @ (theta - prior) for theta in ends)]
     return sample_changes(problem, [np.concatenate([z, rest]) for z in starts], inputs.statistics.bolts)
+
+
+def beyond_of(model: FrfModel, fit: Fit, changes: ChangeSamples | None, *, steps: int = 33) -> Floats | None:
+    """How much further each sampled joint may have loosened by the errors of its predicted effect, see ``confidence.beyond_errors``.
+
+    Of joints that rather changed than not, along their common change to where all their values are free; zero of the others.
+
+    Parameters
+    ----------
+    model : FrfModel
+    fit : Fit
+    changes : ChangeSamples or None
+    steps : int
+        Along the way: an eighth of a decade each where bounds lie four apart.
+
+    Returns
+    -------
+    (b,) float array or None
+        [decades]; None without samples.
+    """
+    if changes is None:
+        return None
+    shapes, theta, plain = fit.knowledge.shapes, fit.solution.theta, fit.plain
+    low, found = model.parameters.bounds[:, 0], np.zeros(changes.bolts.size)
+    first = {int(column): b for b, column in reversed(list(enumerate(shapes.bolts)))}
+    for k, column in enumerate(changes.bolts.tolist()):
+        mean = float(changes.mean[k])
+        own = shapes.T[:, column] > 0.0
+        if not shapes.joint[first[column]] or changes.inclusion[k] < 0.5 or mean >= 0.0 or not own.any():
+            continue
+        tight = theta[own] - float(np.mean((theta - plain.prior)[own]))
+        ways = np.linspace(0.0, float((low[own] - tight).min()), steps)
+        states = np.tile(theta, (steps, 1))
+        states[:, own] = np.maximum(tight + ways[:, None], low[own])
+        along = np.zeros_like(states)
+        along[:, own] = states[:, own] > low[own]
+        found[k] = beyond_errors(mean, ways, model.speeds(theta, states, along), plain.errors.shift_error)
+    return found
 
 
 def opens_of(inputs: Inputs, fit: Fit, frf: Callable[[Floats], Complexes]) -> tuple[Bools, Bools]:

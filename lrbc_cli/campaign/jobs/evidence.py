@@ -46,13 +46,30 @@ def effective(group: ParameterGroup, p: Floats) -> Floats:
 
 
 def bands(result: Identification) -> dict[str, Band]:
-    """Confidence of the effective values of every group."""
+    """Confidence of the effective values of every group; of joints no narrower than that of their changes."""
     covariance = result.posterior.boundary
     found = {}
     for group, values, _ in result.parameters.placed:
         opens = (result.opens[0][values], result.opens[1][values])
-        found[group.name] = band(group, result.solution.theta[values], covariance[values, values], opens)
+        own = band(group, result.solution.theta[values], covariance[values, values], opens)
+        found[group.name] = _with_changes(result, group, values, own)
     return found
+
+
+def _with_changes(result: Identification, group: ParameterGroup, values: slice, own: Band) -> Band:
+    """The limits of joints' values, widened to what the changes of their bolts leave: curvature alone does not know errors of the model."""
+    tight = _stored(result.reference, group, "log10_effective")
+    if tight is None or group.bolt is None or result.changes is None:
+        return own
+    lower, upper = own.lower.copy(), own.upper.copy()
+    for bolt in np.unique(group.bolt[group.bolt >= 0]).tolist():
+        at = np.flatnonzero(group.bolt == bolt)
+        if (found := _change(result, bolt, [(group, values, at)], None)) is None:
+            continue
+        low, high = (np.inf if side is None else abs(side - found.mean) for side in found.interval(found.mean, found.std))
+        lower[at] = np.minimum(lower[at], tight[at] + found.mean - low)
+        upper[at] = np.maximum(upper[at], tight[at] + found.mean + high)
+    return replace(own, lower=lower, upper=upper)
 
 
 def evidence_of(inputs: Inputs, result: Identification) -> Evidence:
@@ -245,6 +262,7 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
             mean, std = float(knowledge.z[column]), float(np.hypot(knowledge.std[column], excess))
             return Change(mean=mean + excess, std=float(np.hypot(std, carried(mean, tight_std))), ceiling=ceiling, excess=excess)
         mean, std = float(result.changes.mean[at]), float(np.hypot(result.changes.std[at], excess))
+        beyond = 0.0 if result.beyond is None else float(result.beyond[at])
         std = float(np.hypot(std, carried(mean, tight_std)))
         return Change(
             mean=mean + excess,
@@ -252,6 +270,8 @@ def _change(result: Identification, bolt: int, parts: Sequence[Part], difference
             ceiling=ceiling,
             excess=excess,
             leakage=float(result.changes.smeared[at]),
+            beyond=beyond if np.isfinite(beyond) else 0.0,
+            open_below=not np.isfinite(beyond),
             sampled=SampledChange.of(result.changes, at, tight_std),
         )
     if difference is None:

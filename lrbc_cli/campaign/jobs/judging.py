@@ -133,6 +133,7 @@ def bolt_trees(campaign: Campaign, evidence: Evidence, judgement: Judgement) -> 
             "log10_stiffness": verdict.log10_stiffness,
             "change": verdict.change,
             "change_std": verdict.change_std,
+            "change_interval95": verdict.change_interval95,
             "threshold": verdict.threshold,
             "probability_loose": verdict.probability_loose,
             "probability_changed": bolt.probability_changed,

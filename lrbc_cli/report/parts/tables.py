@@ -169,14 +169,13 @@ def bolt_table(job: JobRecord) -> Markup | None:
         "Verdict": True,
         "Probability of being loose": sure,
         "log10 stiffness": not changes,
-        "Change [decades]": changes,
+        "Change, 95 % interval [decades]": changes,
         "Loose from": any(bolt.threshold is not None for bolt in bolts),
         "Known": known,
     }
     rows: list[list[str | Cell]] = []
     for bolt in bolts:
         verdict = bolt.verdict if job.explained or bolt.outside else "no verdict"
-        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
         cells: list[str | Cell] = [
             Cell(
                 tag("b", _MARKS.get(verdict, "–"), aria_hidden="true"),
@@ -186,7 +185,7 @@ def bolt_table(job: JobRecord) -> Markup | None:
             ),
             fmt.probability(bolt.probability_loose if job.explained else None),
             fmt.fixed(bolt.log10_stiffness),
-            fmt.MISSING if bolt.change is None else f"{fmt.signed(bolt.change, 2)}{spread}",
+            change_text(bolt),
             fmt.MISSING if bolt.threshold is None else fmt.signed(bolt.threshold, 2),
             {True: "removed", False: "in place", None: fmt.MISSING}[bolt.removed],
         ]
@@ -200,6 +199,17 @@ def bolt_table(job: JobRecord) -> Markup | None:
     return tag("div", made, tag("ul", *said, class_="notes") if said else None)
 
 
+def change_text(bolt: Bolt) -> str:
+    """The change of a bolt with its 95 % interval [decades]."""
+    if bolt.change is None:
+        return fmt.MISSING
+    sides = bolt.change_interval95
+    if sides is None:
+        return fmt.signed(bolt.change, 2)
+    low, high = (fmt.signed(side, 2) if math.isfinite(side) else "open" for side in sides.tolist())
+    return f"{fmt.signed(bolt.change, 2)} ({low} to {high})"
+
+
 def sentence(bolt: Bolt) -> str:
     """Say everything that is known and was found about a bolt, in one line."""
     truth = {True: "known to be removed", False: "known to be in place", None: ""}[bolt.removed]
@@ -210,9 +220,8 @@ def sentence(bolt: Bolt) -> str:
         words.append(f"{OF_LOOSE} {fmt.probability(bolt.probability_loose)}")
     words += [truth, f"log10 stiffness {fmt.fixed(bolt.log10_stiffness)}"]
     if bolt.change is not None:
-        spread = "" if bolt.change_std is None else f" ± {fmt.fixed(bolt.change_std)}"
         limit = "" if bolt.threshold is None else f" (loose from {fmt.signed(bolt.threshold, 2)})"
-        words.append(f"change {fmt.signed(bolt.change, 2)}{spread} decades{limit}")
+        words.append(f"change {change_text(bolt)} decades{limit}")
     words.append(bolt.note or "")
     return ", ".join(word for word in words if word)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lrbc_cli.updating import robust
-from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, PartialChange
+from lrbc_cli.updating.judging.evidence import USED, VALIDATION, BoltEvidence, Change, Evidence, Interval, PartialChange
 from lrbc_cli.updating.judging.normal import normal_cdf
 from lrbc_cli.updating.judging.reference import ReferenceState
 from lrbc_cli.updating.judging.rule import LOOSE, NO_SCATTER, OUTSIDE, TIGHT, UNDECIDED, DecisionRule, TightScatter
@@ -69,6 +69,8 @@ class BoltVerdict:
     log10_stiffness : float or None
     change, change_std : float or None
         Against the tight state, and its standard deviation, scatter of tight states included [decades].
+    change_interval95 : (float or None, float or None) or None
+        Its 95 % limits, None to the side where they are open [decades].
     probability_loose : float or None
         That the change lies below the threshold.
     threshold : float or None
@@ -83,6 +85,7 @@ class BoltVerdict:
     log10_stiffness: float | None = None
     change: float | None = None
     change_std: float | None = None
+    change_interval95: Interval | None = None
     probability_loose: float | None = None
     threshold: float | None = None
     suspect: bool = False
@@ -284,6 +287,7 @@ def _verdict(
         log10_stiffness=bolt.log10_stiffness,
         change=change,
         change_std=std,
+        change_interval95=None if change is None or std is None or bolt.change is None else bolt.change.interval(change, std),
         probability_loose=probability,
         threshold=threshold,
         suspect=suspect and explained,

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.updating.judging.normal import normal_cdf
+from lrbc_cli.updating.judging.normal import NORMAL_95, normal_cdf
 
 if TYPE_CHECKING:
     # Judging needs nothing of what samples or finds places.
     from lrbc_cli.updating.posterior.mixture import ChangeSamples
     from lrbc_cli.updating.unknowns.places import Edge, Joints, Spot
+
+#: Lower and upper limit, None where open.
+Interval = tuple[float | None, float | None]
 
 #: Which channels a misfit was taken over.
 VALIDATION, USED = "validation channels", "channels used"
@@ -99,6 +102,10 @@ class Change:
         Change that a tight bolt would show of its neighbours' (negative): a loose bolt changes more than that.
     sampled : SampledChange or None
         Its distribution without ``excess``; None: Gaussian.
+    beyond : float
+        How much further a joint may have loosened (95 %) by errors of its predicted effect that ``std`` does not hold, which is linear.
+    open_below : bool
+        With those errors it may be free; ``beyond`` has no number for that.
     may_be_free : bool
         The data do not object to each of its values being free, all else as identified: of a bolt that seems tight they say nothing then.
     unfelt : tuple of str
@@ -113,6 +120,8 @@ class Change:
     excess: float = 0.0
     leakage: float = 0.0
     sampled: SampledChange | None = None
+    beyond: float = 0.0
+    open_below: bool = False
     may_be_free: bool = False
     unfelt: tuple[str, ...] = ()
     parts: tuple[PartialChange, ...] = ()
@@ -122,6 +131,11 @@ class Change:
         if self.sampled is not None:
             return self.sampled.below(limit - self.excess, float(np.hypot(scatter, self.excess)), changed=changed)
         return float(normal_cdf((limit - self.mean) / max(float(np.hypot(self.std, scatter)), 1e-12)))
+
+    def interval(self, change: float, std: float) -> Interval:
+        """95 % limits about a change with a standard deviation [decades]; None to the side where they are open."""
+        low = None if self.open_below or self.may_be_free else change - float(np.hypot(NORMAL_95 * std, self.beyond))
+        return low, change + NORMAL_95 * std
 
 
 @dataclass(frozen=True, kw_only=True)

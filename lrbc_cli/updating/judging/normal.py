@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 
 from lrbc_cli.arrays import Floats
+
+#: Two-sided 95 %.
+NORMAL_95 = NormalDist().inv_cdf(0.975)
 
 
 def normal_cdf(x: Floats | float) -> Floats:

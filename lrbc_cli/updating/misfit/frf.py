@@ -98,6 +98,37 @@ class FrfModel:
 
         return frf
 
+    def speeds(self, theta: Floats, states: Floats, along: Floats) -> Floats:
+        """How fast FRFs move with some stiffnesses, at states that differ from theta in these alone: the norm of ``d ln H``.
+
+        Resonances that move by a bandwidth count alike in it, whatever their frequency and damping.
+
+        Parameters
+        ----------
+        theta : (size,) float array
+        states, along : (k, size) float arrays
+            States, and the direction at each; damping exponents stay.
+
+        Returns
+        -------
+        (k,) float array
+            Over all lines and responses [dB per unit of the direction].
+        """
+        if self.ports is None:
+            return np.array([np.linalg.norm(self.sensitivities(x, phase=True)[1] @ d) for x, d in zip(states, along, strict=True)])
+        P, D = self.parameters, self.parameters.dynamic(theta, self.s)
+        kappa, c = P.scales(theta), P.spectra(theta, self.s)
+        slopes = np.array([P.scale_jacobian(x) @ d for x, d in zip(states, along, strict=True)])
+        terms = np.flatnonzero((slopes != 0.0).any(axis=0))
+        there, D, c = self.ports.about(D).among(terms), D[:, terms], c[:, terms]
+        found = []
+        for x, slope in zip(states, slopes[:, terms], strict=True):
+            y, dy = there.linearise(D + c * (P.scales(x) - kappa)[terms])
+            size = np.abs(y)
+            seen = size > np.finfo(float).eps * size.max(axis=0, initial=0.0)
+            found.append(np.linalg.norm(np.where(seen, DB / y, 0.0) * (dy @ (c * slope)[:, :, None])[:, :, 0]))
+        return np.array(found)
+
     def sensitivities(self, theta: Floats, phase: bool = False) -> tuple[Complexes, Floats | Complexes]:
         """FRFs and the derivative of their dB values to theta; with the phase, of ``20/ln10 ln(H)``.
 

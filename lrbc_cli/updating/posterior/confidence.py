@@ -61,6 +61,38 @@ def band(group: ParameterGroup, p: Floats, covariance: Floats, opens: tuple[Bool
     return Band(std, lower, upper)
 
 
+def beyond_errors(change: float, steps: Floats, speeds: Floats, share: float) -> float:
+    """How much further a joint may have loosened where its predicted effect is wrong by a share, common to all resonances [decades].
+
+    FRFs tell a change by the way that they have gone with it, ``L(z) = integral of the speed from 0 to z``. What errs by ``share L``
+    (standard deviation) is compatible with changes up to ``L(z) = (1 + 1.96 share) L(change)``: where FRFs hardly move any more, a joint
+    that is nearly free, that is far from the change, or free. Of it the part that is proportional to the change, ``1.96 share change``,
+    is taken out, in squares: standard deviations hold it.
+
+    Parameters
+    ----------
+    change : float
+        Negative.
+    steps : (k,) float array
+        From 0 down to where the joint is free; [decades], as ``change``.
+    speeds : (k,) float array
+        Of the FRFs there, see ``FrfModel.speeds``.
+    share : float
+
+    Returns
+    -------
+    float
+        Zero or more; infinite where it may be free.
+    """
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.abs(np.diff(steps)))])
+    gone = float(np.interp(-change, -steps, way))
+    most = (1.0 + NORMAL_95 * share) * gone
+    if most >= way[-1]:
+        return float(np.inf)
+    reach = -float(np.interp(most, way, -steps)) - change
+    return float(np.sqrt(max(reach**2 - (NORMAL_95 * share * change) ** 2, 0.0)))
+
+
 def open_sides(data: Callable[[Floats], float], theta: Floats, patches: Floats, bounds: Floats, variance: float) -> tuple[Bools, Bools]:
     """Where the data do not object to a stretch of the edge being free, or clamped.
 
