@@ -172,13 +172,14 @@ def map_chart(job: JobRecord, among: Sequence[JobRecord] = ()) -> Chart | None:
     flat = bool(min(spread[across], spread[up]) <= 0.12 * max(spread[across], spread[up]))
     if flat:
         across, up = (across, up) if spread[across] >= spread[up] else (up, across)
-    width, margin = 430.0, 16.0
+    # Names have 7 points: at this width their letters are legible where two figures stand side by side.
+    width, margin = 335.0, 16.0
     inner = width - 50.0 - RIGHT
     size = float(spread[across]) or 1.0
     scale = (inner - 2 * margin) / size
     height = 46.0
     if not flat:
-        scale = min(scale, (300.0 - 2 * margin) / float(spread[up]))
+        scale = min(scale, (250.0 - 2 * margin) / float(spread[up]))
         height = float(spread[up]) * scale + 2 * margin + 10.0
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     half = 0.5 * inner / scale, 0.5 * height / scale
