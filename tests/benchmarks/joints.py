@@ -82,8 +82,8 @@ class JointScore:
 
     @property
     def covered(self) -> bool | None:
-        """Whether the interval holds the truth; None without one."""
-        return None if self.low is None or self.high is None else self.low <= self.truth <= self.high
+        """Whether the interval, which may be open below, holds the truth; None without one."""
+        return None if self.high is None else (self.low is None or self.low <= self.truth) and self.truth <= self.high
 
 
 @dataclass(frozen=True)
