@@ -154,6 +154,8 @@ def test_pressures_have_units_of_their_own(frfs):
     quantities = ["pressure"] * 4
     (common,) = grouped(found(frfs["measured"] * 1e6, frfs["computed"], quantities=quantities), quantities)
     assert common.offset.known[0].unit == "uPa/N"
+    (common,) = grouped(found(frfs["measured"] / 20e-6, frfs["computed"], quantities=quantities), quantities)
+    assert common.offset.known[0].cause == "levels in dB re 20 uPa/N read as dB re 1 Pa/N"
     (common,) = grouped(found(frfs["measured"] / 9.80665, frfs["computed"], quantities=quantities), quantities)
     assert not common.offset.known
 

@@ -146,6 +146,8 @@ def known_factors(quantity: str) -> tuple[Known, ...]:
         found.append(Known(_db(per / size), f"FRFs in {name}/{force}", f"{name}/{force}"))
     own = {"pressure": "Pa", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}[quantity]
     found += [Known(_db(per), f"FRFs per {force}", f"{own}/{force}", of_force=True) for force, per in forces[1:]]
+    if quantity == "pressure":
+        found.append(Known(_db(1.0 / 2e-5), "levels in dB re 20 uPa/N read as dB re 1 Pa/N"))
     model = "a model in MPa" if quantity == "pressure" else "a model in mm"
     found.append(Known(120.0 if quantity == "pressure" else -60.0, f"{model} (exported in N, mm, t)", own, of_model=True))
     for factor, cause in (

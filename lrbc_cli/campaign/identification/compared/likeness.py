@@ -243,9 +243,9 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     omega = 20.0 * np.log10(2.0 * np.pi * frequency_hz)[:, None]
     quantities = [response.quantity for response in inputs.responses]
 
-    def least(values: Complexes, motions: bool) -> tuple[float, int]:
-        """Over derivatives and states."""
-        powers = [b for b in (0, *POWERS) if b == 0 or (motions and all(moved(quantity, b) for quantity in quantities))]
+    def least(values: Complexes, motions: bool, *, sloped: bool = False) -> tuple[float, int]:
+        """Over derivatives, or all powers of the frequency, and states."""
+        powers = [b for b in (0, *POWERS) if b == 0 or sloped or (motions and all(moved(quantity, b) for quantity in quantities))]
         scores = [float(np.median(spread(levels(values) - computed - b * omega, 1), axis=1).min()) for b in powers]
         return min(zip(scores, powers, strict=True))
 
@@ -253,7 +253,12 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     if before <= LEAST_DIFFERENCE:
         return None
     motion = quantities[0]
-    found = [(*least(values, inverse), text, inverse) for values, text, inverse in _read_otherwise(measured, job)]
+    ways = [*_read_otherwise(measured, job)]
+    if set(quantities) == {"pressure"}:
+        flat = _unweighted(frequency_hz, measured)
+        # The curve is steep: a power of the frequency must not leave less.
+        ways += [(flat, _WEIGHTED, False)] if least(flat, False)[0] < least(measured, False, sloped=True)[0] else []
+    found = [(*least(values, inverse), text, inverse) for values, text, inverse in ways]
     after, power, text, inverse = min(found)
     if after >= min(CLEARLY * before, MOST_LEFT):
         return None
@@ -263,11 +268,21 @@ def other_reading(inputs: Inputs, frequency_hz: Floats, measured: Complexes, sta
     return Reading(f"{text}; levels lie {before:.1f} dB from the model's as stated, {after:.1f} dB read so", before, after)
 
 
+#: What to say of levels that are the model's without the weighting.
+_WEIGHTED = "levels that follow the A-weighting, it seems: switch the weighting of the microphones off in the analyser, and export again"
+
 _INVERSE = {
     "displacement": "dynamic stiffness, force over displacement",
     "velocity": "mechanical impedance, force over velocity",
     "acceleration": "apparent mass, force over acceleration",
 }
+
+
+def _unweighted(frequency_hz: Floats, measured: Complexes) -> Complexes:
+    """(F, R) pressures without the A-weighting of IEC 61672-1, Annex E; the constant that makes it 0 dB at 1 kHz is a factor."""
+    f = frequency_hz**2
+    weight = f**2 / ((f + 20.598997**2) * (f + 12194.217**2) * np.sqrt((f + 107.65265**2) * (f + 737.86223**2)))
+    return np.asarray(measured / np.where(weight > 0.0, weight, np.nan)[:, None])
 
 
 def _read_otherwise(measured: Complexes, job: str) -> Iterator[tuple[Complexes, str, bool]]:

@@ -1,0 +1,62 @@
+"""Levels that follow the A-weighting of the analyser."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lrbc_cli.arrays import Complexes, Floats
+from lrbc_cli.campaign.identification.compared.likeness import _unweighted, other_reading
+
+HZ = np.arange(20.0, 400.0, 2.0)
+
+#: IEC 61672-1, Table 3: A-weighting at nominal frequencies [dB].
+TABLE = {20.0: -50.5, 31.5: -39.4, 50.0: -30.2, 100.0: -19.1, 200.0: -10.9, 400.0: -4.8}
+
+
+def weighting(hz: Floats) -> Floats:
+    """From the table, in between along the logarithm of the frequency."""
+    return np.asarray(np.interp(np.log(hz), np.log(list(TABLE)), list(TABLE.values())))
+
+
+def frfs(seed: int) -> Complexes:
+    """Two responses with a dozen resonances; another seed is a model that is off by per cents."""
+    rng, s = np.random.default_rng(seed), 2j * np.pi * HZ[:, None]
+    shapes = np.random.default_rng(0).normal(size=(12, 2))
+    found = np.zeros((HZ.size, 2), dtype=complex)
+    for shape, f in zip(shapes, np.linspace(30.0, 390.0, 12), strict=True):
+        omega = 2 * np.pi * f * (1.0 + 0.004 * rng.normal())
+        found += shape * omega**2 / (omega**2 + 0.04 * omega * s + s**2)
+    return found
+
+
+def inputs(quantity: str) -> Any:
+    return SimpleNamespace(responses=[SimpleNamespace(name=name, quantity=quantity) for name in ("a", "b")])
+
+
+def test_the_curve_of_the_standard_is_recognised_for_pressures_alone() -> None:
+    measured, model = frfs(1), frfs(2)[None]
+    weighted = measured * 10.0 ** (weighting(HZ) / 20.0)[:, None]
+    assert other_reading(inputs("pressure"), HZ, measured, model, "tight") is None
+    told = other_reading(inputs("pressure"), HZ, weighted, model, "tight")
+    assert told is not None
+    assert "A-weighting" in told.text
+    assert told.after < 0.4 * told.before
+    other = other_reading(inputs("acceleration"), HZ, weighted, model, "tight")
+    assert other is None or "A-weighting" not in other.text
+
+
+def test_a_slope_is_no_weighting() -> None:
+    """Six decibels an octave: an integral, which is told by other names."""
+    told = other_reading(inputs("pressure"), HZ, frfs(1) * HZ[:, None], frfs(2)[None], "tight")
+    assert told is None or "A-weighting" not in told.text
+
+
+@pytest.mark.parametrize("hz", [31.5, 100.0, 200.0])
+def test_levels_are_those_of_the_table(hz: float) -> None:
+    """Beside 400 Hz."""
+    found = _unweighted(np.array([hz, 400.0]), np.ones((2, 1), dtype=complex))
+    assert -20.0 * np.log10(abs(found[0, 0] / found[1, 0])) == pytest.approx(TABLE[hz] - TABLE[400.0], abs=0.2)
