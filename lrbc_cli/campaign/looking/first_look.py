@@ -135,7 +135,7 @@ def _tighter(inputs: Inputs, source: FrfSource, measurements: Mapping[str, Measu
         few = _few(found)
         s = 2j * np.pi * few.frequency_hz
         far[name] = float(np.median(apart(few.values, _states(source, parameterise(inputs, source, s)[0], s)[0][0])))
-    near = {name: own for name, own in far.items() if own < min(UNLIKE, CLEARLY * far[reference])}
+    near = {name: own for name, own in far.items() if own < min(UNLIKE, max(CLEARLY * far[reference], far[reference] - LEAST_DIFFERENCE))}
     if not near:
         return ""
     named = ", ".join(f"{name} ({own:.1f} dB)" for name, own in near.items())
