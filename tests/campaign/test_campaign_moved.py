@@ -49,3 +49,19 @@ def test_places_that_are_alike_in_the_model_are_alike_when_measured() -> None:
     assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""
     states[0][:, 4:] = states[0][:, :4]
     assert unmoved_text(inputs, 1.1 * states[0], states[0]) == ""
+
+
+def test_records_exchanged_in_a_job_with_loosened_bolts_show_beside_a_fit() -> None:
+    """No state that is known is near; that which is fitted to the records, exchanged, is, and that fitted as they are is not."""
+    inputs, states = two_hammers()
+    loosened = np.roll(states[0], 35, axis=0)
+    exchanged = loosened[:, [4, 5, 6, 7, 0, 1, 2, 3]]
+
+    def fitted(measured: np.ndarray) -> np.ndarray:
+        right = np.allclose(measured, loosened)
+        return 1.05 * loosened if right else states[0]
+
+    assert hammers_text(inputs, exchanged, states, "loose") == ""
+    assert "jobs.loose.records" in hammers_text(inputs, exchanged, states, "loose", fitted)
+    assert hammers_text(inputs, loosened, np.concatenate([states, 1.05 * loosened[None]]), "loose", fitted) == ""
+    assert hammers_text(inputs, exchanged, states, "loose", lambda _: None) == ""

@@ -208,7 +208,8 @@ def _looked_at(
         own = few.values * np.where(beside[0][0] != 0, states[0] / np.where(beside[0][0] != 0, beside[0][0], 1.0), np.nan)
         if loose := not_tight(inputs, name, own, states, loosened, parameters):
             return {("freed",): loose}
-    if hammers := hammers_text(inputs, few.values, states, name) or unmoved_text(inputs, few.values, states[0]):
+    again = partial(_fit, inputs, source, s, tight=tight.values[lines]) if fitted is not None and tight is not None else None
+    if hammers := hammers_text(inputs, few.values, states, name, again) or unmoved_text(inputs, few.values, states[0]):
         return {("hammers",): hammers}
     if fitted is not None and (strike := strike_text(inputs, few.values, fitted, name)):
         return {("strike",): strike}
@@ -256,6 +257,11 @@ def _fitted(
     """
     if tight is None or float(np.median(apart(measured, states), axis=1).min()) <= NEAR:
         return None
+    return _fit(inputs, source, s, measured, tight)
+
+
+def _fit(inputs: Inputs, source: FrfSource, s: Complexes, measured: Complexes, tight: Complexes) -> Complexes | None:
+    """The same, however near another state is."""
     parameters, _ = parameterise(inputs, source, s)
     theta = fitted_theta(inputs, source, s, measured, tight, parameters)
     return None if theta is None else expected_frf(inputs, source, s, theta, tight, parameters)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -110,7 +110,9 @@ def _hammer_text(seen: Seen, states: Sequence[Floats], at: int, most: float) -> 
     )
 
 
-def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: str) -> str:
+def hammers_text(
+    inputs: Inputs, measured: Complexes, states: Complexes, job: str, fitted: Callable[[Complexes], Complexes | None] | None = None
+) -> str:
     """Which two excitations with sensors in common are in each other's place, and what to write; empty where that explains nothing.
 
     Parameters
@@ -120,6 +122,9 @@ def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: st
     states : (S, F, R) complex array
         FRFs of the model; the nearest counts.
     job : str
+    fitted : callable or None
+        What (F, R) measured FRFs are in the state of the bolts that comes nearest to them, where that is among the states already: with
+        loosened bolts no other is near to records that are exchanged.
     """
     for one in range(len(inputs.excitations)):
         for two in range(one):
@@ -130,6 +135,11 @@ def hammers_text(inputs: Inputs, measured: Complexes, states: Complexes, job: st
                 continue
             stated = float(np.median(apart(measured[:, own], states[:, :, own]), axis=1).min())
             changed = float(np.median(apart(measured[:, own], states[:, :, other]), axis=1).min())
+            if fitted is not None and stated > LEAST_DIFFERENCE and changed >= CLEARLY * stated:
+                turned = measured.copy()
+                turned[:, own] = measured[:, other]
+                again = fitted(turned)
+                changed = np.inf if again is None else float(np.median(apart(turned[:, own], again[:, own])))
             if stated > LEAST_DIFFERENCE and changed < min(MOST_LEFT, CLEARLY * stated):
                 first, second = inputs.excitations[two], inputs.excitations[one]
                 return (
