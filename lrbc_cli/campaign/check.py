@@ -18,6 +18,7 @@ from lrbc_cli.campaign.identification.unknowns import select_lines
 from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
+from lrbc_cli.campaign.looking.nested import exchanged_files
 from lrbc_cli.campaign.reading.inputs import Inputs
 from lrbc_cli.campaign.reading.model_doubts import loss_factor
 from lrbc_cli.campaign.reduced import cache
@@ -227,6 +228,7 @@ def _jobs(inputs: Inputs, folder: Path, parts: dict[str, str], out: Findings, de
     out.warnings += other_lines(inputs.campaign.update.reference, readable)
     out.warnings = _once(out.warnings)
     out.warnings += [*_phaseless(inputs, readable), *_other_chains(inputs, readable)]
+    out.warnings += [text] if (text := exchanged_files(inputs, readable)) else []
     look = _looks(inputs, folder, readable)
     if look.rescaled and inputs.units_doubt in out.warnings:
         out.warnings.remove(inputs.units_doubt)

@@ -123,7 +123,7 @@ def first_look(inputs: Inputs, folder: Path, measurements: Mapping[str, Measurem
             # What is wrong with the reference job, too, does not show beside it.
             tight = measurements.get(reference or "") if not told.get(reference or "") and name != reference else None
             told[name] = _looked_at(inputs, source, {job: measurements[job] for job in order}, name, tight)
-        return FirstLook(tuple(_told(told)), rescaled=("rescaled",) in told.get(reference or "", {}))
+        return FirstLook(tuple(_told(_pooled(told, reference))), rescaled=("rescaled",) in told.get(reference or "", {}))
     except LrbcError as error:
         return FirstLook(note=f"measured and computed FRFs were not compared: {error.problem}")
 
@@ -410,6 +410,22 @@ def _alone(inputs: Inputs, every: Floats, of: str, job: str | None = None) -> di
             f"{float(np.median(every)):.1f} dB: {causes}"
         )
     return told
+
+
+def _pooled(found: Mapping[str, dict[tuple[object, ...], str]], reference: str | None) -> dict[str, dict[tuple[object, ...], str]]:
+    """What is wrong in the reference job, in all jobs: others, in which bolts are loose, show part of it, or what looks like part of it."""
+    own = found.get(reference or "", {})
+    reversed_there = next((kind for kind in own if kind[0] == "reversed"), None)
+    units_there = any(kind[0] == "units" for kind in own)
+    pooled: dict[str, dict[tuple[object, ...], str]] = {}
+    for name, told in found.items():
+        pooled[name] = {}
+        for kind, text in told.items():
+            same = reversed_there is not None and kind[0] == "reversed" and set(kind[1:]) <= set(reversed_there[1:])
+            # Velocities for accelerations: phases alone say that their levels are right, which nobody knows of a job with loose bolts.
+            if not (units_there and kind[0] == "sideways"):
+                pooled[name][reversed_there if same and reversed_there is not None else kind] = text
+    return pooled
 
 
 def _told(found: Mapping[str, Mapping[tuple[object, ...], str]]) -> list[str]:

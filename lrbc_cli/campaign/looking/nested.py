@@ -1,0 +1,71 @@
+"""Jobs whose removed bolts contain each other: the more is removed, the further a measurement lies from that of the tight state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from lrbc_cli.campaign.identification.compared.likeness import apart
+from lrbc_cli.campaign.identification.records import Measurement, unlike
+from lrbc_cli.campaign.reading.inputs import Inputs
+
+#: By how much distances contradict the order before anything is said [dB], and the share of it that one exchange may leave. Choices: where
+#: nearly all bolts are removed distances differ by tenths.
+CLEAR, LEFT = 2.0, 0.1
+
+
+def exchanged_files(inputs: Inputs, measurements: Mapping[str, Measurement]) -> str | None:
+    """Which two jobs have each other's files, it seems; None where the order of the distances from the reference job says nothing.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    measurements : mapping
+        By job.
+    """
+    reference = inputs.campaign.update.reference
+    tight = measurements.get(reference or "")
+    if tight is None:
+        return None
+    far = {
+        name: float(np.median(apart(found.values, tight.values)[inputs.used]))
+        for name, found in measurements.items()
+        if name != reference and inputs.campaign.jobs[name].removed and not unlike(found.frequency_hz, tight.frequency_hz)
+    }
+    chain = _nested({name: frozenset(inputs.campaign.jobs[name].removed) for name in far})
+    found = _exchange([far[name] for name in chain])
+    if found is None:
+        return None
+    one, other = chain[found[0]], chain[found[1]]
+    few, many = (len(inputs.campaign.jobs[name].removed) for name in (one, other))
+    return (
+        f"{one} ({few} bolt{'s' if few > 1 else ''} removed) lies {far[one]:.1f} dB from {reference}, {other} ({many} removed) "
+        f"{far[other]:.1f} dB: with their files exchanged, the more bolts are removed the further all jobs lie from it. Are jobs.{one}.frf "
+        f"and jobs.{other}.frf in each other's place?"
+    )
+
+
+def _nested(removed: Mapping[str, frozenset[str]]) -> list[str]:
+    """The jobs from few to many removed bolts; none where one does not contain the one before it."""
+    chain = sorted(removed, key=lambda name: len(removed[name]))
+    return chain if all(removed[a] < removed[b] for a, b in pairwise(chain)) else []
+
+
+def _exchange(far: Sequence[float]) -> tuple[int, int] | None:
+    """Which two distances have to be exchanged so that all ascend, where they clearly do not and one exchange mends it."""
+
+    def wrong(values: Sequence[float]) -> float:
+        return sum(max(a - b, 0.0) for a, b in combinations(values, 2))
+
+    before, ways = wrong(far), dict[tuple[int, int], float]()
+    for i, k in combinations(range(len(far)), 2):
+        turned = list(far)
+        turned[i], turned[k] = far[k], far[i]
+        ways[i, k] = wrong(turned)
+    best = min(ways, key=lambda pair: ways[pair], default=None)
+    if best is None or before <= CLEAR or ways[best] > LEFT * before:
+        return None
+    # Another exchange that mends as much: nothing tells which it is.
+    return best if sum(left <= LEFT * before for left in ways.values()) == 1 else None

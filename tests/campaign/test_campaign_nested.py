@@ -1,0 +1,68 @@
+"""Findings that rest on several jobs: the order of those whose removed bolts are nested, and what the reference job explains of others."""
+
+from __future__ import annotations
+
+import pytest
+from samples import sample
+
+from lrbc_cli.campaign.identification.records import read_measurement
+from lrbc_cli.campaign.looking.first_look import _pooled, _told
+from lrbc_cli.campaign.looking.nested import _exchange, _nested, exchanged_files
+
+
+@pytest.mark.parametrize(
+    ("far", "expected"),
+    [
+        ((5.68, 3.84, 5.35, 5.59, 2.35, 5.69), (0, 4)),
+        ((2.35, 3.84, 5.35, 5.59, 5.68, 5.69), None),
+        # Distances of jobs with nearly all bolts removed differ by tenths.
+        ((2.35, 3.84, 5.75, 5.59, 5.68, 5.60), None),
+        # Two exchanges, or neither of two alone.
+        ((6.0, 5.0, 2.0, 1.0), None),
+        ((6.5, 3.5), (0, 1)),
+        ((6.5,), None),
+        ((), None),
+    ],
+)
+def test_one_exchange_that_puts_all_in_order(far: tuple[float, ...], expected: tuple[int, int] | None) -> None:
+    assert _exchange(far) == expected
+
+
+def test_jobs_that_are_not_nested_have_no_order() -> None:
+    a, b, c = frozenset({"B1"}), frozenset({"B1", "B2"}), frozenset({"B2", "B3", "B4"})
+    assert _nested({"two": b, "one": a}) == ["one", "two"]
+    assert _nested({"two": b, "other": c}) == []
+    assert _nested({"one": a, "again": a}) == []
+
+
+def test_files_of_two_jobs_of_the_frame() -> None:
+    inputs = sample("frame")
+    jobs = inputs.campaign.jobs
+    measured = {name: read_measurement(inputs, job, name) for name, job in jobs.items()}
+    assert exchanged_files(inputs, measured) is None
+    told = exchanged_files(inputs, measured | {"loose-2": measured["loose-all"], "loose-all": measured["loose-2"]})
+    assert told is not None
+    assert told.startswith("loose-2 (2 bolts removed) lies")
+    assert told.endswith("Are jobs.loose-2.frf and jobs.loose-all.frf in each other's place?")
+    assert exchanged_files(inputs, {name: measured[name] for name in ("loose-2", "loose-all")}) is None
+
+
+def test_a_sensor_that_is_reversed_is_told_once() -> None:
+    """In jobs with loose bolts one of its two FRFs shows, or neither."""
+    found: dict[str, dict[tuple[object, ...], str]] = {
+        "tight": {("reversed", 2, 5): "a3 is reversed"},
+        "one": {("reversed", 5): "a3-h2 is reversed"},
+        "two": {("reversed", 5, 7): "two are reversed"},
+    }
+    told = _told(_pooled(found, "tight"))
+    assert told == ["job tight: a3 is reversed; the same in one", "job two: two are reversed"]
+    assert _pooled(found, None) == found
+
+
+def test_phases_alone_say_nothing_beside_another_unit() -> None:
+    found: dict[str, dict[tuple[object, ...], str]] = {
+        "tight": {("units", 0, 1): "velocity, not acceleration"},
+        "one": {("sideways", "up"): "90 degrees", ("alone", 1): "far off"},
+    }
+    assert _pooled(found, "tight")["one"] == {("alone", 1): "far off"}
+    assert _pooled({"tight": {}, "one": found["one"]}, "tight")["one"] == found["one"]
