@@ -406,6 +406,21 @@ def without_springs(*bolts: str) -> Damage:
     return damage
 
 
+def fixed_at_bolts(folder: Folder) -> None:
+    """Matrices of the plate as they are exported with a boundary condition at the bolts."""
+    held = {line.split(",")[1] for line in (folder.data / "bushings.csv").read_text().splitlines()[1:]}
+    dofs = (folder.data / "plate.dof").read_text().split()
+    free = np.array([dof.split(".")[0] not in held for dof in dofs])
+    (folder.data / "plate.dof").write_text("".join(f"{dof}\n" for dof, kept in zip(dofs, free, strict=True) if kept))
+    row = np.cumsum(free)
+    for name in ("plate.sti.gz", "plate.mas.gz"):
+        entries = np.loadtxt(io.StringIO(gzip.decompress((folder.data / name).read_bytes()).decode()))
+        at = entries[:, :2].astype(int) - 1
+        kept = free[at].all(axis=1)
+        lines = (f"{row[i]} {row[j]} {value:.13e}\n" for (i, j), value in zip(at[kept], entries[kept, 2], strict=True))
+        (folder.data / name).write_bytes(gzip.compress("".join(lines).encode()))
+
+
 def stretched(change: Callable[[float], float]) -> Damage:
     """Coordinates along x of another state of the model, of the nodes alone."""
 
@@ -961,6 +976,22 @@ MISTAKES = [
         3,
         "node 1290",
         "numbered 101 to 509",
+    ),
+    Mistake(
+        "bolts fixed in the export",
+        "plate",
+        fixed_at_bolts,
+        3,
+        "coordinates, but no DOFs in the matrices",
+        "remove the boundary condition at the bolts",
+    ),
+    Mistake(
+        "sensor at a node that the export fixed",
+        "plate",
+        all_of(fixed_at_bolts, config(("near: [20, 100, 4]", "node: 129"))),
+        2,
+        "node 129 has no DOF UZ",
+        "remove the boundary condition that holds it",
     ),
     Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
     Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),

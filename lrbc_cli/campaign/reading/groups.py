@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
-from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners
+from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
 from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
@@ -237,6 +237,7 @@ class GroupReader(ModelReader):
         unit = self.unit
         turns = np.char.startswith(np.array(table.component), "ROT")
         table = replace(table, stiffness=table.stiffness * unit.force * np.where(turns, unit.length, 1.0 / unit.length))
+        require_free(table, self.dofs, self.held)
         vectors, places = bushing_vectors(table, self.dofs)
         count, gap = apart(table, self.dofs)
         if count:

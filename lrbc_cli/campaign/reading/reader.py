@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
+from lrbc_cli.campaign.reading.joints import HELD
 from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, require_near
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
@@ -83,6 +84,8 @@ class ModelReader:
         self.units_doubt: str | None = None
         self.hashes: dict[str, str] = {}
         self.dofs: DofTable | None = None
+        #: Nodes that have coordinates, and no DOFs in the matrices or fixed ones only.
+        self.held = np.zeros(0, dtype=np.int64)
         self.bolts: PointTable | None = None
         #: Node and component of each row as exported, and their number, which numbers of DOFs in files count.
         self.labels: DofLabels | None = None
@@ -118,7 +121,7 @@ class ModelReader:
 
     def number(self, found: Numbering) -> None:
         """Take up what the rows are."""
-        self.dofs, self.labels = found.table, found.labels
+        self.dofs, self.labels, self.held = found.table, found.labels, found.spare
         if self.dofs is not None:
             self.dofs = replace(self.dofs, xyz=self.dofs.xyz * self.unit.length)
         self.notes += found.notes
@@ -189,6 +192,7 @@ class ModelReader:
         self.n = self.kept.size
         if self.dofs is not None:
             at = self.kept
+            self.held = np.union1d(self.held, np.setdiff1d(self.dofs.node, self.dofs.node[at]))
             self.dofs = DofTable(node=self.dofs.node[at], component=self.dofs.component[at], xyz=self.dofs.xyz[at])
 
     def vectors(self, ref: MatrixRef, what: str) -> sp.csc_array:
@@ -290,10 +294,10 @@ class ModelReader:
             if found.size != 1:
                 known = bool(np.any(table.node == node))
                 raise self.campaign.error(
-                    f"node {node} has no DOF {select.component}" if known else f"node {node} does not exist",
+                    f"node {node} has no DOF {select.component}" if known or node in self.held else f"node {node} does not exist",
                     *keys,
                     "nodes",
-                    hint=PINNED if known else numbers_text(table.node),
+                    hint=PINNED if known else HELD if node in self.held else numbers_text(table.node),
                 )
             out.append(int(found[0]))
         return np.array(out, dtype=np.int64)
@@ -398,7 +402,11 @@ class ModelReader:
                     *keys,
                     expected=f"one of {', '.join(here)}" if here else "a node of the DOF table",
                     found=point.component if here else f"node {point.node}",
-                    hint="a fixed DOF that the export eliminated cannot be used" if here else numbers_text(table.node),
+                    hint="a fixed DOF that the export eliminated cannot be used"
+                    if here
+                    else HELD
+                    if point.node in self.held
+                    else numbers_text(table.node),
                 )
             return int(dofs[0]), f"node {point.node} {point.component}"
         assert point.near is not None
