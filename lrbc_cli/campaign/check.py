@@ -19,7 +19,7 @@ from lrbc_cli.campaign.jobs.plans import JobPlan, choose_jobs, plan
 from lrbc_cli.campaign.looking.axes import other_lines
 from lrbc_cli.campaign.looking.first_look import FirstLook, first_look
 from lrbc_cli.campaign.reading.inputs import Inputs
-from lrbc_cli.campaign.reading.model_doubts import loss_factor
+from lrbc_cli.campaign.reading.model_doubts import loss_factor, undamped_text
 from lrbc_cli.campaign.reduced import cache
 from lrbc_cli.campaign.reduced.memory import GB, limit_of, reduction_cost
 from lrbc_cli.config.settings import EveryLine
@@ -78,6 +78,7 @@ def check(inputs: Inputs, folder: Path, detailed: bool = False, pictured: bool =
     out.warnings += inputs.warnings
     out.warnings += [*passed_over(inputs.campaign), *unnamed(inputs.campaign)]
     out.warnings += _unwritable(inputs.campaign.output)
+    out.warnings += filter(None, [undamped_text(inputs.model, inputs.groups)])
     out.sections["model"] = _model(inputs)
     parts = cache.key_parts(inputs)
     decision = cache.look_up(folder, parts)

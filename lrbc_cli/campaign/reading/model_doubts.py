@@ -230,6 +230,20 @@ def _damping(campaign: Campaign, model: FeModel) -> Iterator[str]:
             )
 
 
+def undamped_text(model: FeModel, groups: Sequence[TermGroup]) -> str | None:
+    """That nothing damps a model, which measured FRFs are to be compared with, and what to write; None where something does."""
+    own = any(group.beta or group.loss_factor or group.config.kind == "damping" for group in groups)
+    if own or np.iscomplexobj(model.K.data) or model.C.count_nonzero():
+        return None
+    only_air = bool(model.is_acoustic.all())
+    field, factor = ("acoustic", 0.001) if only_air else ("structure", 0.01)
+    return (
+        "nothing damps the model: its resonances are infinite and those of the measurement are not, so that no fit meets them; write "
+        f"model.damping: {{{field}: {{loss_factor: {factor:g}}}}}, a usual value, or the half-power width of a measured resonance over its "
+        "frequency"
+    )
+
+
 def _least_ratio(alpha: float, beta: float, band_hz: tuple[float, float]) -> float:
     """Least damping ratio alpha / (2 omega) + beta omega / 2 of modes in the band."""
     low, high = (2.0 * np.pi * hz for hz in band_hz)
