@@ -23,6 +23,7 @@ ALLOWED = {
     "mathematics or a unit": {
         *("NORMAL_95", "CHI2_95", "DB", "KELVIN", "GB", "MILLIMETRES"),
         *("GRAVITY", "POUND_FORCE", "INCH", "FOOT", "PSI", "GRAVITIES", "MEDIAN_SPREAD", "DEVIATION", "STUDENT"),
+        *("DENSITIES", "MASSES", "MODULI", "STIFFNESSES", "STEEL"),
     },
     "rounding only": {"_ROUNDING", "ROUND_OFF", "LEAST_ETA", "SLOPE_STEP", "ROUNDING", "LEAST_CHANGE", "HELD"},
     "versions and names": {

@@ -567,7 +567,7 @@ MISTAKES = [
         triplets_times("plate.mas.gz", 1e12),
         3,
         "far below the band",
-        "the mass matrix is 1e+12 times too large (density in kg/m³ where the units want t/mm³)",
+        "the mass matrix is 1e+12 times too large (density in kg/m³ where `units: mm-N-t` wants t/mm³, 7.85e-09 for steel)",
     ),
     Mistake(
         "density in t/mm3 in SI",
@@ -992,6 +992,17 @@ MISTAKES = [
         2,
         "node 129 has no DOF UZ",
         "remove the boundary condition that holds it",
+    ),
+    Mistake(
+        "damping forgotten",
+        "plate",
+        config(
+            ("  damping:\n    structure: {alpha: 0.0, beta: 0.0, loss_factor: 0.01}\n", ""),
+            ("structure, loss_factor.structure]", "structure]"),
+        ),
+        0,
+        "nothing damps the model",
+        "write model.damping: {structure: {loss_factor: 0.01}}",
     ),
     Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
     Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),

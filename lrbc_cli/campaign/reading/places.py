@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from lrbc_cli.arrays import Bools, Floats
+from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
 from lrbc_cli.errors import DataError
@@ -57,23 +58,6 @@ MOST_OFF = 1.8
 
 #: Causes that come nearest to the usual by so many decades, of speed and density together, are told side by side.
 ALIKE = 0.7
-
-#: What a matrix is then taken for: too large by the factor.
-_CAUSES = {
-    ("mass", 1e12): "density in kg/m³ where the units want t/mm³",
-    ("mass", 1e-12): "density in t/mm³ where the units want kg/m³",
-    ("mass", 1e9): "density in kg/m³ where the units want kg/mm³",
-    ("mass", 1e-9): "density in kg/mm³ where the units want kg/m³",
-    ("mass", 1e3): "density in kg/m³ where the units want g/cm³ or t/m³, or kg for t",
-    ("mass", 1e-3): "density in g/cm³ or t/m³ where the units want kg/m³, or t for kg",
-    ("stiffness", 1e6): "a modulus in Pa where the units want MPa",
-    ("stiffness", 1e-6): "a modulus in MPa where the units want Pa",
-    ("stiffness", 1e3): "a modulus in MPa where the units want GPa, or N/m for N/mm",
-    ("stiffness", 1e-3): "a modulus in GPa where the units want MPa, or N/mm for N/m",
-    ("stiffness", 1e9): "a modulus in Pa where the units want GPa",
-    ("stiffness", 1e-9): "a modulus in GPa where the units want Pa",
-    **{("mass", gravity): "a weight density, force per volume, where the units want mass per volume" for gravity in GRAVITIES},
-}
 
 
 def extents(xyz: Floats) -> str:
@@ -372,7 +356,9 @@ def mistake_text(model: ModelConfig, matrix: str, factor: float, folder: Path) -
     size = f"{factor:.4g} times too large" if factor > 1.0 else f"{1.0 / factor:.4g} times too small"
     if reference is None or isinstance(reference, ProportionalDamping):
         return f"the {matrix} of the model is {size}: correct alpha, beta and loss_factor of model.{matrix}"
-    cause = _CAUSES.get((matrix, factor))
+    cause = material_cause(model.unit_system, matrix, factor)
+    if matrix == "mass" and factor in GRAVITIES:
+        cause = "a weight density, force per volume, where the units want mass per volume"
     given = reference.scale if isinstance(reference.scale, float) else 1.0
     group = f", group: {reference.group}" if reference.group else ""
     return (
