@@ -421,6 +421,13 @@ def fixed_at_bolts(folder: Folder) -> None:
         (folder.data / name).write_bytes(gzip.compress("".join(lines).encode()))
 
 
+def two_matrices(folder: Folder) -> None:
+    """Matrices of an HDF5 file, one of them a share of another."""
+    with h5py.File(folder.data / "model/model.h5", "w") as file:
+        for name in ("K", "K_x", "M"):
+            file[name] = np.eye(3)
+
+
 def stretched(change: Callable[[float], float]) -> Damage:
     """Coordinates along x of another state of the model, of the nodes alone."""
 
@@ -1003,6 +1010,14 @@ MISTAKES = [
         0,
         "nothing damps the model",
         "write model.damping: {structure: {loss_factor: 0.01}}",
+    ),
+    Mistake(
+        "stiffness named as mass, of a file that holds both",
+        "frame",
+        all_of(two_matrices, config((K, "data/model/model.h5#K"), (M, "data/model/model.h5#K"))),
+        2,
+        "found:    model.h5#K",
+        "write model.mass: data/model/model.h5#M; the file holds K, K_x, M",
     ),
     Mistake("springs twice", "plate", config(("baseline: 1.0  ", "baseline: 0.0  ")), 0, "count twice", "parameters.bolts.baseline: 1.0"),
     Mistake("key misspelt", "frame", config(("reduction: {band", "reduktion: {band")), 2, "'reduktion'", "did you mean 'reduction'?"),

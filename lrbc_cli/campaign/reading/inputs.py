@@ -34,6 +34,7 @@ from lrbc_cli.campaign.reading.model_doubts import (
     fixed_dofs,
     require_apart,
     require_mass,
+    require_own,
     require_roles,
     slips,
 )
@@ -293,6 +294,7 @@ def read_as_exported(campaign: Campaign) -> Inputs:
         Where the campaign file asks for a DOF that does not exist.
     """
     require_inputs_apart(campaign)
+    require_own(campaign)
     reader = _Reader(campaign)
     K, M, acoustic = _stiffness_and_mass(reader)
     C = _damping(reader, K, M, acoustic)

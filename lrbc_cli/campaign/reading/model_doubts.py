@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,8 +20,11 @@ from lrbc_cli.campaign.reading.doubts.springs import held_springs
 from lrbc_cli.campaign.reading.groups import TermGroup
 from lrbc_cli.config import Campaign, ModelConfig
 from lrbc_cli.config.explain import suggestion
+from lrbc_cli.config.fields import MatrixRef
 from lrbc_cli.config.structure import ProportionalDamping
-from lrbc_cli.errors import DataError
+from lrbc_cli.errors import DataError, LrbcError
+from lrbc_cli.io.common import listing
+from lrbc_cli.io.matrices.read import matrix_names
 from lrbc_cli.model.dofs import COMPONENTS, DofLabels, DofTable, PointTable
 from lrbc_cli.model.fem import FeModel
 from lrbc_cli.reduction.problem.vectors import highest_omega
@@ -29,6 +35,9 @@ PENALTY = 1e30
 
 #: A loss factor that no bolted structure reaches: it is given in per cent, it seems.
 LARGE_LOSS = 0.5
+
+#: What matrices are called in files of several.
+_NAMES = {"stiffness": ("k", "stiffness", "kaa", "kgg"), "mass": ("m", "mass", "maa", "mgg"), "damping": ("c", "d", "damping", "baa", "bgg")}
 
 #: Digits in which the entries of two vectors agree that are the same.
 _DIGITS = 9
@@ -101,6 +110,43 @@ def require_mass(M: sp.csc_array, C: sp.csc_array, dofs: DofTable, source: Model
                 found=f"{label}: {mass:.1%} of the mass is left of its entries' sizes, {damping:.0%} of the damping",
                 hint="exchange model.mass and model.damping in the campaign file",
             )
+
+
+def require_own(campaign: Campaign) -> None:
+    """Refuse one matrix in two places of ``model``.
+
+    Raises
+    ------
+    ConfigError
+        With the other matrices of the file, where it holds any.
+    """
+    model, seen = campaign.model, dict[str, str]()
+    for name in ("stiffness", "mass", "damping"):
+        ref = getattr(model, name)
+        first = seen.setdefault(repr(ref), name) if isinstance(ref, MatrixRef) else name
+        if first != name:
+            raise campaign.error(
+                f"model.{first} and model.{name} name one matrix",
+                "model",
+                name,
+                expected="a matrix of its own for each",
+                found=ref.path.name + (f"#{ref.group}" if ref.group else ""),
+                hint=_own_matrix(campaign, name, ref)
+                + ("; damping by the stiffness is {structure: {beta: ...}}" if name == "damping" else ""),
+            )
+
+
+def _own_matrix(campaign: Campaign, name: str, ref: MatrixRef) -> str:
+    """What to write for the matrix that was named in place of another one."""
+    held = list[str]()
+    with suppress(LrbcError):
+        held = [found for found in matrix_names(ref.path) if found is not None]
+    others = [found for found in held if found != ref.group]
+    if not others:
+        return "name its own file"
+    likely = (found for found in others if found.rpartition("/")[2].casefold() in _NAMES[name])
+    file = Path(os.path.relpath(ref.path, campaign.path.parent)).as_posix()
+    return f"write model.{name}: {file}#{next(likely, 'NAME')}; the file holds {listing(held, 8)}"
 
 
 def require_apart(source: ModelConfig, **matrices: sp.csc_array) -> None:
