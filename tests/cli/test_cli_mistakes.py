@@ -770,7 +770,14 @@ MISTAKES = [
         "model.damping.acoustic has no effect",
         "remove it",
     ),
-    Mistake("point in mm", "frame", config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")), 3, "outside the model", "are these millimetres?"),
+    Mistake(
+        "point in mm",
+        "frame",
+        config(("[0.16, 0.12, 0.0]", "[160, 120, 0]")),
+        3,
+        "excitation hammer lies outside the model",
+        "are these millimetres?",
+    ),
     Mistake("wrong node", "plate", config(("near: [20, 100, 4]", "node: 9417")), 2, "node 9417", "numbered 101 to 509"),
     Mistake("wrong component", "frame", config(("0.28, 0.0], component: UZ", "0.28, 0.0], component: UX")), 2, "UX", "TWIST, UZ"),
     Mistake("two sensors at one place", "frame", config(("[0.32, 0.28,", "[0.08, 0.20,")), 0, "one DOF", "correct responses.acc2"),
@@ -1561,6 +1568,24 @@ def test_every_wrong_response_and_group_is_told_at_once(tmp_path: Path) -> None:
     for part in ("node 9001", "node 9002", "responses.acc4.row", "left_edge.select.box"):
         assert result.stderr.count(part + " ") or result.stderr.count(part + ":"), result.stderr
     assert "4 things to fix" in result.stdout
+
+
+def test_points_in_millimetres_are_told_once(tmp_path: Path) -> None:
+    """Each of hammer and ten microphones had a block of its own."""
+    folder = make_frame(tmp_path)
+    folder.config.write_text(
+        re.sub(
+            r"near: \[(.+?)\]", lambda m: f"near: [{', '.join(f'{1e3 * float(x):g}' for x in m[1].split(','))}]", folder.config.read_text()
+        )
+    )
+    result = check(folder, "frame")
+    assert result.code == 3
+    assert "campaign.yaml, excitation and responses: excitation hammer and both responses lie outside the model" in result.stderr
+    assert result.stderr.count("are these millimetres? divided by 1000 they fit") == 1
+    text("model/bolts.csv", lambda t: t.replace("B2,-0.01", "B2,-10"))(folder := make_frame(tmp_path / "bolts"))
+    assert "bolts.csv: bolt B2 lies outside" in check(folder, "frame").stderr
+    numbers("model/bolts.csv", times(1e3))(folder := make_frame(tmp_path / "all"))
+    assert "bolts.csv: all 6 bolts lie outside" in check(folder, "frame").stderr
 
 
 def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:

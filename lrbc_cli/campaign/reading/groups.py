@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -112,6 +113,19 @@ class GroupReader(ModelReader):
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
         return found, LowRankTerms(left, right, power, baseline)
 
+    def require_points(self) -> None:
+        """Refuse hammer and sensors that lie far outside the model, all at once: one slip moves all of them."""
+        keys = list(self.near)
+        if self.dofs is None or not keys:
+            return
+
+        def place(some: Sequence[int]) -> str:
+            sections = " and ".join(dict.fromkeys(keys[k][0] for k in some))
+            return sections if len(some) > 1 else self.campaign.place(*keys[some[0]], "near")
+
+        names = [(section.removesuffix("s"), name) for section, name in keys]
+        require_near(np.array([point.place for point in self.near.values()]), names, self.dofs.xyz, file=self.campaign.path, place=place)
+
     def read_bolts(self) -> None:
         """Read the bolts file, where there is one."""
         file = self.campaign.bolts
@@ -128,7 +142,7 @@ class GroupReader(ModelReader):
         else:
             known = [self.dofs.xyz] if self.dofs else [f.group.xyz for f in found if f.group.xyz is not None]
             if known:
-                names = [f"bolt {name}" for name in bolts.name]
+                names = [("bolt", name) for name in bolts.name]
                 require_near(bolts.xyz, names, np.concatenate(known), file=file, known=self.dofs is not None)
         owned = [f for f in found if f.bolt is not None]
         if bolts is None or not owned:
@@ -198,7 +212,7 @@ class GroupReader(ModelReader):
         positions = replace(positions, xyz=positions.xyz * self.unit.length)
         self.table(select.positions)
         if self.dofs is not None:
-            places = [f"term {k} of {name}" for k in range(positions.xyz.shape[0])]
+            places = [("term", f"{k} of {name}") for k in range(positions.xyz.shape[0])]
             require_near(positions.xyz, places, self.dofs.xyz, file=select.positions)
         if left.shape != right.shape or positions.xyz.shape[0] != left.shape[1]:
             raise DataError(

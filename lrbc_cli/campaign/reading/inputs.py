@@ -224,6 +224,7 @@ class _Reader(GroupReader):
             if found is not None:
                 rows.append(found[0])
                 responses.append(found[1])
+        parts.read(self.require_points)
         parts.require()
         return sp.vstack(rows, format="csc"), responses
 

@@ -37,7 +37,11 @@ PENALTY = 1e30
 LARGE_LOSS = 0.5
 
 #: What matrices are called in files of several.
-_NAMES = {"stiffness": ("k", "stiffness", "kaa", "kgg"), "mass": ("m", "mass", "maa", "mgg"), "damping": ("c", "d", "damping", "baa", "bgg")}
+_NAMES = {
+    "stiffness": ("k", "stiffness", "kaa", "kgg"),
+    "mass": ("m", "mass", "maa", "mgg"),
+    "damping": ("c", "d", "damping", "baa", "bgg"),
+}
 
 #: Digits in which the entries of two vectors agree that are the same.
 _DIGITS = 9

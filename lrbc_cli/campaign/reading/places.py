@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -17,6 +17,7 @@ from lrbc_cli.campaign.reading.doubts.materials import material_cause
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
 from lrbc_cli.errors import DataError
+from lrbc_cli.io.common import listing
 from lrbc_cli.io.text.tables import ROUNDING
 from lrbc_cli.model.dofs import DofTable, PointTable
 from lrbc_cli.model.selection import nearest, spacing
@@ -66,53 +67,84 @@ def extents(xyz: Floats) -> str:
     return ", ".join(f"{axis} {a:.4g} to {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True)) + " m"
 
 
-def require_near(points: Floats, names: Sequence[str], model: Floats, *, file: Path, place: str | None = None, known: bool = True) -> None:
-    """Refuse a point outside the model's box by more than the box is large.
+def require_near(
+    points: Floats,
+    names: Sequence[tuple[str, str]],
+    model: Floats,
+    *,
+    file: Path,
+    place: Callable[[Sequence[int]], str] | None = None,
+    known: bool = True,
+) -> None:
+    """Refuse points outside the model's box by more than the box is large.
 
     Parameters
     ----------
     points : (m, 3) float array
-    names : sequence of str
-        What they are.
+    names : (m,) sequence of (str, str)
+        What they are, such as ``bolt`` or ``response``, and their names.
     model : (n, 3) float array
         Points of the model [m]; without an extent they tell nothing.
-    file, place
-        Where the points are given.
+    file : Path
+    place : callable or None
+        Where some of the points are given in it.
     known : bool
         Whether ``model`` is all of it. Of a part, points may lie far away: then all of them must, and fit in millimetres.
 
     Raises
     ------
     DataError
-        With the likely cause.
+        With the likely cause, once for all of them.
     """
     low, high = model.min(axis=0), model.max(axis=0)
     size = float(np.linalg.norm(high - low))
     if size == 0.0 or not points.size:
         return
 
-    def away(scale: float) -> Floats:
-        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - scale * points, scale * points - high), 0.0), axis=1))
+    def away(some: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(np.maximum(np.maximum(low - some, some - high), 0.0), axis=1))
 
-    distance = away(1.0)
+    distance = away(points)
     far = np.flatnonzero(distance > size)
-    if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(MILLIMETRES) > size)))):
+    if not far.size or (not known and (far.size < points.shape[0] or bool(np.any(away(points * MILLIMETRES) > size)))):
         return
     worst = int(far[np.argmax(distance[far])])
     hint = "correct the coordinates: order and direction of the axes, origin"
     # Any point near fits when it is divided: millimetres lie hundreds of sizes away.
-    if distance[worst] > EVIDENT * size and away(MILLIMETRES).max() <= size:
+    if distance[worst] > EVIDENT * size and away(points[far] * MILLIMETRES).max() <= size:
         hint = "are these millimetres? divided by 1000 they fit the model; coordinates are in metres"
-    elif away(1.0 / MILLIMETRES).max() <= size:
+    elif away(points / MILLIMETRES).max() <= size:
         hint = "are the coordinates of the DOF table millimetres? these points fit them times 1000; coordinates are in metres"
+    one = far.size == 1
     raise DataError(
-        f"{names[worst]} lies outside the model by more than its size",
+        f"{counted(names, far.tolist())} {'lies' if one else 'lie'} outside the model by more than its size",
         file=file,
-        place=place,
+        place=None if place is None else place(far.tolist()),
         expected=f"coordinates in metres; the model spans {size:.3g} m ({extents(model)})",
-        found="(" + ", ".join(f"{value:g}" for value in points[worst]) + f"), {distance[worst]:.3g} m away from it",
+        found=("" if one else f"{names[worst][1]} at ")
+        + f"({', '.join(f'{value:g}' for value in points[worst])}), {distance[worst]:.3g} m away from it",
         hint=hint,
     )
+
+
+def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
+    """Some of many points in words, kind by kind: ``excitation hammer and all 10 responses``.
+
+    Parameters
+    ----------
+    names : sequence of (str, str)
+        Kind and name of all.
+    some : sequence of int
+    """
+    told = []
+    for kind in dict.fromkeys(kind for kind, _ in names):
+        count, own = sum(each == kind for each, _ in names), [names[k][1] for k in some if names[k][0] == kind]
+        if len(own) == 1:
+            told.append(f"{kind} {own[0]}")
+        elif own:
+            every = "both" if count == 2 else f"all {count}"
+            told.append(f"{every} {kind}s" if len(own) == count else f"{len(own)} of {count} {kind}s ({listing(own, 6)})")
+    return " and ".join(told)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from lrbc_cli.arrays import Floats
 from lrbc_cli.campaign.reading.dof_source import Numbering, aligned
 from lrbc_cli.campaign.reading.joints import HELD
-from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint, require_near
+from lrbc_cli.campaign.reading.places import AT_NODE, NearPoint
 from lrbc_cli.campaign.reading.triangles import whole
 from lrbc_cli.config import Campaign
 from lrbc_cli.config.fields import MatrixRef, OperatorRef
@@ -415,7 +415,6 @@ class ModelReader:
         if found is None:
             raise campaign.error("no DOF has this component", *keys, "component", expected=f"one of {components}", found=point.component)
         dof, distance = found
-        require_near(np.array([place]), [" ".join(keys)], table.xyz, file=campaign.path, place=campaign.place(*keys, "near"))
         size = spacing(table, dof)
         text = f"node {table.node[dof]} {point.component}, {1e3 * distance:.2f} mm from the given point"
         beside = (
