@@ -463,6 +463,12 @@ def inverse(file: str) -> str:
 
 K, M = "data/model/stiffness.mtx", "data/model/mass.mtx.gz"
 ACC1 = ", quantity: acceleration}\n  acc2"
+SIDEWAYS = """\
+    baseline: 1.0
+  sideways:
+    kind: stiffness
+    select: {bushings: data/again.csv, component: UY}
+"""
 UNITS = "units: mm-N-t                             # of the model and of all coordinates; FRFs state their own\n"
 LOOSE = "frf: data/frf/loose-2.csv"
 TIGHT = "frf: data/frf/tight.csv"
@@ -1211,7 +1217,7 @@ MISTAKES = [
         text("bolts.csv", lambda t: re.sub(r"(?m)^B([1346])", lambda m: f"B{dict(zip('1346', '3164', strict=True))[m[1]]}", t)),
         0,
         "B3 at the springs of B1, B1 at the springs of B3, B6 at the springs of B4, B4 at the springs of B6",
-        "exchange the names there, or in the table of the springs",
+        "in the bolts file write the names in the order B1, B2, B3, B4 ... B6",
     ),
     Mistake(
         "places of the terms from the other end",
@@ -1586,6 +1592,29 @@ def test_points_in_millimetres_are_told_once(tmp_path: Path) -> None:
     assert "bolts.csv: bolt B2 lies outside" in check(folder, "frame").stderr
     numbers("model/bolts.csv", times(1e3))(folder := make_frame(tmp_path / "all"))
     assert "bolts.csv: all 6 bolts lie outside" in check(folder, "frame").stderr
+
+
+def test_places_from_another_origin_are_the_one_thing_told(tmp_path: Path) -> None:
+    """Sensors that fell on one node were to be taken out, though every one is good."""
+    folder = make_plate(tmp_path)
+    config(*(moved_to_the_middle(*place) for place in PLACES))(folder)
+    told = check(folder, "plate").stdout.partition("\nwarnings\n")[2].splitlines()
+    assert len(told) == 1
+    assert "measured from another origin than the model's" in told[0]
+
+
+def test_bolts_beside_their_springs_are_told_once_for_all_tables(tmp_path: Path) -> None:
+    folder = make_plate(tmp_path)
+    shutil.copy(folder.data / "bushings.csv", folder.data / "again.csv")
+    select = "    select: {bushings: data/bushings.csv}    # bolt, node, component, stiffness\n"
+    config(
+        (select, select.replace("csv}", "csv, component: UX}") + SIDEWAYS),
+        ("factors: [stiffness.structure, loss_factor.structure]", "factors: [stiffness.structure]"),
+    )(folder)
+    text("bolts.csv", lambda t: t.replace("B1,", "B9,").replace("B2,", "B1,").replace("B9,", "B2,"))(folder)
+    told = check(folder, "plate").stdout
+    assert told.count("B2, B1 lie nearer to the springs of other bolts") == 1
+    assert "(bushings.csv and again.csv name the nodes)" in told
 
 
 def test_a_measurement_in_the_watched_folder_that_no_pattern_takes(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from lrbc_cli.arrays import Floats
+from lrbc_cli.campaign.reading.doubts.astray import beside_their_dofs, beside_their_springs
 from lrbc_cli.campaign.reading.joints import apart, bolts_of_terms, bushing_vectors, joint_notes, owners, require_free
-from lrbc_cli.campaign.reading.places import beside_their_dofs, beside_their_springs, require_near
+from lrbc_cli.campaign.reading.places import require_near
 from lrbc_cli.campaign.reading.reader import ModelReader, Parts
 from lrbc_cli.config.structure import Damping, GroupConfig, GroupDampingConfig
 from lrbc_cli.errors import DataError
@@ -108,10 +109,19 @@ class GroupReader(ModelReader):
                 found.append(one)
                 first += one.left.shape[1]
         parts.require()
+        for text, tables in self.beside.items():
+            tables = list(dict.fromkeys(tables))
+            names = f"{' and '.join(tables)} name{'' if len(tables) > 1 else 's'} the nodes"
+            self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {text} ({names})")
         power = np.concatenate([np.full(f.group.terms.size, KIND_POWER[f.group.config.kind]) for f in found])
         baseline = np.concatenate([np.full(f.group.terms.size, f.group.config.baseline) for f in found])
         left, right = (sp.hstack(vectors, format="csc") for vectors in ([f.left for f in found], [f.right for f in found]))
         return found, LowRankTerms(left, right, power, baseline)
+
+    @property
+    def astray(self) -> set[str]:
+        """Responses whose places are in doubt, which is told of by itself: they lie more than a mesh size from any node."""
+        return {name for (section, name), point in self.near.items() if section == "responses" and point.away > 1.0}
 
     def require_points(self) -> None:
         """Refuse hammer and sensors that lie far outside the model, all at once: one slip moves all of them."""
@@ -261,7 +271,7 @@ class GroupReader(ModelReader):
             )
         astray = None if self.bolts is None else beside_their_springs(self.bolts, places, table.bolt, self.unit.length)
         if astray:
-            self.warn(f"bolts: {self.campaign.bolts.name if self.campaign.bolts else ''}: {astray} ({file.name} names the nodes)")
+            self.beside.setdefault(astray, []).append(file.name)
         grounded = {node is None for node in table.node_b}
         return vectors, places, table.bolt, grounded.pop() if len(grounded) == 1 else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -215,6 +215,8 @@ def slips(
     groups: Sequence[TermGroup],
     bolts: PointTable | None,
     dofs: DofTable | None,
+    *,
+    astray: Collection[str] = (),
 ) -> Iterator[str]:
     """Warnings, in words, each with what to do.
 
@@ -227,11 +229,13 @@ def slips(
     groups : sequence of TermGroup
     bolts : PointTable or None
     dofs : DofTable or None
+    astray : collection of str
+        Responses whose places are in doubt.
     """
     yield from setting_slips(campaign)
     yield from numbering_doubts(model, dofs)
     yield from _damping(campaign, model)
-    yield from _one_place(model, responses)
+    yield from _one_place(model, responses, astray)
     yield from _terms_twice(model, groups)
     yield from held_springs(campaign, model, groups, dofs)
     yield from _out_of_reach(groups, bolts)
@@ -330,12 +334,15 @@ def structural_share(model: FeModel, band_hz: tuple[float, float], *, same: floa
     return share if share * np.pi * band_hz[0] > 1.0 else None
 
 
-def _one_place(model: FeModel, responses: Sequence[tuple[str, int]]) -> Iterator[str]:
-    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model."""
+def _one_place(model: FeModel, responses: Sequence[tuple[str, int]], astray: Collection[str]) -> Iterator[str]:
+    """Responses that have one row and one input: what two sensors measured is compared with one FRF of the model.
+
+    Where a place is in doubt, the node that happens to be the nearest tells nothing, and no sensor is one too many.
+    """
     seen: dict[tuple[object, ...], str] = {}
     for i, ((name, own), row) in enumerate(zip(responses, _columns(model.L.T.tocsc(), scaled=False), strict=True)):
         first = seen.setdefault((row, int(model.output_power[i]), own), name)
-        if first != name:
+        if first != name and not {first, name} & set(astray):
             yield f"responses {first} and {name} are one DOF of the model: correct responses.{name}, or take one of them out"
 
 

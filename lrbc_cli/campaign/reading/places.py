@@ -18,8 +18,7 @@ from lrbc_cli.config import Campaign
 from lrbc_cli.config.structure import DofSource, ModelConfig, ProportionalDamping
 from lrbc_cli.errors import DataError
 from lrbc_cli.io.common import listing
-from lrbc_cli.io.text.tables import ROUNDING
-from lrbc_cli.model.dofs import DofTable, PointTable
+from lrbc_cli.model.dofs import DofTable
 from lrbc_cli.model.selection import nearest, spacing
 from lrbc_cli.model.units import SI, USUAL_SYSTEMS, parse_system
 
@@ -38,9 +37,6 @@ MILLIMETRES = 1e-3
 
 #: A point lies at a node within this share of the distance to the next one.
 AT_NODE = 0.05
-
-#: Springs of another bolt are nearer than the own ones by more than this factor: those of one place are not.
-CLEARLY_NEARER = 0.5
 
 #: Axes that are exchanged, and the columns then.
 EXCHANGES = {"x and y": [1, 0, 2], "x and z": [2, 1, 0], "y and z": [0, 2, 1]}
@@ -149,14 +145,26 @@ def counted(names: Sequence[tuple[str, str]], some: Sequence[int]) -> str:
 
 @dataclass(frozen=True)
 class NearPoint:
-    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes."""
+    """A point that is given by coordinates [m], the component that is meant, and the warning where it lies beside the nodes.
+
+    ``away`` is the distance to the nearest node over that to the next one: above 1 the point is meant to be elsewhere.
+    """
 
     place: Floats
     component: str
     warning: str
+    away: float
 
 
-def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> list[str]:
+@dataclass(frozen=True)
+class Beside:
+    """Warnings of points beside the nodes, and whether all of them are given from another origin."""
+
+    warnings: list[str]
+    moved: bool = False
+
+
+def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> Beside:
     """Warnings of points beside the nodes: one where another origin, at a side or in the middle of the model, explains all of them.
 
     Parameters
@@ -168,7 +176,7 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
     """
     told = [point.warning for point in points if point.warning]
     if len(told) < 2 or 2 * len(told) <= len(points):
-        return told
+        return Beside(told)
     low, high = dofs.xyz.min(axis=0), dofs.xyz.max(axis=0)
     # What leaves all points at nodes, or is the only one that leaves all of them within a mesh size.
     fits: list[tuple[float, tuple[float, ...]]] = []
@@ -181,13 +189,14 @@ def beside_nodes(dofs: DofTable, points: Sequence[NearPoint], unit: float) -> li
             fits.append((max(away), shift))
     fits.sort()
     if not fits or (fits[0][0] > AT_NODE and len(fits) > 1):
-        return told
+        return Beside(told)
     added = ", ".join(f"{value / unit:g}" for value in fits[0][1])
-    return [
+    text = (
         f"{len(told)} of {len(points)} points of hammer and sensors lie beside the nodes; with ({added}) added to each of them they lie at "
         "nodes: the coordinates were measured from another origin than the model's, it seems: add that to each `near` of excitation and "
         "responses"
-    ]
+    )
+    return Beside([text], moved=True)
 
 
 def require_unit(dofs: DofTable, points: Sequence[NearPoint], file: Path) -> None:
@@ -216,88 +225,6 @@ def _nodes_at(dofs: DofTable, points: Sequence[NearPoint], times: float, share: 
     found = [nearest(dofs, (times * point.place).tolist(), point.component) for point in points]
     near = [dof for dof, distance in filter(None, found) if distance <= share * spacing(dofs, dof)]
     return {int(dofs.node[dof]) for dof in near} if len(near) == len(points) else set()
-
-
-def beside_their_springs(bolts: PointTable, springs: Floats, owner: Sequence[str], unit: float) -> str | None:
-    """What is wrong with bolts that lie beside their own springs and nearer to those of other bolts, in words.
-
-    Parameters
-    ----------
-    bolts : PointTable
-    springs : (m, 3) float array
-        Their places [m].
-    owner : (m,) sequence of str
-        The bolt of each.
-    unit : float
-        Of the file's coordinates [m].
-    """
-    names = [name for name in bolts.name if name in owner]
-    xyz = bolts.xyz[[bolts.name.index(name) for name in names]]
-    if len(names) < 2:
-        return None
-    own = np.array(owner)[None, :] == np.array(names)[:, None]
-
-    def astray(points: Floats, share: float) -> Bools:
-        away = np.linalg.norm(points[:, None] - springs[None], axis=2)
-        mine, other = (np.where(mask, away, np.inf).min(axis=1) for mask in (own, ~own))
-        found: Bools = other < share * mine
-        return found
-
-    lost = np.flatnonzero(astray(xyz, CLEARLY_NEARER))
-    if not lost.size:
-        return None
-    middles = np.array([springs[mask].mean(axis=0) for mask in own])
-    # Places are written to a nanometre at most; more digits are rounding.
-    shift = np.median(middles - xyz, axis=0).round(9)
-    added = ", ".join(f"{value / unit:.6g}" for value in shift + 0.0)
-    ways = {
-        "metres, it seems: multiply them by 1000": xyz / MILLIMETRES,
-        "millimetres, it seems: divide them by 1000": xyz * MILLIMETRES,
-        **{f"with {axes} exchanged, it seems: exchange these columns": xyz[:, order] for axes, order in EXCHANGES.items()},
-    }
-    # One shift that puts every bolt nearer to its springs than the shift is long; names that change places among themselves.
-    moved = np.linalg.norm(middles - xyz - shift, axis=1).max() < CLEARLY_NEARER * np.linalg.norm(shift)
-    ways |= {f"from another origin, it seems: add ({added}) to all of them": xyz + shift} if moved else {}
-    nearest_to = [names.index(owner[int(np.argmin(np.linalg.norm(springs - point, axis=1)))]) for point in xyz]
-    if sorted(nearest_to) == list(range(len(names))):
-        turned = ", ".join(f"{names[k]} at the springs of {names[nearest_to[k]]}" for k in lost[:8])
-        ways[f"those of others ({turned}): exchange the names there, or in the table of the springs"] = xyz[np.argsort(nearest_to)]
-    fix = next(
-        (way for way, points in ways.items() if not astray(points, 1.0).any()), "wrong there, or the nodes of the springs are: correct them"
-    )
-    which = ", ".join(names[k] for k in lost[:8]) + (" ..." if lost.size > 8 else "")
-    lie, its = ("lies", "its") if lost.size == 1 else ("lie", "their")
-    return f"{which} {lie} nearer to the springs of other bolts than to {its} own; the places are {fix}"
-
-
-def beside_their_dofs(places: Floats, vectors: sp.csc_array, model: Floats) -> str | None:
-    """What is wrong with places of terms most of which lie beside the DOFs that their vectors act on, in words.
-
-    They do where DOFs of other terms are nearer, or where they are farther away than the terms are from each other.
-
-    Parameters
-    ----------
-    places : (m, 3) float array
-    vectors : (n, m) csc_array
-    model : (n, 3) float array
-        Places of the DOFs [m].
-    """
-    acted = [vectors.indices[start:end] for start, end in zip(vectors.indptr[:-1], vectors.indptr[1:], strict=True)]
-    trees = [cKDTree(model[at]) for at in acted]
-    every, length = cKDTree(model[np.unique(vectors.indices)]), float(np.linalg.norm(np.ptp(places, axis=0)))
-
-    def away(points: Floats) -> Floats | None:
-        own = np.array([tree.query(point)[0] for tree, point in zip(trees, points, strict=True)])
-        nearer = own > every.query(points)[0] + ROUNDING * length
-        return own if 2 * nearer.sum() > len(own) or float(np.median(own)) > length > 0.0 else None
-
-    distance = away(places)
-    if distance is None:
-        return None
-    fixes = {f"they fit with {axes} exchanged; exchange these columns": places[:, order] for axes, order in EXCHANGES.items()}
-    fixes["they fit in reverse order: reverse the rows, or, where the DOF table is mirrored, correct its coordinates"] = places[::-1]
-    fix = next((text for text, points in fixes.items() if away(points) is None), "correct the coordinates, or the order of the rows")
-    return f"up to {1e3 * distance.max():.3g} mm from the DOFs that their vectors act on: {fix}"
 
 
 def require_metres(K: sp.csc_array, M: sp.csc_array, dofs: DofTable, campaign: Campaign) -> str | None:

@@ -97,6 +97,10 @@ class ModelReader:
         #: Points by coordinates, by their keys, and whether the rows of the DOF table seem to be in another order.
         self.near: dict[tuple[str, ...], NearPoint] = {}
         self.disordered = False
+        #: What is wrong with bolts beside their springs, by the names of the tables that say so.
+        self.beside: dict[str, list[str]] = {}
+        #: Whether all points seem to be given from another origin.
+        self.moved = False
 
     def hash(self, path: Path) -> None:
         """Note the hash of a file that was read."""
@@ -421,7 +425,8 @@ class ModelReader:
             f"{'.'.join(keys)}: the nearest node {table.node[dof]} is {1e3 * distance:.1f} mm away (mesh size {1e3 * size:.0f} mm); "
             "such an offset can cost 1 to 2 dB: give an interpolated row ({matrix:} or {vector:})"
         )
-        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "")
+        away = distance / size if size else 0.0
+        self.near[keys] = NearPoint(np.array(place), point.component, beside if distance > AT_NODE * size else "", away)
         return dof, text
 
     def point(self, dof: int) -> Point:
