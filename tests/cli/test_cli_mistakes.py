@@ -1006,6 +1006,17 @@ MISTAKES = [
         "remove the boundary condition at the bolts",
     ),
     Mistake(
+        "springs to a fixed node",
+        "plate",
+        all_of(
+            text("plate.inp", lambda t: t.replace("NSET=ALL\n", "NSET=ALL\n999, 0, 0, -10\n")),
+            text("bushings.csv", lambda t: re.sub(r"(?m)^(B\d,\d+),,", r"\1,999,", t)),
+        ),
+        3,
+        "node 999 has coordinates, but no DOFs in the matrices",
+        "leave node_b empty",
+    ),
+    Mistake(
         "sensor at a node that the export fixed",
         "plate",
         all_of(fixed_at_bolts, config(("near: [20, 100, 4]", "node: 129"))),

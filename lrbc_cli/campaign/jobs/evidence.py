@@ -327,8 +327,9 @@ def guessed_text(name: str, limits: Saturation) -> str:
     """What ``auto`` stands for where the FRFs do not say between which stiffnesses they change, and what to do then."""
     return (
         f"{name}: the FRFs do not show from which stiffness on a joint is as good as rigid or as good as gone, so that what `auto` stands "
-        f"for was guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). Where "
-        f"values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; else nothing is to be done"
+        f"for was guessed from the stiffness matrix (start {limits.start:.3g}, bounds {limits.lower:.3g} to {limits.upper:.3g}, log10). "
+        f"Where values end at one of these bounds, write `initial` and `bounds` of parameters.{name} instead of auto; else nothing is to "
+        "be done"
     )
 
 

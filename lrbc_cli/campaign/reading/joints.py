@@ -133,22 +133,27 @@ def require_free(table: BushingTable, dofs: DofTable, held: Integers) -> None:
         With all of them: another node in place of each would be the wrong mend.
     """
     known = set(held.tolist())
-    springs = zip(table.node_a.tolist(), table.node_b, table.bolt, table.lines, strict=True)
+    springs = list(zip(table.node_a.tolist(), table.node_b, table.bolt, table.lines, strict=True))
     at = [(node, bolt, line) for a, b, bolt, line in springs for node in (a, b) if node in known]
     if not at:
         return
     nodes, bolts = ([str(name) for name in dict.fromkeys(entry[k] for entry in at) if name != ""] for k in (0, 1))
     have = f"nodes {listing(nodes, 6)} have" if len(nodes) > 1 else f"node {nodes[0]} has"
     of = f", of {len(bolts)} bolt{'s' if len(bolts) > 1 else ''} ({listing(bolts, 6)})" if bolts else ""
+    hint = (
+        "they were fixed when the matrices were exported, it seems, and what is fixed cannot loosen: remove the boundary condition at the "
+        "bolts, so that these springs alone hold the structure there, and export the matrices again (a node of no element has no DOFs "
+        "either)"
+    )
+    if not any(a in known for a, *_ in springs):
+        hint = "a spring to a fixed node goes to ground: leave node_b empty there"
     raise DataError(
         f"{have} coordinates, but no DOFs in the matrices",
         file=table.path,
         place=f"line {at[0][2]}",
         expected="springs at nodes that can move",
         found=f"{len(nodes)} node{'s' if len(nodes) > 1 else ''} without a row{of}",
-        hint="they were fixed when the matrices were exported, it seems, and what is fixed cannot loosen: remove the boundary condition "
-        "at the bolts, so that these springs alone hold the structure there, and export the matrices again (a node of no element has no "
-        "DOFs either)",
+        hint=hint,
     )
 
 
